@@ -1,0 +1,13 @@
+"""Errors: one small family; each message says what was found, where, and what was expected."""
+
+
+class CubepathError(Exception):
+    """Base of all errors that are raised on purpose; its text is one line for a person."""
+
+
+class InputError(CubepathError):
+    """Input or usage that cannot be accepted (exit code 2)."""
+
+
+class CheckError(CubepathError):
+    """A check on something that was read or run did not hold (exit code 1)."""
