@@ -1,0 +1,286 @@
+"""The fleet: module processes started, paced round by round, and ended; nothing decided for them.
+
+Room: agents. A fleet opens a router on a free loopback port, starts the processes, and lets each
+phase of a round begin when every process has finished the one before. Whoever wants to know what
+modules say is given every message as it went over the wire.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import IO, Literal, Self
+
+import msgspec
+import zenoh
+
+from cubepath.agents.process import OUTSIDE, Host, Orders
+from cubepath.protocol.errors import CheckError, CubepathError
+from cubepath.protocol.files import scene_to_toml
+from cubepath.protocol.keys import ROOT, everything, key_of, topic_key
+from cubepath.protocol.messages import CLAIM, PHASES, Act, Go, Message, Ready, decode, encode
+from cubepath.protocol.sessions import open_client, open_router, put, subscribe
+from cubepath.protocol.systems import Scene
+
+Sink = Callable[[str, bytes, int], None]
+"""Is given the topic, the bytes and the wall time in nanoseconds of each message."""
+
+_POLL_S = 0.05
+_STALL_S_MAX = 60.0
+_END_S_MAX = 5.0
+
+
+class ProcessDied(CheckError):
+    """A module process ended before the run did."""
+
+
+class Fleet:
+    """The processes of one run; a context manager that leaves nothing running.
+
+    Lets go of every process, session and port on exit, whatever happened.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        rule: str,
+        *,
+        seed: int = 0,
+        hesitate: float = 0.0,
+        processes: int = 2,
+        talk: int = 0,
+        sink: Sink | None = None,
+        check: Callable[[], None] | None = None,
+    ) -> None:
+        """Plan the fleet; `processes` 0 keeps the modules in a thread here, on a session too.
+
+        With `sink` None the fleet listens to nothing but `Ready`. `check` is called while waiting
+        and may raise to end the run between two messages.
+        """
+        count = len(scene.start)
+        if processes < 0:
+            raise CubepathError(f"processes={processes}: expected 0 or more")
+        self.scene = scene
+        self.processes = min(processes, count)
+        self.run = uuid.uuid4().hex[:12]
+        self.round = 0
+        self._rule = rule
+        self._seed = seed
+        self._hesitate = hesitate
+        self._talk = talk
+        self._sink = sink
+        self._check = check
+        self._expect: tuple[int, str] = (0, "join")
+        self._joined = False
+        self.endpoint = ""
+        """Where the router listens, for anyone who wants to join with a session of their own."""
+        hosts = max(1, self.processes)
+        self.modules_of = [list(range(host, count, hosts)) for host in range(hosts)]
+        self._children: list[subprocess.Popen[bytes]] = []
+        self._complaints: list[IO[bytes]] = []
+        self._thread: threading.Thread | None = None
+        self._thread_error: list[BaseException] = []
+        self._ready: set[int] = set()
+        self._queue: SimpleQueue[tuple[str, bytes, int]] = SimpleQueue()
+        self._resources = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        """Start everything and wait until every process has joined."""
+        try:
+            self._start()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Tell the processes to stop, end those that do not, close all sessions."""
+        self._end()
+
+    def _start(self) -> None:
+        router, self.endpoint = open_router()
+        self._resources.callback(router.close)
+        self._session = open_client(self.endpoint)
+        self._resources.callback(self._session.close)
+        listen = topic_key(self.run, "ready") if self._sink is None else everything(self.run)
+        ear = subscribe(self._session, listen, self._enqueue)
+        self._resources.callback(ear.undeclare)
+        scene = scene_to_toml(self.scene)
+        for process, modules in enumerate(self.modules_of):
+            orders = Orders(
+                endpoint=self.endpoint,
+                run=self.run,
+                process=process,
+                modules=modules,
+                scene=scene,
+                rule=self._rule,
+                seed=self._seed,
+                hesitate=self._hesitate,
+                talk=self._talk,
+            )
+            if self.processes:
+                self._spawn(orders)
+            else:
+                self._thread = threading.Thread(target=self._host, args=(orders,), daemon=True)
+                self._thread.start()
+        self._wait(0, "join")
+        self._joined = True
+
+    def _host(self, orders: Orders) -> None:
+        try:
+            Host(orders).run()
+        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
+            self._thread_error.append(error)
+
+    def _spawn(self, orders: Orders) -> None:
+        complaints = self._resources.enter_context(tempfile.TemporaryFile())
+        child = subprocess.Popen(
+            [sys.executable, "-m", "cubepath.agents.process"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=complaints,
+        )
+        self._children.append(child)
+        self._complaints.append(complaints)
+        if child.stdin is None:  # it was asked for above
+            raise AssertionError("no pipe to the module process")
+        with contextlib.suppress(BrokenPipeError):  # it died at once: found when waiting
+            child.stdin.write(msgspec.json.encode(orders) + b"\n")
+            child.stdin.flush()
+
+    def _enqueue(self, sample: zenoh.Sample) -> None:
+        self._queue.put((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
+
+    def rounds(self, most: int) -> Iterator[int]:
+        """Play up to `most` rounds; yield the number of each when all its messages are in."""
+        for _ in range(most):
+            self.begin_round()
+            self._phase("claim")
+            self._phase("settle")
+            yield self.round
+
+    def begin_round(self) -> None:
+        """Begin the next round: every module says that it is here."""
+        self.round += 1
+        self._phase("sense")
+
+    def ask(self) -> None:
+        """Let modules that are flown from outside send what they observe; do not wait for it."""
+        self._say(Go(self.round, CLAIM))
+
+    def fly(self, acts: list[Act]) -> None:
+        """Send the actions of modules that are flown from outside, and play the round to its end."""
+        for act in acts:
+            self._say(act)
+        self._wait(self.round, "claim")
+        self._phase("settle")
+
+    def pump(self, done: Callable[[], bool]) -> None:
+        """Hand messages to the sink until `done`; CheckError if a process dies meanwhile."""
+        self._take(done, "its observations")
+
+    def _phase(self, phase: Literal["sense", "claim", "settle"]) -> None:
+        self._ready.clear()
+        self._say(Go(self.round, phase))
+        self._wait(self.round, phase)
+
+    def _say(self, message: Message) -> None:
+        key = key_of(self.run, self.scene.system, message)
+        if key is not None:
+            put(self._session, key, encode(message))
+
+    def _wait(self, round_number: int, phase: str) -> None:
+        everyone = set(range(len(self.modules_of)))
+        self._expect = (round_number, phase)
+        self._take(lambda: self._ready == everyone, f"phase {phase} of round {round_number}")
+        self._ready.clear()
+
+    def _take(self, done: Callable[[], bool], what: str) -> None:
+        quiet_since = time.monotonic()
+        while not done():
+            if self._check is not None:
+                self._check()
+            try:
+                key, data, wall_ns = self._queue.get(timeout=_POLL_S)
+            except Empty:
+                self._look_for_the_dead()
+                if time.monotonic() - quiet_since > _STALL_S_MAX:
+                    late = ", ".join(self._name(p) for p in self._missing())
+                    raise ProcessDied(f"no answer within {_STALL_S_MAX:.0f} s to {what} from {late}") from None
+                continue
+            quiet_since = time.monotonic()
+            topic = key.split("/to/", 1)[0].removeprefix(f"{ROOT}/{self.run}/")
+            if topic.startswith("ready/"):
+                self._tick(data)
+            if self._sink is not None:
+                self._sink(topic, data, wall_ns)
+
+    def _tick(self, data: bytes) -> None:
+        ready = decode(data)
+        if isinstance(ready, Ready) and (ready.round, ready.phase) == self._expect:
+            self._ready.add(ready.process)
+
+    def _missing(self) -> list[int]:
+        return [p for p in range(len(self.modules_of)) if p not in self._ready]
+
+    def _name(self, process: int) -> str:
+        modules = ", ".join(f"module_{module}" for module in self.modules_of[process])
+        return f"{modules} (process {process})"
+
+    def _look_for_the_dead(self) -> None:
+        for error in self._thread_error:
+            raise error
+        for process, child in enumerate(self._children):
+            code = child.poll()
+            if code is None:
+                continue
+            complaints = self._complaints[process]
+            complaints.seek(0)
+            last = complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
+            if code == 1 and last:
+                raise ProcessDied(last)
+            how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
+            raise ProcessDied(
+                f"{self._name(process)} died in round {self.round}: {how}"
+                + (f": {last}" if last else "")
+            )
+
+    @property
+    def pids(self) -> list[int]:
+        """Return the process ids of the module processes."""
+        return [child.pid for child in self._children]
+
+    def _end(self) -> None:
+        patience_s = _END_S_MAX if self._joined else 0.0
+        if self._joined:
+            self._say(Go(self.round, "stop"))
+        deadline = time.monotonic() + patience_s
+        if self._thread is not None:
+            self._thread.join(_END_S_MAX)
+        for child in self._children:
+            try:
+                child.wait(max(0.0, deadline - time.monotonic()))
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+            if child.stdin is not None:
+                with contextlib.suppress(OSError):
+                    child.stdin.close()
+        self._children.clear()
+        self._resources.close()
+
+
+__all__ = ["OUTSIDE", "PHASES", "Fleet", "ProcessDied", "Sink"]

@@ -1,0 +1,91 @@
+"""A pilot: one module's rule with its memory, from PettingZoo observation to action.
+
+Room: agents. The same pilot flies a module in the environment and in a process on the wire.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cubepath.agents.rule import Birth, Choice, RuleType, as_choice
+from cubepath.agents.view import STAY, Observation, view_of
+from cubepath.protocol.errors import InputError
+from cubepath.protocol.sites import Site
+from cubepath.protocol.systems import Scene, System
+
+_RULE, _HESITATE = 0, 1
+
+
+def stream(seed: int, module: int, purpose: int) -> np.random.Generator:
+    """Return a module's own random stream for one purpose, a function of the seed alone."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(module, purpose)))
+
+
+class Pilot:
+    """Flies one module: asks its rule for a choice, and may hesitate to claim it.
+
+    With `hesitate` P the module makes no claim in a round with probability P; its rule is asked
+    and its note is sent all the same, as if the claim had been lost.
+    """
+
+    def __init__(
+        self,
+        rule: RuleType,
+        *,
+        system: System,
+        module: int,
+        modules: int,
+        start: Site,
+        goals: tuple[Site, ...],
+        seed: int,
+        hesitate: float = 0.0,
+    ) -> None:
+        """Make the rule for this module; it is told nothing of the others but their number."""
+        birth = Birth(
+            system=system,
+            module=module,
+            modules=modules,
+            start=start,
+            goals=goals,
+            random=stream(seed, module, _RULE),
+        )
+        self.talk = rule.talk(modules)
+        self._rule = rule.make(birth)
+        self._birth = birth
+        self._hesitate = hesitate
+        self._doubt = stream(seed, module, _HESITATE)
+        self._name = rule.name
+
+    def act(self, observation: Observation) -> Choice:
+        """Return the rule's choice, checked: InputError where it is not what a rule may return."""
+        view = view_of(self._birth.system, observation, self._birth.label)
+        choice = as_choice(self._rule(view))
+        who = f"rule {self._name!r}, module_{self._birth.module}"
+        if not 0 <= choice.action < len(view.mask) or not view.mask[choice.action]:
+            legal = view.mask.nonzero()[0].tolist()
+            raise InputError(f"{who}: chose action {choice.action}, legal were {legal}")
+        if choice.note is not None and len(choice.note) != self.talk:
+            raise InputError(f"{who}: a note of {len(choice.note)} numbers, expected {self.talk}")
+        if self._hesitate and self._doubt.random() < self._hesitate:
+            return Choice(STAY, choice.note, choice.failed)
+        return choice
+
+
+def pilots_for(
+    scene: Scene, rule: RuleType, *, seed: int, hesitate: float, modules: list[int] | None = None
+) -> dict[int, Pilot]:
+    """Return a pilot for each of the modules (all when left out)."""
+    count = len(scene.start)
+    return {
+        module: Pilot(
+            rule,
+            system=scene.system,
+            module=module,
+            modules=count,
+            start=scene.start[module],
+            goals=scene.goals[module] if scene.goals else (),
+            seed=seed,
+            hesitate=hesitate,
+        )
+        for module in (range(count) if modules is None else modules)
+    }

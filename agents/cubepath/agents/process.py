@@ -1,0 +1,222 @@
+"""A module process: some modules of a run, one zenoh session, and a queue of what arrives.
+
+Room: agents. Started as ``python -m cubepath.agents.process`` with one line of JSON (`Orders`) on
+standard input; it ends when it is told to, or when that input closes because its parent is gone.
+Zenoh callbacks only enqueue; all work is done by the loop, in the order of the queue.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from queue import SimpleQueue
+
+import msgspec
+import zenoh
+
+from cubepath.agents.module import ModuleCore
+from cubepath.agents.pilot import Pilot, pilots_for
+from cubepath.agents.rules import rule_named
+from cubepath.agents.view import Observation
+from cubepath.protocol.errors import CubepathError
+from cubepath.protocol.files import scene_from_toml
+from cubepath.protocol.keys import heard_at, key_of, topic_key
+from cubepath.protocol.messages import (
+    Act,
+    Go,
+    Message,
+    Observed,
+    Ready,
+    decode,
+    encode,
+)
+from cubepath.protocol.sessions import open_client, put, subscribe
+from cubepath.protocol.sites import Site
+
+OUTSIDE = "outside"
+"""In place of a rule's name: the modules are flown from outside, by `Act` messages."""
+
+
+class Orders(msgspec.Struct, frozen=True):
+    """What a process is told at its birth."""
+
+    endpoint: str
+    run: str
+    process: int
+    modules: list[int]
+    scene: str
+    """The scene as TOML text: processes share no files."""
+    rule: str
+    seed: int
+    hesitate: float
+    talk: int
+
+
+class Host:
+    """Runs the modules of one process until it is told to stop."""
+
+    def __init__(self, orders: Orders) -> None:
+        """Make the modules and their pilots; nothing is opened yet."""
+        self._orders = orders
+        scene = scene_from_toml(orders.scene, "the orders")
+        self._system = scene.system
+        self._pilots: dict[int, Pilot] = {}
+        talk = orders.talk
+        if orders.rule != OUTSIDE:
+            rule = rule_named(orders.rule, scene.system)
+            talk = rule.talk(len(scene.start))
+            self._pilots = pilots_for(
+                scene, rule, seed=orders.seed, hesitate=orders.hesitate, modules=orders.modules
+            )
+        self._cores = {
+            module: ModuleCore(
+                scene.system,
+                module=module,
+                site=scene.start[module],
+                goals=scene.goals[module] if scene.goals else (),
+                seed=orders.seed,
+                talk=talk,
+            )
+            for module in orders.modules
+        }
+        self._queue: SimpleQueue[tuple[int | None, bytes]] = SimpleQueue()
+        self._ears: dict[int, zenoh.Subscriber[None]] = {}
+        self._settling = False
+        self._acts: dict[int, Act] = {}
+
+    def run(self) -> None:
+        """Join the run and serve until `Go` says stop."""
+        orders = self._orders
+        with open_client(orders.endpoint) as session:
+            self._session = session
+            for module, core in self._cores.items():
+                self._listen(module, core.place)
+            control = [subscribe(session, topic_key(orders.run, "go"), self._enqueue(None))]
+            if not self._pilots:
+                control += [
+                    subscribe(
+                        session,
+                        topic_key(orders.run, "act", f"module_{module}"),
+                        self._enqueue(None),
+                    )
+                    for module in orders.modules
+                ]
+            self._say(Ready(0, orders.process, "join"))
+            while self._serve(*self._queue.get()):
+                pass
+            for ear in [*self._ears.values(), *control]:
+                ear.undeclare()
+
+    def _enqueue(self, module: int | None) -> Callable[[zenoh.Sample], None]:
+        def enqueue(sample: zenoh.Sample) -> None:
+            self._queue.put((module, sample.payload.to_bytes()))
+
+        return enqueue
+
+    def _listen(self, module: int, place: Site) -> None:
+        old = self._ears.get(module)
+        key = heard_at(self._orders.run, place)
+        self._ears[module] = subscribe(self._session, key, self._enqueue(module))
+        if old is not None:
+            old.undeclare()
+
+    def _say(self, *messages: Message) -> None:
+        for message in messages:
+            key = key_of(self._orders.run, self._system, message)
+            if key is not None:
+                put(self._session, key, encode(message))
+
+    def _serve(self, module: int | None, data: bytes) -> bool:
+        message = decode(data)
+        if module is not None:
+            self._say(*self._cores[module].hear(message))
+            self._conclude()
+        elif isinstance(message, Act):
+            self._acts[message.module] = message
+            self._claim_from_outside()
+        elif isinstance(message, Go):
+            return self._go(message)
+        return True
+
+    def _go(self, go: Go) -> bool:
+        match go.phase:
+            case "sense":
+                for core in self._cores.values():
+                    self._say(*core.sense(go.round))
+                self._say(Ready(go.round, self._orders.process, "sense"))
+            case "claim" if self._pilots:
+                for module, core in self._cores.items():
+                    choice = self._pilots[module].act(core.observation())
+                    self._say(*core.claim(choice.action, choice.note, choice.failed))
+                self._say(Ready(go.round, self._orders.process, "claim"))
+            case "claim":
+                for module, core in self._cores.items():
+                    self._say(_observed(go.round, module, core.observation()))
+            case "settle":
+                for core in self._cores.values():
+                    self._say(*core.settle())
+                self._settling = True
+                self._conclude()
+            case "stop":
+                return False
+        return True
+
+    def _claim_from_outside(self) -> None:
+        if self._acts.keys() < self._cores.keys():
+            return
+        acts, self._acts = self._acts, {}
+        for module, core in self._cores.items():
+            act = acts[module]
+            self._say(*core.claim(act.action, tuple(act.note)))
+        self._say(Ready(acts[self._orders.modules[0]].round, self._orders.process, "claim"))
+
+    def _conclude(self) -> None:
+        if not self._settling or not all(core.finished for core in self._cores.values()):
+            return
+        self._settling = False
+        for module, core in self._cores.items():
+            place = core.place
+            report = core.report()
+            # Listen at the new place before saying that the round is done: what is sent in the
+            # next round must find the subscriber there.
+            if core.place != place:
+                self._listen(module, core.place)
+            self._say(report)
+        some = next(iter(self._cores.values()))
+        self._say(Ready(some.round, self._orders.process, "settle"))
+
+
+def _observed(round_number: int, module: int, seen: Observation) -> Observed:
+    return Observed(
+        round=round_number,
+        module=module,
+        observation=seen["observation"].tolist(),
+        action_mask=seen["action_mask"].tolist(),
+        notes=seen["notes"].tolist() if "notes" in seen else [],
+    )
+
+
+def _end_with_parent() -> None:
+    sys.stdin.buffer.read()
+    os._exit(3)
+
+
+def main() -> int:
+    """Read the orders and run; one line on standard error and exit code 1 where it fails."""
+    # The coordinator decides about interrupts; a terminal sends them to every process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    orders = msgspec.json.decode(sys.stdin.buffer.readline(), type=Orders)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        Host(orders).run()
+    except CubepathError as error:
+        print(error, file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
