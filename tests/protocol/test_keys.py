@@ -1,13 +1,15 @@
 """Key expressions: a message is addressed to the places it is for, and to no other."""
 
+import pytest
 import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.protocol.keys import addressees, everything, heard_at, key_of, topic_of
+from cubepath.protocol.keys import addressees, everything, heard_at, key_of, topic_in, topic_of
 from cubepath.protocol.messages import Claim, Go, Here, Verdict, decode, encode
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site, site_chunk, site_from_json
+from cubepath.protocol.systems import System
 
 scalars = st.one_of(st.integers(-99, 99), st.text(max_size=6), st.booleans())
 places = st.one_of(scalars, st.lists(scalars, max_size=3).map(tuple))
@@ -30,20 +32,27 @@ def test_different_places_have_different_chunks(one: Site, other: Site) -> None:
     assert same or site_chunk(one) != site_chunk(other) or one == other
 
 
-def test_a_claim_is_heard_within_reach_and_nowhere_else() -> None:
-    """Zenoh's own matching delivers a claim to the places within reach of its sender alone."""
-    system = scene_from_spec("hex").system
-    claim = Claim(1, 0, (0, 0), "pivot-0-left", (0, 0))
-    key = zenoh.KeyExpr(key_of("run", system, claim) or "")
-    heard = {
-        (q, r)
-        for q in range(-6, 7)
-        for r in range(-6, 7)
-        if key.intersects(zenoh.KeyExpr(heard_at("run", (q, r))))
-    }
-    assert heard == set(system.reach((0, 0)))
-    assert key.intersects(zenoh.KeyExpr(everything("run")))
-    assert not key.intersects(zenoh.KeyExpr(heard_at("other-run", (1, 0))))
+def hears(run: str, system: System, place: Site, key: zenoh.KeyExpr) -> int:
+    """Return how many of the ears of a module at `place` match the key."""
+    return sum(key.intersects(zenoh.KeyExpr(ear)) for ear in heard_at(run, system, place))
+
+
+@pytest.mark.parametrize("spec", ["hex", "arm", "agv", "agv-labelled:graph=C9,n=2"])
+def test_a_claim_is_heard_within_reach_and_nowhere_else(spec: str) -> None:
+    """Zenoh's own matching delivers a claim once to each place within reach, and to no other."""
+    scene = scene_from_spec(spec)
+    system = scene.system
+    for start in [*scene.start, *sorted(scene.goal or (), key=repr)]:
+        here = system.place_of(start)
+        claim = Claim(1, 0, start, "some", start)
+        key = zenoh.KeyExpr(key_of("run", system, claim) or "")
+        near = system.reach(here)
+        around = {*near, *(far for place in near for far in system.reach(place))} - {here}
+        for place in around:
+            assert hears("run", system, place, key) == (place in near)
+            assert hears("other", system, place, key) == 0
+        assert key.intersects(zenoh.KeyExpr(everything("run")))
+        assert topic_in("run", str(key)) == "claim/module_0"
 
 
 def test_being_here_is_heard_where_it_is_sensed() -> None:
@@ -57,7 +66,8 @@ def test_control_is_addressed_to_no_place() -> None:
     """`go` reaches no module's ear."""
     system = scene_from_spec("hex").system
     key = zenoh.KeyExpr(key_of("run", system, Go(1, "sense")) or "")
-    assert not key.intersects(zenoh.KeyExpr(heard_at("run", (0, 0))))
+    assert hears("run", system, (0, 0), key) == 0
+    assert topic_in("run", str(key)) == "go/coordinator"
 
 
 def test_messages_survive_the_wire() -> None:

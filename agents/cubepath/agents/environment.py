@@ -5,7 +5,8 @@ Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion of 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from gymnasium import spaces
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 Infos = dict[str, dict[str, Any]]
 
 
-class CubepathEnv(ParallelEnv[str, Observation, int], EzPickle):
+class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     """The modules of a scene as agents module_0, module_1, ...
 
     Observation and mask are those of `cubepath.agents.view.observe`; action 0 stays, action i is
@@ -37,7 +38,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int], EzPickle):
     is reached and is truncated after `max_cycles` rounds.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable
         "name": "cubepath_v0",
         "render_modes": ["human", "ansi", "rgb_array"],
         "is_parallelizable": True,
@@ -53,9 +54,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int], EzPickle):
         talk: int = 0,
     ) -> None:
         """Make the environment; `talk` is the length of the notes that `step` may be given."""
-        EzPickle.__init__(
-            self, system, max_cycles=max_cycles, render_mode=render_mode, talk=talk
-        )
+        EzPickle.__init__(self, system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError(
                 f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
@@ -68,7 +67,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int], EzPickle):
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
         space = _observation_space(self.scene, talk)
-        self._observation_spaces = {name: space for name in self.possible_agents}
+        self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
         width = self.scene.system.place_size
@@ -88,7 +87,9 @@ class CubepathEnv(ParallelEnv[str, Observation, int], EzPickle):
         return self._action_spaces[agent]
 
     def reset(
-        self, seed: int | None = None, options: dict[str, Any] | None = None
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo passes it by name
     ) -> tuple[dict[str, Observation], Infos]:
         """Put every module at its start; `seed` ranks the claims (0 when left out)."""
         self.agents = list(self.possible_agents)
@@ -113,13 +114,11 @@ class CubepathEnv(ParallelEnv[str, Observation, int], EzPickle):
         return {name: self.world.observe(self._module[name]) for name in self.agents}
 
     def step(
-        self, actions: dict[str, int], notes: dict[str, Note] | None = None
-    ) -> tuple[
-        dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos
-    ]:
+        self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Play one round; `notes` are for rules that talk and are heard in the next round."""
         before = self._at_goal()
-        chosen = {self._module[name]: int(action) for name, action in actions.items()}
+        chosen = {self._module[name]: int(action or 0) for name, action in actions.items()}
         told = None if notes is None else {self._module[n]: note for n, note in notes.items()}
         played = self.world.step(chosen, told)
         self.last_round = played
@@ -250,7 +249,7 @@ def parallel_env(
     talk: int = 0,
     transport: Literal["local", "zenoh"] = "local",
     processes: int = 2,
-) -> ParallelEnv[str, Observation, int]:
+) -> ParallelEnv[str, Observation, int | None]:
     """Return the parallel environment of a system.
 
     With ``transport="zenoh"`` the modules live in `processes` processes of their own and learn of
@@ -271,7 +270,7 @@ def env(
     max_cycles: int = 500,
     render_mode: str | None = None,
     talk: int = 0,
-) -> AECEnv[str, Observation, int]:
+) -> AECEnv[str, Observation, int | None]:
     """Return the environment in turns, with PettingZoo's usual wrappers."""
     turns = parallel_to_aec(
         CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)

@@ -22,14 +22,15 @@ from typing import IO, Literal, Self
 import msgspec
 import zenoh
 
-from cubepath.agents.process import OUTSIDE, Host, Orders
+from cubepath.agents.process import Host, Orders
 from cubepath.protocol.errors import CheckError, CubepathError
 from cubepath.protocol.files import scene_to_toml
-from cubepath.protocol.keys import ROOT, everything, key_of, topic_key
-from cubepath.protocol.messages import CLAIM, PHASES, Act, Go, Message, Ready, decode, encode
+from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
+from cubepath.protocol.messages import Act, Go, Message, Ready, decode, encode
 from cubepath.protocol.sessions import open_client, open_router, put, subscribe
 from cubepath.protocol.systems import Scene
 
+Phase = Literal["sense", "claim", "settle"]
 Sink = Callable[[str, bytes, int], None]
 """Is given the topic, the bytes and the wall time in nanoseconds of each message."""
 
@@ -38,7 +39,7 @@ _STALL_S_MAX = 60.0
 _END_S_MAX = 5.0
 
 
-class ProcessDied(CheckError):
+class ProcessDied(CheckError):  # noqa: N818 - named for what happened
     """A module process ended before the run did."""
 
 
@@ -146,7 +147,8 @@ class Fleet:
             self._thread_error.append(error)
 
     def _spawn(self, orders: Orders) -> None:
-        complaints = self._resources.enter_context(tempfile.TemporaryFile())
+        complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the rest
+        self._resources.callback(complaints.close)
         child = subprocess.Popen(
             [sys.executable, "-m", "cubepath.agents.process"],
             stdin=subprocess.PIPE,
@@ -179,10 +181,10 @@ class Fleet:
 
     def ask(self) -> None:
         """Let modules that are flown from outside send what they observe; do not wait for it."""
-        self._say(Go(self.round, CLAIM))
+        self._say(Go(self.round, "claim"))
 
     def fly(self, acts: list[Act]) -> None:
-        """Send the actions of modules that are flown from outside, and play the round to its end."""
+        """Send the actions of modules flown from outside, and play the round to its end."""
         for act in acts:
             self._say(act)
         self._wait(self.round, "claim")
@@ -192,7 +194,7 @@ class Fleet:
         """Hand messages to the sink until `done`; CheckError if a process dies meanwhile."""
         self._take(done, "its observations")
 
-    def _phase(self, phase: Literal["sense", "claim", "settle"]) -> None:
+    def _phase(self, phase: Phase) -> None:
         self._ready.clear()
         self._say(Go(self.round, phase))
         self._wait(self.round, phase)
@@ -218,11 +220,12 @@ class Fleet:
             except Empty:
                 self._look_for_the_dead()
                 if time.monotonic() - quiet_since > _STALL_S_MAX:
-                    late = ", ".join(self._name(p) for p in self._missing())
-                    raise ProcessDied(f"no answer within {_STALL_S_MAX:.0f} s to {what} from {late}") from None
+                    late = ", ".join(self._name(process) for process in self._missing())
+                    waited = f"no answer within {_STALL_S_MAX:.0f} s"
+                    raise ProcessDied(f"{waited} to {what} from {late}") from None
                 continue
             quiet_since = time.monotonic()
-            topic = key.split("/to/", 1)[0].removeprefix(f"{ROOT}/{self.run}/")
+            topic = topic_in(self.run, key)
             if topic.startswith("ready/"):
                 self._tick(data)
             if self._sink is not None:
@@ -281,6 +284,3 @@ class Fleet:
                     child.stdin.close()
         self._children.clear()
         self._resources.close()
-
-
-__all__ = ["OUTSIDE", "PHASES", "Fleet", "ProcessDied", "Sink"]

@@ -8,8 +8,8 @@ round: `sense`, `observation`, `claim`, `settle`, then `hear` until `finished`, 
 from __future__ import annotations
 
 from cubepath.agents.settle import rank
-from cubepath.agents.view import Observation, observe
 from cubepath.agents.view import Note as NoteNumbers
+from cubepath.agents.view import Observation, observe
 from cubepath.protocol.actions import commute
 from cubepath.protocol.catalogue import Move
 from cubepath.protocol.errors import CubepathError
@@ -28,7 +28,6 @@ from cubepath.protocol.messages import (
 from cubepath.protocol.sites import Site, in_order
 from cubepath.protocol.systems import System
 
-
 _COUNTS_IN = {
     "here": ("sense",),
     "note": ("sense",),
@@ -46,7 +45,14 @@ class ModuleCore:
     """The part of a module that is the same for every rule and every transport."""
 
     def __init__(
-        self, system: System, *, module: int, site: Site, goals: tuple[Site, ...], seed: int, talk: int
+        self,
+        system: System,
+        *,
+        module: int,
+        site: Site,
+        goals: tuple[Site, ...],
+        seed: int,
+        talk: int,
     ) -> None:
         """Put the module at its start, before the first round."""
         self.module = module
@@ -186,9 +192,7 @@ class ModuleCore:
             return []
         if not self._wait_for_me:
             return []
-        return [
-            Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))
-        ]
+        return [Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))]
 
     @property
     def finished(self) -> bool:

@@ -12,6 +12,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from itertools import chain
 from queue import SimpleQueue
 
 import msgspec
@@ -83,7 +84,7 @@ class Host:
             for module in orders.modules
         }
         self._queue: SimpleQueue[tuple[int | None, bytes]] = SimpleQueue()
-        self._ears: dict[int, zenoh.Subscriber[None]] = {}
+        self._ears: dict[int, list[zenoh.Subscriber[None]]] = {}
         self._settling = False
         self._acts: dict[int, Act] = {}
 
@@ -107,7 +108,7 @@ class Host:
             self._say(Ready(0, orders.process, "join"))
             while self._serve(*self._queue.get()):
                 pass
-            for ear in [*self._ears.values(), *control]:
+            for ear in chain(control, *self._ears.values()):
                 ear.undeclare()
 
     def _enqueue(self, module: int | None) -> Callable[[zenoh.Sample], None]:
@@ -117,11 +118,13 @@ class Host:
         return enqueue
 
     def _listen(self, module: int, place: Site) -> None:
-        old = self._ears.get(module)
-        key = heard_at(self._orders.run, place)
-        self._ears[module] = subscribe(self._session, key, self._enqueue(module))
-        if old is not None:
-            old.undeclare()
+        old = self._ears.get(module, [])
+        self._ears[module] = [
+            subscribe(self._session, key, self._enqueue(module))
+            for key in heard_at(self._orders.run, self._system, place)
+        ]
+        for ear in old:
+            ear.undeclare()
 
     def _say(self, *messages: Message) -> None:
         for message in messages:

@@ -23,6 +23,6 @@ RANDOM = RuleType(
     name="random",
     summary="any legal action with equal probability, stay among them",
     source="none needed",
-    fits=lambda system: True,
+    fits=lambda _: True,
     make=make,
 )

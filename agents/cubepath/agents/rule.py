@@ -51,6 +51,10 @@ class Choice:
     failed: str | None = None
 
 
+def _silent(_modules: int) -> int:
+    return 0
+
+
 Rule: TypeAlias = Callable[[View], "int | Choice"]
 
 
@@ -63,7 +67,7 @@ class RuleType:
     source: str
     fits: Callable[[System], bool]
     make: Callable[[Birth], Rule]
-    talk: Callable[[int], int] = lambda modules: 0  # noqa: E731 - a default is data here
+    talk: Callable[[int], int] = _silent
     """Length of the notes, from the number of modules; 0 for a rule that is silent."""
 
 

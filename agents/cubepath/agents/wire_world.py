@@ -37,7 +37,7 @@ class WireWorld:
         self._fleet.__enter__()
         self._sense()
 
-    def _take(self, topic: str, data: bytes, wall_ns: int) -> None:
+    def _take(self, topic: str, data: bytes, _wall_ns: int) -> None:
         if not topic.startswith(("observed/", "report/")):
             return
         message = decode(data)
@@ -88,7 +88,8 @@ class WireWorld:
                 moves[module] = next(
                     move
                     for move in self.scene.system.moves(before)
-                    if move is not None and move.target == after
+                    if move is not None
+                    and move.target == after
                     and move.generator == report.move.generator
                     and move.at == site_of(report.move.at)
                 )

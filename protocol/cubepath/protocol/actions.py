@@ -6,12 +6,13 @@ action and commuting. Knows nothing of lattices, modules or messages.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Set
+from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
 
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.sites import Site, in_order, site_text
 
-State = Set[Site]
+State = AbstractSet[Site]
 """A state is the set of the sites that are on."""
 
 
@@ -85,19 +86,16 @@ class Action:
         # Hashes of strings differ from process to process: rebuild, do not copy the hash.
         return (
             _rebuild,
-            (self.support, self.trace, *self.ends, self.free, self.guards, self.label),
+            ((self.support, self.trace, *self.ends, self.free), self.guards, self.label),
         )
 
 
 def _rebuild(
-    support: frozenset[Site],
-    trace: frozenset[Site],
-    before: frozenset[Site],
-    after: frozenset[Site],
-    free: frozenset[Site],
+    sites: tuple[frozenset[Site], ...],
     guards: frozenset[tuple[Site, Site]],
     label: str,
 ) -> Action:
+    support, trace, before, after, free = sites
     return Action(support, trace, before, after, free=free, guards=guards, label=label)
 
 
@@ -182,9 +180,7 @@ def apply_in_place(action: Action, state: set[Site]) -> None:
 def misfit(action: Action, state: State) -> str:
     """Say in one line why the action is not admissible at the state, naming the first site."""
     name = action.label or repr(action)
-    wrong = [
-        in_order((end ^ (action.support & state)) - action.free) for end in action.ends
-    ]
+    wrong = [in_order((end ^ (action.support & state)) - action.free) for end in action.ends]
     sites = min(wrong, key=len)
     if sites:
         found, expected = ("on", "off") if sites[0] in state else ("off", "on")

@@ -108,7 +108,9 @@ def graph_from_edge_list(path: Path) -> Graph:
             raise InputError(f"{path}:{number}: expected two vertex names, found {len(names)}")
         one, other = (int(name) if re.fullmatch(r"-?\d+", name) else name for name in names)
         if one == other:
-            raise InputError(f"{path}:{number}: edge {one!r} to itself, a vehicle moves between two")
+            raise InputError(
+                f"{path}:{number}: edge {one!r} to itself, a vehicle moves between two"
+            )
         edges.append((one, other))
     if not edges:
         raise InputError(f"{path}: no edge found")
@@ -121,7 +123,8 @@ def graph_from_map(path: Path) -> Graph:
     lines = read_text(path).splitlines()
     header: dict[str, str] = {}
     first = 0
-    for first, line in enumerate(lines, 1):
+    for line in lines:
+        first += 1
         key, _, value = line.strip().partition(" ")
         if key == "map":
             break
@@ -168,14 +171,17 @@ def scenario_from_json(path: Path) -> Scenario:
     if found.grid is not None:
         (left, bottom), (right, top) = (0, 0), (found.grid[0] - 1, found.grid[1] - 1)
     else:
-        named = [*found.starts, *found.goals, *obstacles, *(c for move in found.moves for c in move)]
+        named = [
+            *found.starts,
+            *found.goals,
+            *obstacles,
+            *(c for move in found.moves for c in move),
+        ]
         if not named:
             raise InputError(f"{path}: no vehicle and no grid")
         left, right = min(x for x, _ in named) - 1, max(x for x, _ in named) + 1
         bottom, top = min(y for _, y in named) - 1, max(y for _, y in named) + 1
-    free = {
-        (x, y) for x in range(left, right + 1) for y in range(bottom, top + 1)
-    } - obstacles
+    free = {(x, y) for x in range(left, right + 1) for y in range(bottom, top + 1)} - obstacles
     if len(found.starts) != len(found.goals):
         raise InputError(f"{path}: {len(found.starts)} starts and {len(found.goals)} goals")
     for what, cells in (("start", found.starts), ("goal", found.goals)):
@@ -192,5 +198,3 @@ def scenario_from_json(path: Path) -> Scenario:
         source=found.source,
         peer_makespan=found.peer_makespan,
     )
-
-

@@ -17,10 +17,6 @@ from cubepath.protocol.sites import Site, site_from_json
 Json: TypeAlias = Any
 """A site as decoded from JSON; `site_of` makes it a site again."""
 
-SENSE, CLAIM, SETTLE = "sense", "claim", "settle"
-PHASES = (SENSE, CLAIM, SETTLE)
-"""The phases of a round: all say that they are here, all claim, claims are settled."""
-
 
 class Here(msgspec.Struct, frozen=True, tag_field="kind", tag="here"):
     """A module stands at `site`; goes to the places from which that place is sensed."""
@@ -69,7 +65,7 @@ class Placed(msgspec.Struct, frozen=True):
 class Heard(msgspec.Struct, frozen=True):
     """One delivery to a module: the kind of message, its sender and where the sender stood."""
 
-    kind: Literal["here", "note", "claim", "verdict"]
+    kind: str
     module: int
     site: Json
 
@@ -167,18 +163,7 @@ class Summary(msgspec.Struct, frozen=True, tag_field="kind", tag="summary"):
 
 
 Message: TypeAlias = (
-    Here
-    | Note
-    | Claim
-    | Verdict
-    | Report
-    | Go
-    | Ready
-    | Observed
-    | Act
-    | Edges
-    | Cube
-    | Summary
+    Here | Note | Claim | Verdict | Report | Go | Ready | Observed | Act | Edges | Cube | Summary
 )
 KINDS: dict[str, type[Message]] = {
     "here": Here,
@@ -195,7 +180,7 @@ KINDS: dict[str, type[Message]] = {
     "summary": Summary,
 }
 
-_decoder = msgspec.json.Decoder(Message)
+_decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)
 encode = msgspec.json.Encoder().encode
 
 

@@ -9,6 +9,7 @@ process that is killed loses at most those since the last flush.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,7 +33,7 @@ FLUSH_EVERY = 50
 _RECORD_BYTES_MAX = 1 << 30
 
 
-class RecordingFull(CheckError):
+class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
     """The recording cannot be written any further; what was flushed can be read."""
 
 
@@ -48,9 +49,7 @@ class RecordingWriter:
             self._stream: IO[bytes] = path.open("wb")
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
-        self._writer = Writer(
-            self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True
-        )
+        self._writer = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
@@ -117,10 +116,9 @@ class RecordingWriter:
             if not self._broken:
                 self._guard(self._writer.finish)
         finally:
-            try:
+            # After a full disk the tail of the buffer does not fit either.
+            with contextlib.suppress(OSError):
                 self._stream.close()
-            except OSError:  # the tail of the buffer does not fit either
-                pass
 
     def __enter__(self) -> Self:
         """Return the writer."""
@@ -185,7 +183,9 @@ def read_recording(path: Path) -> Recording:
     if raw.metadata is None or raw.metadata.get("format") != FORMAT:
         found = raw.metadata.get("format") if raw.metadata else "none"
         detail = f" ({raw.problems[0]})" if raw.problems else ""
-        raise InputError(f"{path}: no cubepath recording: format {found!r}, expected {FORMAT!r}{detail}")
+        raise InputError(
+            f"{path}: no cubepath recording: format {found!r}, expected {FORMAT!r}{detail}"
+        )
     if raw.scene is None:
         raise InputError(f"{path}: the attachment {SCENE} is missing, nothing can be checked")
     try:
@@ -200,7 +200,11 @@ def read_recording(path: Path) -> Recording:
             continue
         records.append(
             Record(
-                channel.topic, message.data, message.log_time, message.publish_time, message.sequence
+                channel.topic,
+                message.data,
+                message.log_time,
+                message.publish_time,
+                message.sequence,
             )
         )
     if lost:

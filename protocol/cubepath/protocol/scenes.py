@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from cubepath.protocol.catalogue import HEX_DIRECTIONS, arm_catalogue, hex_catalogue
+from cubepath.protocol.catalogue import HEX_DIRECTIONS, Cell, arm_catalogue, hex_catalogue
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graphs import Graph, graph_from_name, scenario_from_json
 from cubepath.protocol.sites import Site, in_order
@@ -39,14 +39,18 @@ def scene_from_spec(spec: str) -> Scene:
     name, _, rest = spec.partition(":")
     family = FAMILIES.get(name)
     if family is None:
-        raise InputError(f"unknown system {name!r}, expected one of {', '.join(FAMILIES)} or a .toml file")
+        raise InputError(
+            f"unknown system {name!r}, expected one of {', '.join(FAMILIES)} or a .toml file"
+        )
     values = {key: default for key, (default, _) in family.keys.items()}
     given = {}
     for part in rest.split(",") if rest else []:
         key, equals, value = part.partition("=")
         if not equals or key not in values:
             keys = ", ".join(values)
-            raise InputError(f"{spec}: cannot read {part!r}, expected KEY=VALUE with a key of {keys}")
+            raise InputError(
+                f"{spec}: cannot read {part!r}, expected KEY=VALUE with a key of {keys}"
+            )
         values[key] = given[key] = value
     shown = ",".join(f"{key}={given[key]}" for key in values if key in given)
     scene = family.build(name, values)
@@ -76,7 +80,7 @@ def _hex(name: str, values: Values) -> Scene:
     turns = {"0": 0, "60": 1, "120": 2, "-60": 5, "-120": 4}
     if bend not in turns:
         raise InputError(f"bend={bend}: expected one of {', '.join(turns)}")
-    start = tuple((position, 0) for position in range(count))
+    start: tuple[Cell, ...] = tuple((position, 0) for position in range(count))
     ahead = HEX_DIRECTIONS[turns[bend]]
     if turns[bend] == 0:
         first = _integer(values, "shift", least=0)
@@ -84,7 +88,7 @@ def _hex(name: str, values: Values) -> Scene:
             raise InputError(f"shift={first}: expected at most n={count}")
     else:
         first = count - 1
-    goals: tuple[Site, ...] = tuple(
+    goals: tuple[Cell, ...] = tuple(
         (first + step * ahead[0], step * ahead[1]) for step in range(count)
     )
     workspace = None
@@ -168,9 +172,9 @@ def _agv(name: str, values: Values) -> Scene:
     )
     if labelled:
         start: tuple[Site, ...] = tuple((v, label) for label, v in enumerate(starts))
-        goal = frozenset((v, label) for label, v in enumerate(goals))
+        goal: frozenset[Site] = frozenset((v, label) for label, v in enumerate(goals))
     else:
-        start, goal = tuple(starts), frozenset(goals)
+        start, goal = starts, frozenset(goals)
     return Scene(
         spec=name,
         family=name,

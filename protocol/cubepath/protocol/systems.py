@@ -81,6 +81,14 @@ class System(ABC):
     def has_place(self, place: Site) -> bool:
         """Tell whether a module could ever stand at `place`."""
 
+    def region(self, place: Site) -> str:
+        """Return the name of the region that a place lies in, one chunk of a key expression.
+
+        Regions only sort messages; a system without coordinates is one region.
+        """
+        del place
+        return "0"
+
     def place_of(self, site: Site) -> Site:
         """Return the place of a site."""
         return site
@@ -159,9 +167,7 @@ class LatticeSystem(System):
             raise InputError(f"unknown generator {generator!r}, expected one of {names}")
         dimension = self.catalogue.lattice.dimension
         if not (
-            isinstance(at, tuple)
-            and len(at) == dimension
-            and all(type(item) is int for item in at)
+            isinstance(at, tuple) and len(at) == dimension and all(type(item) is int for item in at)
         ):
             raise InputError(f"generator {generator!r}: 'at' is {dimension} integers, found {at!r}")
         action = found.place(self.catalogue.lattice, at)
@@ -181,6 +187,11 @@ class LatticeSystem(System):
     def reach(self, place: Site) -> tuple[Site, ...]:
         """Return the places of possible competitors of a module at `place`."""
         return self._near.at(self._near.reach, place)
+
+    def region(self, place: Site) -> str:
+        """Return the block of the lattice that a place lies in."""
+        lattice = self.catalogue.lattice
+        return _region(lattice.check(place)[: lattice.dimension])
 
     def encode_place(self, place: Site) -> tuple[int, ...]:
         """Return the cell itself."""
@@ -243,8 +254,15 @@ class _Neighbourhoods:
                     for mine in proposals[orbit]
                 ):
                     found.add(cell)
-        # Whom a move takes along has to hear of it, even one that has no move of its own.
+        # Whom a move takes along has to hear of it, even one that has no move of its own; and
+        # reach is mutual.
         found |= {source for move in proposals[orbit] for source, _ in move.goes[1:]}
+        for other, moves in proposals.items():
+            for move in moves:
+                for source, _ in move.goes[1:]:
+                    by = lattice.between(lattice.check(source), orbit)
+                    if by is not None:
+                        found.add(lattice.shift(other, by))
         return _cells(found)
 
     def at(self, table: Mapping[Cell, tuple[Cell, ...]], place: Site) -> tuple[Site, ...]:
@@ -257,6 +275,14 @@ class _Neighbourhoods:
 
 def _cells(sites: Iterable[Site]) -> tuple[Cell, ...]:
     return tuple(cell for cell in in_order(sites) if isinstance(cell, tuple))
+
+
+_REGION_SIZE = 8
+"""Side of a region in cells: some reaches wide, so a module hears from few regions."""
+
+
+def _region(coordinates: Iterable[int]) -> str:
+    return ",".join(str(number // _REGION_SIZE) for number in coordinates)
 
 
 COMPASS = ((1, 0), (0, 1), (-1, 0), (0, -1))
@@ -376,7 +402,9 @@ class GraphSystem(System):
             and 0 <= site[1] < self.labels
         ):
             return site[0], site[1]
-        raise InputError(f"a site is [vertex, label] with label below {self.labels}, found {site!r}")
+        raise InputError(
+            f"a site is [vertex, label] with label below {self.labels}, found {site!r}"
+        )
 
     def action(self, generator: str, at: Site) -> Action:
         """Return the action along the edge `at`: [vertex, vertex] or [vertex, vertex, label]."""
@@ -404,6 +432,10 @@ class GraphSystem(System):
     def reach(self, place: Site) -> tuple[Site, ...]:
         """Return the vertices at distance one and two."""
         return self._reach[place]
+
+    def region(self, place: Site) -> str:
+        """Return the block of the grid that a vertex lies in; other graphs are one region."""
+        return _region(place) if self.compass and isinstance(place, tuple) else "0"
 
     def encode_place(self, place: Site) -> tuple[int, ...]:
         """Return the number of the vertex in canonical order."""

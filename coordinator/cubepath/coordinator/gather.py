@@ -1,0 +1,127 @@
+"""Gathering: from what modules report, in any order of arrival, to the edge path of a run.
+
+Room: coordinator. A round is released when every module has reported it, so no clock and no
+order of arrival enters the result; a report that comes twice counts once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from hashlib import sha256
+
+import msgspec
+
+from cubepath.coordinator.heap import Heap
+from cubepath.protocol.actions import Action
+from cubepath.protocol.errors import CheckError
+from cubepath.protocol.messages import Executed, Report, site_of
+from cubepath.protocol.sites import Site
+from cubepath.protocol.systems import Scene
+
+_encode = msgspec.json.Encoder().encode
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One round of the edge path: the moves executed in it, in increasing order of movers."""
+
+    round: int
+    executed: tuple[Executed, ...]
+    actions: tuple[Action, ...]
+
+
+class PathDigest:
+    """SHA-256 over an edge path in canonical order: by round, then by mover.
+
+    One line of compact JSON a move: ``[round, module, generator, at]`` and a newline.
+    """
+
+    def __init__(self) -> None:
+        """Start with the empty path."""
+        self._hash = sha256()
+
+    def add(self, round_number: int, executed: Iterable[Executed]) -> None:
+        """Append the moves of a round."""
+        for move in executed:
+            line = [round_number, move.module, move.generator, move.at]
+            self._hash.update(_encode(line) + b"\n")
+
+    def text(self) -> str:
+        """Return the digest so far in hexadecimal."""
+        return self._hash.copy().hexdigest()
+
+
+class Gatherer:
+    """Gathers reports into the edge path and keeps its normal cube path as moves come in.
+
+    Each complete round is handed to `watch` as a `Step`. Moves of one round commute, so their
+    order within it does not matter to the path up to homotopy.
+    """
+
+    def __init__(self, scene: Scene, watch: Callable[[Step], None] | None = None) -> None:
+        """Start at the start of the scene."""
+        self.scene = scene
+        self.heap = Heap()
+        self.sites: list[Site] = list(scene.start)
+        self.steps: list[Step] = []
+        self.failed: str | None = None
+        self._digest = PathDigest()
+        self._watch = watch
+        self._waiting: dict[int, dict[int, Report]] = {}
+
+    @property
+    def rounds(self) -> int:
+        """Return how many rounds are complete."""
+        return len(self.steps)
+
+    @property
+    def digest(self) -> str:
+        """Return the digest of the edge path so far."""
+        return self._digest.text()
+
+    @property
+    def reached(self) -> bool:
+        """Tell whether the modules stand at the goal."""
+        return self.scene.reached(self.sites)
+
+    @property
+    def missing(self) -> int:
+        """Return how many reports have come for rounds that are not complete."""
+        return sum(len(reports) for reports in self._waiting.values())
+
+    def receive(self, report: Report) -> None:
+        """Take in a report; CheckError where two differ or one is of no module of this run."""
+        if not 0 <= report.module < len(self.sites):
+            raise CheckError(f"a report of module_{report.module}: no such module in this run")
+        if report.round <= self.rounds:
+            return  # a duplicate of one that has been released
+        reports = self._waiting.setdefault(report.round, {})
+        known = reports.setdefault(report.module, report)
+        if known != report:
+            raise CheckError(
+                f"module_{report.module} reports round {report.round} twice, and differently"
+            )
+        while len(self._waiting.get(self.rounds + 1, ())) == len(self.sites):
+            self._release(self._waiting.pop(self.rounds + 1))
+
+    def _release(self, reports: dict[int, Report]) -> None:
+        number = self.rounds + 1
+        executed, actions = [], []
+        for module in sorted(reports):
+            report = reports[module]
+            self.sites[module] = site_of(report.site)
+            if report.failed is not None and self.failed is None:
+                self.failed = f"module_{module}: {report.failed}"
+            if report.move is None:
+                continue
+            placed = report.move
+            executed.append(Executed(module, placed.generator, placed.at))
+            actions.append(self.scene.system.action(placed.generator, site_of(placed.at)))
+        for action in actions:
+            self.heap.append(action)
+        self._digest.add(number, executed)
+        step = Step(number, tuple(executed), tuple(actions))
+        self.steps.append(step)
+        if self._watch is not None:
+            self._watch(step)

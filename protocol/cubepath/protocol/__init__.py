@@ -1,0 +1,1 @@
+"""Protocol: what every process agrees on; imports no other room."""

@@ -1,0 +1,118 @@
+"""How long a lockstep round takes, against the bare zenoh round trips that it needs.
+
+    python tests/bench/bench_round.py [--quick]
+
+A round is three phases; each begins when the coordinator says so to every process and ends when
+every process has answered. The floor is that alone, measured in the same run: as many processes
+that answer at once, three times a round. What lies above it is what the modules say and do.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing as mp
+import statistics
+import sys
+import time
+from queue import SimpleQueue
+
+import zenoh
+from tqdm import tqdm
+
+from cubepath.agents.fleet import Fleet
+from cubepath.protocol.scenes import scene_from_spec
+from cubepath.protocol.sessions import open_client, open_router, put, subscribe
+
+PROCESSES = 4
+PHASES = 3
+
+
+def echo(endpoint: str, number: int) -> None:
+    """Answer every `go` at once, until one says stop."""
+    heard: SimpleQueue[bytes] = SimpleQueue()
+
+    def enqueue(sample: zenoh.Sample) -> None:
+        heard.put(sample.payload.to_bytes())
+
+    with open_client(endpoint) as session:
+        ear = subscribe(session, "bench/go", enqueue)
+        put(session, f"bench/ready/{number}", b"join")
+        while heard.get() != b"stop":
+            put(session, f"bench/ready/{number}", b"ready")
+        ear.undeclare()
+
+
+def floor_ms(rounds: int) -> float:
+    """Return the median time of three bare round trips to every process, in milliseconds."""
+    router, endpoint = open_router()
+    heard: SimpleQueue[bytes] = SimpleQueue()
+
+    def enqueue(sample: zenoh.Sample) -> None:
+        heard.put(sample.payload.to_bytes())
+
+    with router, open_client(endpoint) as session:
+        ear = subscribe(session, "bench/ready/*", enqueue)
+        context = mp.get_context("spawn")
+        children = [
+            context.Process(target=echo, args=(endpoint, number)) for number in range(PROCESSES)
+        ]
+        for child in children:
+            child.start()
+        for _ in children:
+            heard.get()
+        times = []
+        for _ in range(rounds):
+            began = time.perf_counter()
+            for _ in range(PHASES):
+                put(session, "bench/go", b"go")
+                for _ in children:
+                    heard.get()
+            times.append(time.perf_counter() - began)
+        put(session, "bench/go", b"stop")
+        for child in children:
+            child.join()
+        ear.undeclare()
+    return statistics.median(times) * 1e3
+
+
+def round_ms(spec: str, rounds: int) -> tuple[float, float]:
+    """Return the median time of a round in milliseconds, and the messages of a round."""
+    messages = 0
+
+    def sink(_topic: str, _data: bytes, _wall_ns: int) -> None:
+        nonlocal messages
+        messages += 1
+
+    with Fleet(scene_from_spec(spec), "random", processes=PROCESSES, sink=sink) as fleet:
+        times = []
+        began = time.perf_counter()
+        for _ in fleet.rounds(rounds):
+            now = time.perf_counter()
+            times.append(now - began)
+            began = now
+    return statistics.median(times) * 1e3, messages / rounds
+
+
+def main() -> None:
+    """Print the table."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--quick", action="store_true", help="fewer rounds")
+    rounds = 10 if options.parse_args().quick else 40
+    specs = [
+        f"{family}{count}"
+        for family in ("hex:n=", "agv:graph=grid32x32,n=")
+        for count in (16, 64, 256)
+    ]
+    print(f"{'system':<26}{'round ms':>10}{'floor ms':>10}{'ratio':>8}{'messages':>10}{'us each':>9}")
+    for spec in tqdm(specs, disable=None, leave=False, file=sys.stderr):
+        floor = floor_ms(rounds)
+        took, messages = round_ms(spec, rounds)
+        print(
+            f"{spec:<26}{took:>10.2f}{floor:>10.2f}{took / floor:>8.1f}{messages:>10.0f}"
+            f"{took / messages * 1e3:>9.1f}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
