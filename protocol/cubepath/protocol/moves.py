@@ -72,6 +72,14 @@ class PathMove:
     before: frozenset[Site] | None = None
 
 
+def id_of(action: Action) -> str | int:
+    """Return the id of an action of a `PathMove`, from its label; InputError where it has none."""
+    try:
+        return _id(action.label)
+    except msgspec.DecodeError:
+        raise InputError(f"{action!r} has no id: expected the label to be one as JSON") from None
+
+
 def read_moves(path: Path, scene: Scene | None = None) -> Iterator[PathMove]:
     """Yield the moves of a moves file in order, each as soon as its line is read and checked.
 
@@ -149,6 +157,7 @@ _CONTENTS = _Form(
     msgspec.json.Decoder(ContentsLine).decode,
     'the keys "id", "support", "trace", and "before" with "after" or neither',
 )
+_id: Callable[[str], str | int] = msgspec.json.Decoder(str | int).decode
 _cube = msgspec.json.Decoder(CubeLine).decode
 
 
@@ -173,12 +182,13 @@ class _Reader:
         self._sites = _Sites()
         self._placed: dict[tuple[str, Site], Action] = {}
         # By id: the line where it came first, and the action where the id names one.
-        self._ids: dict[str | int, tuple[int, Action | None]] = {}
+        self._first: dict[str | int, int] = {}
+        self._named: dict[str | int, Action] = {}
 
     def move(self, number: int, line: bytes) -> PathMove:
         found = self._read(line)
         if isinstance(found, GeneratorLine):
-            return self._generator(found)
+            return self._by_generator(found)
         self._sites.watch(line)
         if (found.before is None) != (found.after is None):
             given, left_out = ("before", "after") if found.after is None else ("after", "before")
@@ -186,8 +196,8 @@ class _Reader:
         if not found.trace:
             raise InputError("the trace is empty, a move changes something")
         if found.before is None or found.after is None:
-            return self._named(found, number)
-        return self._contents(found, found.before, found.after, number)
+            return self._by_name(found, number)
+        return self._by_contents(found, found.before, found.after, number)
 
     def _read(self, line: bytes) -> GeneratorLine | ContentsLine:
         if self._form is None:
@@ -206,7 +216,7 @@ class _Reader:
             " expected one form in a file"
         )
 
-    def _generator(self, line: GeneratorLine) -> PathMove:
+    def _by_generator(self, line: GeneratorLine) -> PathMove:
         if self._scene is None:
             raise InputError(
                 f"generator {line.generator!r} without a system, expected --system SYSTEM"
@@ -220,13 +230,16 @@ class _Reader:
         apply_in_place(action, self._known.on)
         return PathMove(action, Placed(line.generator, line.at), before)
 
-    def _named(self, line: ContentsLine, number: int) -> PathMove:
+    def _by_name(self, line: ContentsLine, number: int) -> PathMove:
         trace = self._sites.read(line.trace)
         name = (_NAME, line.id)
         support = [*self._sites.read(line.support), name]
         label = _encode(line.id).decode()
         action = Action(support, [*trace, name], (), (name,), label=label)
-        first, known = self._ids.setdefault(line.id, (number, action))
+        first = self._first.setdefault(line.id, number)
+        if first == number:
+            self._named[line.id] = action
+        known = self._named.get(line.id)
         if known is None:
             raise InputError(
                 f'id {label} has "before" and "after" in line {first}, but not here:'
@@ -241,7 +254,7 @@ class _Reader:
         self._known.forget(trace)
         return PathMove(known, line.id)
 
-    def _contents(
+    def _by_contents(
         self, line: ContentsLine, before: list[Json], after: list[Json], number: int
     ) -> PathMove:
         read = self._sites.read
@@ -249,8 +262,8 @@ class _Reader:
         action = Action(
             read(line.support), read(line.trace), read(before), read(after), label=label
         )
-        first, known = self._ids.setdefault(line.id, (number, None))
-        if known is not None:
+        first = self._first.setdefault(line.id, number)
+        if line.id in self._named:
             raise InputError(
                 f'id {label} has no "before" and "after" in line {first}, where it names the'
                 " action: expected another id"

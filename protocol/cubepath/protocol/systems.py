@@ -8,7 +8,7 @@ are, so that handing a system to a rule hands it no more than the static map.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -19,6 +19,8 @@ from cubepath.protocol.sites import Site, in_order
 
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
 """What a sensed place shows: free, a module, an occupied obstacle, or no place for a module."""
+_KEPT = 1 << 16
+"""Places whose moves and neighbourhoods are remembered."""
 FIRST_LABEL = 4
 """A labelled module with label ``i`` shows as ``FIRST_LABEL + i``."""
 
@@ -141,7 +143,10 @@ class LatticeSystem(System):
         self.move_slots = max(len(found) for found in catalogue.templates.values())
         self.sense_slots = max(len(found) for found in self._near.sensed.values())
         self.reach_slots = max(len(found) for found in self._near.reach.values())
-        self._kept_moves = lru_cache(maxsize=1 << 16)(self._moves)
+        self._sensed = self._near.keeper(self._near.sensed, pad=self.sense_slots)
+        self._listeners = self._near.keeper(self._near.listeners)
+        self._reach = self._near.keeper(self._near.reach)
+        self._kept_moves = lru_cache(maxsize=_KEPT)(self._moves)
 
     def _moves(self, site: Site) -> tuple[Move | None, ...]:
         found: list[Move | None] = [
@@ -177,16 +182,15 @@ class LatticeSystem(System):
 
     def sensed(self, place: Site) -> tuple[Site | None, ...]:
         """Return the support cells of all moves of a module at `place`, in canonical order."""
-        cells: tuple[Site | None, ...] = self._near.at(self._near.sensed, place)
-        return cells + (None,) * (self.sense_slots - len(cells))
+        return self._sensed(place)
 
     def listeners(self, place: Site) -> tuple[Site, ...]:
         """Return the places from which a module senses `place`."""
-        return self._near.at(self._near.listeners, place)
+        return self._listeners(place)
 
     def reach(self, place: Site) -> tuple[Site, ...]:
         """Return the places of possible competitors of a module at `place`."""
-        return self._near.at(self._near.reach, place)
+        return self._reach(place)
 
     def region(self, place: Site) -> str:
         """Return the block of the lattice that a place lies in."""
@@ -265,12 +269,21 @@ class _Neighbourhoods:
                         found.add(lattice.shift(other, by))
         return _cells(found)
 
-    def at(self, table: Mapping[Cell, tuple[Cell, ...]], place: Site) -> tuple[Site, ...]:
+    def keeper(
+        self, table: Mapping[Cell, tuple[Cell, ...]], *, pad: int = 0
+    ) -> Callable[[Site], tuple[Site, ...]]:
+        """Return a function from a place to its neighbourhood in `table`, which it remembers."""
         lattice = self._catalogue.lattice
-        cell = lattice.check(place)
-        orbit = self._catalogue.orbit(cell)
-        by = cell[: lattice.dimension]
-        return tuple(lattice.shift(offset, by) for offset in table.get(orbit, ()))
+
+        @lru_cache(maxsize=_KEPT)
+        def at(place: Site) -> tuple[Site, ...]:
+            cell = lattice.check(place)
+            by = cell[: lattice.dimension]
+            offsets = table.get(self._catalogue.orbit(cell), ())
+            found = [lattice.shift(offset, by) for offset in offsets]
+            return (*found, *[None] * (pad - len(found)))
+
+        return at
 
 
 def _cells(sites: Iterable[Site]) -> tuple[Cell, ...]:
@@ -345,7 +358,7 @@ class GraphSystem(System):
         self.reach_slots = max(1, *(len(found) for found in self._reach.values()))
         self._near = {vertex: in_order(found) for vertex, found in near.items()}
         self._support = lru_cache(maxsize=1 << 14)(self._both_ends)
-        self._kept_moves = lru_cache(maxsize=1 << 16)(self._moves)
+        self._kept_moves = lru_cache(maxsize=_KEPT)(self._moves)
 
     @staticmethod
     def _compass(vertex: Site, near: set[Site]) -> tuple[Site | None, ...]:
