@@ -71,13 +71,13 @@ def _integer(values: Values, key: str, *, least: int) -> int:
 def _hex(name: str, values: Values) -> Scene:
     """Build a chain of hexagons that is to become another chain.
 
-    The start runs along direction 0 from cell (0, 0). `bend` turns the goal about the chain's end
-    by 0 (a slide), 60 or 120 degrees either way; `shift` says how far the goal of a slide lies
-    ahead (1 to n).
+    The start runs along direction 0 from cell (0, 0). The goal begins at its end; `bend` is the
+    angle between the two chains, 60 or 120 degrees on either side, or 0 for a slide along the
+    same line, `shift` cells ahead.
     """
     count = _integer(values, "n", least=1)
     bend = values["bend"]
-    turns = {"0": 0, "60": 1, "120": 2, "-60": 5, "-120": 4}
+    turns = {"0": 0, "120": 1, "60": 2, "-60": 4, "-120": 5}
     if bend not in turns:
         raise InputError(f"bend={bend}: expected one of {', '.join(turns)}")
     start: tuple[Cell, ...] = tuple((position, 0) for position in range(count))
@@ -187,7 +187,7 @@ def _agv(name: str, values: Values) -> Scene:
 
 _hex_keys = {
     "n": ("7", "number of modules"),
-    "bend": ("120", "angle of the goal chain in degrees: 0, 60, 120, -60, -120"),
+    "bend": ("120", "angle between the two chains: 60, 120, -60, -120, or 0 for a slide"),
     "shift": ("1", "for bend=0: how far ahead the goal lies, 0 to n"),
 }
 _agv_keys = {
