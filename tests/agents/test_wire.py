@@ -54,9 +54,7 @@ def reports_of(
         if isinstance(message, Report):
             found.append(message)
 
-    with Fleet(
-        scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink
-    ) as fleet:
+    with Fleet(scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink) as fleet:
         for _ in fleet.rounds(rounds):
             pass
     return sorted(found, key=lambda report: (report.round, report.module))
@@ -74,29 +72,47 @@ def wire_path(reports: list[Report]) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SPECS)
 def test_same_seed_same_path_over_twenty_seeds(spec: str) -> None:
-    """Random modules that hesitate: environment and wire agree for 20 seeds, and seeds matter."""
+    """Random modules that hesitate: environment, 0 and 2 processes agree for 20 seeds."""
     scene = scene_from_spec(spec)
-    paths, lost = set(), 0
-    for seed in range(20):
-        played = play(
-            scene, rule_named("random", scene.system), seed=seed, hesitate=0.3, max_rounds=25
-        )
-        reports = reports_of(
-            scene, "random", seed=seed, hesitate=0.3, processes=0, rounds=len(played.rounds)
-        )
-        assert wire_path(reports) == path_of(played)
-        lost += sum(report.claim == "lost" for report in reports)
-        paths.add(repr(path_of(played)))
-    assert len(paths) == 20
+    rule = rule_named("random", scene.system)
+    played = [play(scene, rule, seed=s, hesitate=0.3, max_rounds=20) for s in range(20)]
+    lost = 0
+    for processes in (0, 2):
+        for seed, reports in enumerate(
+            reports_of_seeds(scene, "random", played, hesitate=0.3, processes=processes)
+        ):
+            assert wire_path(reports) == path_of(played[seed])
+            lost += sum(report.claim == "lost" for report in reports)
+    assert len({repr(path_of(one)) for one in played}) == 20
     assert lost > 0
+
+
+def reports_of_seeds(
+    scene: Scene, rule: str, played: list[Played], *, hesitate: float, processes: int
+) -> Iterator[list[Report]]:
+    """Yield the reports of the seeds 0, 1, ... on one fleet, each as many rounds as were played."""
+    found: list[Report] = []
+
+    def sink(topic: str, data: bytes, wall_ns: int) -> None:
+        message = decode(data)
+        if isinstance(message, Report):
+            found.append(message)
+
+    with Fleet(scene, rule, seed=0, hesitate=hesitate, processes=processes, sink=sink) as fleet:
+        for seed, one in enumerate(played):
+            fleet.reset(seed)
+            for _ in fleet.rounds(len(one.rounds)):
+                pass
+            yield sorted(found, key=lambda report: (report.round, report.module))
+            found.clear()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SPECS)
-def test_same_path_in_any_number_of_processes(spec: str) -> None:
-    """One process, two, three, and one a module give the path of the environment."""
+def test_same_path_with_a_process_for_each_module(spec: str) -> None:
+    """Three processes, and one a module, give the path of the environment."""
     scene = scene_from_spec(spec)
-    for seed, processes in enumerate((1, 2, 3, len(scene.start))):
+    for seed, processes in ((20, 3), (21, len(scene.start))):
         played = play(
             scene, rule_named("random", scene.system), seed=seed, hesitate=0.1, max_rounds=20
         )
@@ -212,6 +228,17 @@ def test_a_killed_process_is_named_and_the_others_end() -> None:
 
 
 @pytest.mark.slow
+def test_processes_end_properly_when_they_are_told_to() -> None:
+    """After a run every module process has ended by itself, with exit code 0."""
+    scene = scene_from_spec("hex:n=3")
+    with Fleet(scene, "random", processes=3, sink=lambda *_: None) as fleet:
+        children = list(fleet._children)
+        for _ in fleet.rounds(3):
+            pass
+    assert [child.returncode for child in children] == [0, 0, 0]
+
+
+@pytest.mark.slow
 def test_processes_end_when_their_parent_is_gone() -> None:
     """A module process whose standard input closes ends by itself."""
     scene = scene_from_spec("hex:n=2")
@@ -251,7 +278,9 @@ def test_runs_side_by_side_do_not_hear_each_other() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("spec", "processes"), [("hex:n=5", 2), ("arm:n=4", 3), ("agv-labelled", 0)])
+@pytest.mark.parametrize(
+    ("spec", "processes"), [("hex:n=5", 2), ("arm:n=4", 3), ("agv-labelled", 0)]
+)
 def test_the_environment_over_zenoh_is_the_environment(spec: str, processes: int) -> None:
     """`transport="zenoh"` gives the same observations, rewards, ends and infos."""
     here = parallel_env(spec, max_cycles=20)
@@ -270,5 +299,8 @@ def test_the_environment_over_zenoh_is_the_environment(spec: str, processes: int
             assert repr(one) == repr(other)
             assert (here.state() == there.state()).all()
         assert there.agents == []
+        again, _ = here.reset(seed=10)
+        told, _ = there.reset(seed=10)
+        assert repr(again) == repr(told)
     finally:
         there.close()

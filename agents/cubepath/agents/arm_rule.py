@@ -50,8 +50,10 @@ WORD = RuleType(
     name="word",
     summary="each segment of a positive arm turns towards its height in the goal word",
     source="own: heights of a positive arm, see cubepath.agents.arm_rule",
-    fits=lambda system: isinstance(system, LatticeSystem)
-    and system.catalogue.lattice == EDGES
-    and set(system.catalogue.by_name) == {"flip", "rotate"},
+    fits=lambda system: (
+        isinstance(system, LatticeSystem)
+        and system.catalogue.lattice == EDGES
+        and set(system.catalogue.by_name) == {"flip", "rotate"}
+    ),
     make=make,
 )

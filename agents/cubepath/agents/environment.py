@@ -93,9 +93,10 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     ) -> tuple[dict[str, Observation], Infos]:
         """Put every module at its start; `seed` ranks the claims (0 when left out)."""
         self.agents = list(self.possible_agents)
-        if self._world is not None:
-            self._world.close()
-        self._world = self._make_world(seed or 0)
+        if self._world is None:
+            self._world = self._make_world(seed or 0)
+        else:
+            self._world.reset(seed or 0)
         self.last_round = None
         observations = self._observe()
         return observations, _infos(observations, set())
@@ -140,7 +141,6 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         )
         if done or late:
             self.agents = []
-            self.world.close()
         if self.render_mode == "human":
             self.render()
         return result
@@ -182,12 +182,14 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         """Let go of what the world holds: over zenoh, its processes and sessions."""
         if self._world is not None:
             self._world.close()
+            self._world = None
+            self.agents = []
 
 
 class WireEnv(CubepathEnv):
     """The same environment with the modules in processes of their own, over zenoh.
 
-    Processes are started by the first `reset` and ended by `close` or the end of the episode.
+    Processes are started by the first `reset`, go from episode to episode, and end with `close`.
     """
 
     def __init__(

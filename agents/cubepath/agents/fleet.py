@@ -26,7 +26,7 @@ from cubepath.agents.process import Host, Orders
 from cubepath.protocol.errors import CheckError, CubepathError
 from cubepath.protocol.files import scene_to_toml
 from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
-from cubepath.protocol.messages import Act, Go, Message, Ready, decode, encode
+from cubepath.protocol.messages import Act, Go, Message, Ready, Reset, decode, encode
 from cubepath.protocol.sessions import open_client, open_router, put, subscribe
 from cubepath.protocol.systems import Scene
 
@@ -165,6 +165,12 @@ class Fleet:
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
         self._queue.put((str(sample.key_expr), sample.payload.to_bytes(), time.time_ns()))
+
+    def reset(self, seed: int) -> None:
+        """Put every module back at its start, with another seed; rounds count from 1 again."""
+        self.round = 0
+        self._say(Reset(0, seed))
+        self._wait(0, "join")
 
     def rounds(self, most: int) -> Iterator[int]:
         """Play up to `most` rounds; yield the number of each when all its messages are in."""

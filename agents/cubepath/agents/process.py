@@ -20,6 +20,7 @@ import zenoh
 
 from cubepath.agents.module import ModuleCore
 from cubepath.agents.pilot import Pilot, pilots_for
+from cubepath.agents.rule import RuleType
 from cubepath.agents.rules import rule_named
 from cubepath.agents.view import Observation
 from cubepath.protocol.errors import CubepathError
@@ -31,6 +32,7 @@ from cubepath.protocol.messages import (
     Message,
     Observed,
     Ready,
+    Reset,
     decode,
     encode,
 )
@@ -60,29 +62,17 @@ class Host:
     """Runs the modules of one process until it is told to stop."""
 
     def __init__(self, orders: Orders) -> None:
-        """Make the modules and their pilots; nothing is opened yet."""
+        """Read the scene and the rule; nothing is opened yet."""
         self._orders = orders
-        scene = scene_from_toml(orders.scene, "the orders")
-        self._system = scene.system
-        self._pilots: dict[int, Pilot] = {}
-        talk = orders.talk
+        self._scene = scene_from_toml(orders.scene, "the orders")
+        self._system = self._scene.system
+        self._rule: RuleType | None = None
+        self._talk = orders.talk
         if orders.rule != OUTSIDE:
-            rule = rule_named(orders.rule, scene.system)
-            talk = rule.talk(len(scene.start))
-            self._pilots = pilots_for(
-                scene, rule, seed=orders.seed, hesitate=orders.hesitate, modules=orders.modules
-            )
-        self._cores = {
-            module: ModuleCore(
-                scene.system,
-                module=module,
-                site=scene.start[module],
-                goals=scene.goals[module] if scene.goals else (),
-                seed=orders.seed,
-                talk=talk,
-            )
-            for module in orders.modules
-        }
+            self._rule = rule_named(orders.rule, self._system)
+            self._talk = self._rule.talk(len(self._scene.start))
+        self._pilots: dict[int, Pilot] = {}
+        self._cores: dict[int, ModuleCore] = {}
         self._queue: SimpleQueue[tuple[int | None, bytes]] = SimpleQueue()
         self._ears: dict[int, list[zenoh.Subscriber[None]]] = {}
         self._settling = False
@@ -93,23 +83,42 @@ class Host:
         orders = self._orders
         with open_client(orders.endpoint) as session:
             self._session = session
-            for module, core in self._cores.items():
-                self._listen(module, core.place)
-            control = [subscribe(session, topic_key(orders.run, "go"), self._enqueue(None))]
-            if not self._pilots:
-                control += [
-                    subscribe(
-                        session,
-                        topic_key(orders.run, "act", f"module_{module}"),
-                        self._enqueue(None),
-                    )
-                    for module in orders.modules
-                ]
-            self._say(Ready(0, orders.process, "join"))
+            topics = [("go", "*"), ("reset", "*")]
+            if self._rule is None:
+                topics += [("act", f"module_{module}") for module in orders.modules]
+            control = [
+                subscribe(session, topic_key(orders.run, kind, who), self._enqueue(None))
+                for kind, who in topics
+            ]
+            self._join(orders.seed)
             while self._serve(*self._queue.get()):
                 pass
             for ear in chain(control, *self._ears.values()):
                 ear.undeclare()
+
+    def _join(self, seed: int) -> None:
+        """Put the modules at their start, with nothing remembered, and say that they are there."""
+        orders, scene = self._orders, self._scene
+        self._settling = False
+        self._acts.clear()
+        if self._rule is not None:
+            self._pilots = pilots_for(
+                scene, self._rule, seed=seed, hesitate=orders.hesitate, modules=orders.modules
+            )
+        self._cores = {
+            module: ModuleCore(
+                scene.system,
+                module=module,
+                site=scene.start[module],
+                goals=scene.goals[module] if scene.goals else (),
+                seed=seed,
+                talk=self._talk,
+            )
+            for module in orders.modules
+        }
+        for module, core in self._cores.items():
+            self._listen(module, core.place)
+        self._say(Ready(0, orders.process, "join"))
 
     def _enqueue(self, module: int | None) -> Callable[[zenoh.Sample], None]:
         def enqueue(sample: zenoh.Sample) -> None:
@@ -140,6 +149,8 @@ class Host:
         elif isinstance(message, Act):
             self._acts[message.module] = message
             self._claim_from_outside()
+        elif isinstance(message, Reset):
+            self._join(message.seed)
         elif isinstance(message, Go):
             return self._go(message)
         return True
@@ -150,7 +161,7 @@ class Host:
                 for core in self._cores.values():
                     self._say(*core.sense(go.round))
                 self._say(Ready(go.round, self._orders.process, "sense"))
-            case "claim" if self._pilots:
+            case "claim" if self._rule is not None:
                 for module, core in self._cores.items():
                     choice = self._pilots[module].act(core.observation())
                     self._say(*core.claim(choice.action, choice.note, choice.failed))
@@ -203,7 +214,9 @@ def _observed(round_number: int, module: int, seen: Observation) -> Observed:
 
 
 def _end_with_parent() -> None:
-    sys.stdin.buffer.read()
+    # Not through sys.stdin: its lock would be held when the interpreter shuts down, which aborts.
+    while os.read(0, 1):
+        pass
     os._exit(3)
 
 

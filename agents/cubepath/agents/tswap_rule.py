@@ -103,8 +103,7 @@ def roads_of(system: GraphSystem) -> Roads:
     if found is None:
         index = system.index
         found = Roads(
-            sorted(index[other] for other in system.listeners(vertex))
-            for vertex in system.vertices
+            sorted(index[other] for other in system.listeners(vertex)) for vertex in system.vertices
         )
         _roads[system] = found
     return found

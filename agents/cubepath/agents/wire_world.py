@@ -15,6 +15,7 @@ from cubepath.agents.process import OUTSIDE
 from cubepath.agents.view import STAY, Note, Observation
 from cubepath.agents.world import Round
 from cubepath.protocol.catalogue import Move
+from cubepath.protocol.errors import InputError
 from cubepath.protocol.messages import Act, Observed, Report, decode, site_of
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene
@@ -27,14 +28,22 @@ class WireWorld:
         """Start the fleet and sense for the first time."""
         self.scene = scene
         self.talk = talk
-        self.round = 0
-        self.sites: list[Site] = list(scene.start)
         self._observed: dict[int, Observed] = {}
         self._reports: dict[int, Report] = {}
         self._fleet: Fleet | None = Fleet(
             scene, OUTSIDE, seed=seed, processes=processes, talk=talk, sink=self._take
         )
         self._fleet.__enter__()
+        self._begin()
+
+    def reset(self, seed: int) -> None:
+        """Begin again with the same processes and another seed."""
+        self._running().reset(seed)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.round = 0
+        self.sites: list[Site] = list(self.scene.start)
         self._sense()
 
     def _take(self, topic: str, data: bytes, _wall_ns: int) -> None:
@@ -48,7 +57,7 @@ class WireWorld:
 
     def _running(self) -> Fleet:
         if self._fleet is None:
-            raise RuntimeError("the episode is over: call reset")
+            raise InputError("the environment is closed: make another")
         return self._fleet
 
     def _sense(self) -> None:

@@ -32,8 +32,13 @@ class World:
     def __init__(self, scene: Scene, *, seed: int, talk: int = 0) -> None:
         """Put every module at its start."""
         self.scene = scene
-        self.seed = seed
         self.talk = talk
+        self.reset(seed)
+
+    def reset(self, seed: int) -> None:
+        """Put every module back at its start, with another seed."""
+        scene, talk = self.scene, self.talk
+        self.seed = seed
         self.round = 0
         self.sites: list[Site] = list(scene.start)
         system = scene.system

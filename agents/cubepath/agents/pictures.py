@@ -1,0 +1,505 @@
+"""Pictures of where the modules are: text, pixels, and drawings on matplotlib's axes.
+
+Room: agents; draws what it is given and asks nobody. matplotlib is imported when something is
+drawn and no earlier, through its objects only: no pyplot, so no window and no global state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from math import ceil, cos, floor, pi, sin, sqrt
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.errors import InputError
+from cubepath.protocol.sites import Site, site_text
+from cubepath.protocol.systems import (
+    CLOSED,
+    EMPTY,
+    FILLED,
+    GraphSystem,
+    LatticeSystem,
+    Scene,
+    System,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.path import Path
+
+Points: TypeAlias = NDArray[np.float64]
+Colour: TypeAlias = tuple[float, float, float]
+Box: TypeAlias = tuple[float, float, float, float]
+"""Left, right, low, high."""
+
+MODULE_MARK, ARRIVED_MARK, GOAL_MARK = "o", "@", "+"
+"""How an unlabelled module shows in text, off and on a goal cell, and a goal cell without one."""
+_GROUND = {EMPTY: ".", FILLED: "#", CLOSED: " "}
+_MANY = 40
+"""From so many vertices on a general graph is told by its modules and goals alone."""
+
+INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
+_PALE_GOAL, _LINE, _TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
+_ROOM = 10.5
+"""Points per cell from which a number on a module can be read."""
+_MOST = 8000
+"""So many free cells are drawn one by one, of more none."""
+
+
+def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
+    """Return a picture in plain text of modules at `sites`, by number.
+
+    A module is ``o``, or ``@`` on a cell of the goal; a free cell of the goal is ``+``, any other
+    ``.``, and an occupied obstacle or a hole in a map ``#``. A labelled module shows its label,
+    with ``*`` behind it at its own goal. Hexagons stand in rows offset by half a cell; segments of
+    an arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` where the goal wants them, and
+    ``...`` and ``:`` where the goal is not there yet. A general graph has a line for each vertex,
+    with its neighbours. The frame holds start, goal and finite workspaces, so that pictures of one
+    run line up as long as modules stay in it.
+    """
+    drawing = scene.system.drawing
+    if drawing == "edges":
+        return _edges_text(scene, sites)
+    if drawing == "graph":
+        return _graph_text(scene, sites)
+    return _cells_text(scene, sites)
+
+
+def _label(system: System, site: Site) -> int | None:
+    if system.labels is None or not isinstance(site, tuple):
+        return None
+    return int(site[1])
+
+
+def _marks(scene: Scene, sites: Sequence[Site]) -> dict[Site, str]:
+    """Return what to write at each place that has a module or is of the goal."""
+    system, goal = scene.system, scene.goal or frozenset()
+    marks = {system.place_of(site): GOAL_MARK for site in goal}
+    for site in sites:
+        label, arrived = _label(system, site), site in goal
+        if label is None:
+            mark = ARRIVED_MARK if arrived else MODULE_MARK
+        else:
+            mark = f"{label}*" if arrived else str(label)
+        marks[system.place_of(site)] = mark
+    return marks
+
+
+def _cell(place: Site) -> tuple[int, ...]:
+    if isinstance(place, tuple) and all(isinstance(number, int) for number in place):
+        return place
+    raise InputError(f"only places of whole numbers can be drawn on a lattice, found {place!r}")
+
+
+def _known(scene: Scene) -> list[Site]:
+    """Return the places that a frame holds whatever the modules do."""
+    system = scene.system
+    places = [system.place_of(site) for site in (*scene.start, *(scene.goal or ()))]
+    if isinstance(system, GraphSystem):
+        places += system.vertices
+    elif isinstance(system, LatticeSystem):
+        places += [*system.obstacles, *(system.workspace or ())]
+    return places
+
+
+def _endless(system: System) -> bool:
+    return isinstance(system, LatticeSystem) and system.workspace is None
+
+
+def _cells_text(scene: Scene, sites: Sequence[Site]) -> str:
+    system = scene.system
+    hexagons = system.drawing == "hexagons"
+    marks = _marks(scene, sites)
+    width = max(len(mark.rstrip("*")) for mark in marks.values())
+    # On an endless lattice, room for one module more on every side of the scene.
+    margin = 1 if _endless(system) else 0
+    rows, columns = set(), set()
+    for places, free in ((_known(scene), margin), (marks, 0)):
+        for cell in map(_cell, places):
+            # A hexagon (q, r) lies in row r, at 2 q + r half cells; a square (x, y) at 2 x.
+            middle = 2 * cell[0] + (cell[1] if hexagons else 0)
+            rows |= {cell[1] - free, cell[1] + free}
+            columns |= {middle - 2 * free, middle + 2 * free}
+    first, last = min(columns), max(columns)
+    half = (width + 2) // 2 if hexagons else (width + 1) / 2
+    wall = "#" if isinstance(system, GraphSystem) else " "
+    lines = []
+    for row in _downwards(system, min(rows), max(rows)):
+        line = ""
+        for column in range(first, last + 1):
+            inner = column - row if hexagons else column
+            if inner % 2:
+                continue
+            place = (inner // 2, row)
+            mark = marks.get(place)
+            if mark is None:
+                mark = _GROUND[system.background(place)].replace(" ", wall)
+            stands = mark.rstrip("*").rjust(width)
+            line = line.ljust(int((column - first) * half)) + stands + mark[len(mark.rstrip("*")) :]
+        lines.append(line.rstrip())
+    return "\n".join(lines)
+
+
+def _downwards(system: System, lowest: int, highest: int) -> Iterable[int]:
+    """Return the rows from top to bottom: maps count downwards, lattices upwards."""
+    if isinstance(system, GraphSystem):
+        return range(lowest, highest + 1)
+    return range(highest, lowest - 1, -1)
+
+
+def _tips(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
+    x, y, axis = _cell(edge)
+    return (x, y), (x + (axis == 0), y + (axis == 1))
+
+
+def _edges_text(scene: Scene, sites: Sequence[Site]) -> str:
+    marks = _marks(scene, sites)
+    flat = {MODULE_MARK: "---", ARRIVED_MARK: "===", GOAL_MARK: "..."}
+    upright = {MODULE_MARK: "|", ARRIVED_MARK: "H", GOAL_MARK: ":"}
+    filled = dict.fromkeys(scene.system.filled, "#")
+    tips = [tip for edge in (*_known(scene), *marks) for tip in _tips(edge)]
+    left, right = min(x for x, _ in tips), max(x for x, _ in tips)
+    low, high = min(y for _, y in tips), max(y for _, y in tips)
+    busy = {tip for edge in (*sites, *filled) for tip in _tips(edge)}
+    marks |= filled
+    lines = []
+    for y in range(high, low - 1, -1):
+        row, below = "", ""
+        for x in range(left, right + 1):
+            mark = marks.get((x, y, 0), "")
+            row += ("o" if (x, y) in busy else "+") + flat.get(mark, mark * 3).ljust(3)
+            mark = marks.get((x, y - 1, 1), "")
+            below += upright.get(mark, mark).ljust(4)
+        lines += [row.rstrip(), below.rstrip()]
+    return "\n".join(lines[:-1])
+
+
+def _graph_text(scene: Scene, sites: Sequence[Site]) -> str:
+    system = scene.system
+    marks = _marks(scene, sites)
+    places = list(dict.fromkeys((*_known(scene), *marks)))
+    if isinstance(system, GraphSystem):
+        places = [
+            place for place in system.vertices if len(system.vertices) <= _MANY or place in marks
+        ]
+    names = [_name(place) for place in places]
+    wide, width = max(map(len, names)), max(map(len, marks.values()))
+    lines = []
+    for place, name in zip(places, names, strict=True):
+        near = " ".join(_name(other) for other in system.sensed(place) if other is not None)
+        lines.append(f"{name:>{wide}}: {marks.get(place, '.'):<{width}} - {near}")
+    return "\n".join(lines)
+
+
+def _name(place: Site) -> str:
+    return place if isinstance(place, str) else site_text(place)
+
+
+def palette(count: int) -> list[Colour]:
+    """Return a colour for each module by number, evenly spaced to the eye (viridis)."""
+    from matplotlib import colormaps  # noqa: PLC0415 - only when something is drawn
+
+    places = np.linspace(0.08, 0.95, count) if count > 1 else np.array([0.35])
+    return [(red, green, blue) for red, green, blue, _ in colormaps["viridis"](places).tolist()]
+
+
+def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> NDArray[np.uint8]:
+    """Return a picture as pixels, uint8, shape (height, width, 3).
+
+    The width is even and follows from the scene alone, so that all frames of a film are of one
+    size. Where modules leave the frame of start and goal, the picture shows more and all smaller.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    left, right, low, high = frame(scene)
+    width = 2 * round(height * min(max((right - left) / (high - low), 0.5), 3.0) / 2)
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    draw_on(figure.add_axes((0, 0, 1, 1)), scene, sites)
+    canvas.draw()  # type: ignore[no-untyped-call]  # so is it in matplotlib
+    pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # as above
+    return np.array(pixels, dtype=np.uint8)[:, :, :3].copy()
+
+
+def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
+    """Return what a picture shows at least, in cells: the scene, and the sites in `also`.
+
+    On an endless lattice there is room for one module more on every side of the scene, so that
+    modules which walk along its edge do not change the frame.
+    """
+    system = scene.system
+    near = {"edges": 0.7, "graph": 0.7}.get(system.drawing, 0.6)
+    far = near + (1 if _endless(system) else 0)
+    known = np.array([_middle(system, place) for place in _known(scene)])
+    others = [_middle(system, system.place_of(site)) for site in also]
+    low = np.min([known.min(axis=0) - far, *(np.array(point) - near for point in others)], axis=0)
+    high = np.max([known.max(axis=0) + far, *(np.array(point) + near for point in others)], axis=0)
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def draw_on(
+    axes: Axes,
+    scene: Scene,
+    sites: Sequence[Site],
+    *,
+    moved: Mapping[int, Site] | None = None,
+    also: Iterable[Site] = (),
+    numbers: bool | None = None,
+) -> None:
+    """Draw modules at `sites`, by number, on matplotlib's `axes`, which must have their place.
+
+    Modules are coloured by number (`palette`). Cells of the goal have a red outline, in labelled
+    systems one in the colour of the module that is to come there; edges of it lie on a pink band.
+    `moved` says of modules that have just moved from which site: they get a dark outline and leave
+    a pale trace. The frame holds start, goal, finite workspaces and the sites in `also`. `numbers`
+    writes each module's label, or its number, on it; left out, where there is room to read it.
+    """
+    system = scene.system
+    pen = _pen(axes, scene, (*sites, *also))
+    {"edges": _edges_ground, "graph": _graph_ground}.get(system.drawing, _cells_ground)(pen)
+    colours = palette(len(sites))
+    goals = list(scene.goal or ())
+    at = [system.place_of(site) for site in goals]
+    if system.drawing == "edges":
+        pen.draw("goal", at, facecolors=_PALE_GOAL)
+    left = {number: system.place_of(site) for number, site in (moved or {}).items()}
+    places = [system.place_of(site) for site in sites]
+    _draw_trace(pen, left, places, colours)
+    pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
+    stirred = [places[number] for number in left]
+    pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
+    if system.drawing == "edges":
+        pen.joints(tip for edge in places for tip in _tips(edge))
+        return
+    labels = [_label(system, site) for site in goals]
+    hues = [GOAL if label is None else colours[label % len(colours)] for label in labels]
+    pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
+    if numbers or (numbers is None and pen.scale >= _ROOM):
+        for number, site in enumerate(sites):
+            label = _label(system, site)
+            word = str(number if label is None else label)
+            pen.write(places[number], word, colours[number])
+
+
+def _draw_trace(
+    pen: _Pen, left: Mapping[int, Site], places: Sequence[Site], colours: Sequence[Colour]
+) -> None:
+    """Draw the places that modules have just left and, but for edges, the way from there."""
+    hues = [colours[number] for number in left]
+    pen.draw("module", list(left.values()), facecolors=hues, alpha=0.3, linewidths=0)
+    if pen.system.drawing != "edges":
+        ways = [
+            np.array([_middle(pen.system, place), _middle(pen.system, places[number])])
+            for number, place in left.items()
+        ]
+        pen.strokes(ways, colors=hues, linewidths=0.1 * pen.scale, alpha=0.6)
+
+
+def _middle(system: System, place: Site) -> tuple[float, float]:
+    """Return where the middle of a place lies in a picture, y upwards."""
+    if system.drawing == "graph":
+        if not isinstance(system, GraphSystem):
+            raise InputError("only the vertices of a GraphSystem can be drawn as a graph")
+        return _circle(system.vertices)[place]
+    cell = _cell(place)
+    x, y = cell[0], cell[1]
+    if system.drawing == "hexagons":
+        return x + y / 2, y * sqrt(3) / 2
+    if system.drawing == "edges":
+        _, (right, top) = _tips(place)
+        return (x + right) / 2, (y + top) / 2
+    return (x, -y) if isinstance(system, GraphSystem) else (x, y)
+
+
+@lru_cache(maxsize=64)
+def _circle(vertices: tuple[Site, ...]) -> dict[Site, tuple[float, float]]:
+    """Return the vertices on a circle, clockwise from the top, far enough from one another."""
+    radius = max(1.0, len(vertices) * 1.5 / (2 * pi))
+    turns = [pi / 2 - 2 * pi * number / len(vertices) for number in range(len(vertices))]
+    return {
+        vertex: (radius * cos(turn), radius * sin(turn))
+        for vertex, turn in zip(vertices, turns, strict=True)
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Pen:
+    """Draws places of a system on axes; `scale` is how many points a cell is wide.
+
+    All has one zorder, so that what is drawn later lies above.
+    """
+
+    axes: Axes
+    system: System
+    box: Box
+    scale: float
+
+    def line(self, part: float) -> float:
+        """Return a line width in points that is this part of a cell, neither hair nor beam."""
+        return min(max(part * self.scale, 0.4), 2.4)
+
+    def draw(self, kind: str, places: Collection[Site], **style: Any) -> None:
+        """Draw each place as a shape of the given kind: "module", "goal" or "cell"."""
+        self.shapes([_shape(self.system, kind, place) for place in places], **style)
+
+    def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
+        """Draw polygons."""
+        from matplotlib.collections import PolyCollection  # noqa: PLC0415
+
+        if len(shapes):
+            self.axes.add_collection(PolyCollection(shapes, zorder=1, **style), autolim=False)
+
+    def strokes(self, lines: Sequence[Points], **style: Any) -> None:
+        """Draw lines between points."""
+        from matplotlib.collections import LineCollection  # noqa: PLC0415
+
+        if len(lines):
+            self.axes.add_collection(LineCollection(lines, zorder=1, **style), autolim=False)
+
+    def joints(self, points: Iterable[tuple[int, int]]) -> None:
+        """Draw the joints of an arm."""
+        rings = [_arcs([(0, 0)], 0.1) + point for point in dict.fromkeys(points)]
+        self.shapes(rings, facecolors="white", edgecolors=INK, linewidths=0.05 * self.scale)
+
+    def write(self, place: Site, word: str, on: Colour) -> None:
+        """Write a word on a cell of the given colour, as a shape that grows with the cell."""
+        from matplotlib.patches import PathPatch  # noqa: PLC0415
+        from matplotlib.transforms import Affine2D  # noqa: PLC0415
+
+        path = Affine2D().translate(*_middle(self.system, place)).transform_path(_glyphs(word))
+        light = 0.3 * on[0] + 0.59 * on[1] + 0.11 * on[2] > 0.5
+        self.axes.add_artist(
+            PathPatch(path, facecolor=INK if light else "white", linewidth=0, zorder=1)
+        )
+
+
+def _pen(axes: Axes, scene: Scene, sites: Iterable[Site]) -> _Pen:
+    """Set the axes up to show the scene and these sites; an endless lattice fills all of them."""
+    left, right, low, high = frame(scene, sites)
+    seen = axes.get_window_extent()
+    if _endless(scene.system):
+        wide = max(right - left, (high - low) * seen.width / seen.height)
+        tall = wide * seen.height / seen.width
+        left, right = (left + right - wide) / 2, (left + right + wide) / 2
+        low, high = (low + high - tall) / 2, (low + high + tall) / 2
+    axes.set(xlim=(left, right), ylim=(low, high), aspect="equal")
+    axes.set_axis_off()
+    pixels = min(seen.width / (right - left), seen.height / (high - low))
+    return _Pen(axes, scene.system, (left, right, low, high), pixels * 72 / axes.figure.dpi)
+
+
+@lru_cache(maxsize=4096)
+def _glyphs(word: str) -> Path:
+    """Return a word as a path about the origin that fits into a cell."""
+    from matplotlib.textpath import TextPath  # noqa: PLC0415
+    from matplotlib.transforms import Affine2D  # noqa: PLC0415
+
+    path, tall = TextPath((0, 0), word, size=1), TextPath((0, 0), "0", size=1).get_extents().height
+    box = path.get_extents()
+    scale = min(0.36 / tall, 0.54 / box.width)
+    centred = Affine2D().translate(-(box.x0 + box.x1) / 2, -tall / 2)
+    return centred.scale(scale).transform_path(path)
+
+
+def _shape(system: System, kind: str, place: Site) -> Points:
+    outline = _outline(system.drawing, isinstance(system, GraphSystem), kind)
+    if system.drawing == "edges" and _cell(place)[2] == 1:
+        outline = outline[:, ::-1]
+    return outline + _middle(system, place)
+
+
+@cache
+def _outline(drawing: str, graph: bool, kind: str) -> Points:  # noqa: FBT001 - a key of the cache
+    """Return the outline of a shape about the origin; a lattice edge lies flat."""
+    if drawing == "hexagons":
+        size = {"module": 0.93, "goal": 0.86, "cell": 1.0}[kind]
+        return _arcs([(0, 0)], size / sqrt(3), corners=6, first=pi / 6)
+    if drawing == "edges":
+        half = {"module": 0.15, "goal": 0.26, "cell": 0.02}[kind]
+        return _arcs([(0.5, 0), (-0.5, 0)], half, first=-pi / 2)
+    if drawing == "graph" or (graph and kind == "module"):
+        return _arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
+    corner = 0.05 if kind == "cell" else 0.14
+    half = 0.47 if kind == "cell" else 0.44
+    inner = half - corner
+    return _arcs([(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)], corner)
+
+
+def _arcs(
+    middles: Sequence[tuple[float, float]], radius: float, *, corners: int = 36, first: float = 0
+) -> Points:
+    """Return a convex outline of equal arcs about these points, from the angle `first` on."""
+    count = len(middles)
+    steps = corners // count
+    return np.array(
+        [
+            (x + radius * cos(turn), y + radius * sin(turn))
+            for number, (x, y) in enumerate(middles)
+            for step in range(steps + (count > 1))
+            for turn in (first + 2 * pi * (number * steps + step) / corners,)
+        ]
+    )
+
+
+def _cells_ground(pen: _Pen) -> None:
+    """Draw free cells pale and obstacles dark; walls where neighbours on a map do not meet."""
+    system = pen.system
+    left, right, low, high = pen.box
+    if _endless(system):
+        left, right, low, high = left - 1, right + 1, low - 1, high + 1
+    graph = isinstance(system, GraphSystem)
+    slant, stretch = (0.5, sqrt(3) / 2) if system.drawing == "hexagons" else (0.0, 1.0)
+    cells = [
+        (column, -row if graph else row)
+        for row in range(ceil(low / stretch), floor(high / stretch) + 1)
+        for column in range(ceil(left - slant * row), floor(right - slant * row) + 1)
+    ]
+    free = [cell for cell in cells if system.has_place(cell)]
+    if len(free) <= _MOST:
+        pen.draw("cell", free, facecolors=_TILE, edgecolors="white", linewidths=pen.line(0.06))
+    if graph:
+        pen.draw("cell", [cell for cell in cells if not system.has_place(cell)], facecolors=WALL)
+        pen.strokes(_walls(system, free), colors=WALL, linewidths=pen.line(0.1))
+    elif isinstance(system, LatticeSystem):
+        pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=_LINE)
+        pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=WALL)
+
+
+def _walls(system: System, free: Iterable[tuple[int, int]]) -> list[Points]:
+    return [
+        np.array([(x + 0.5, -y - 0.5), (x + dx - 0.5, -y - dy + 0.5)])
+        for x, y in free
+        for dx, dy in ((1, 0), (0, 1))
+        if system.has_place((x + dx, y + dy)) and (x + dx, y + dy) not in system.sensed((x, y))
+    ]
+
+
+def _edges_ground(pen: _Pen) -> None:
+    """Draw the edges of the lattice pale, and those that are obstacles dark."""
+    system = pen.system
+    left, right, low, high = pen.box
+    edges = [
+        (x, y, axis)
+        for x in range(floor(left), ceil(right))
+        for y in range(floor(low), ceil(high))
+        for axis in (0, 1)
+    ]
+    free = [edge for edge in edges if system.has_place(edge)]
+    pen.draw("cell", free if len(free) <= _MOST else [], facecolors=_LINE)
+    pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
+
+
+def _graph_ground(pen: _Pen) -> None:
+    """Draw edges as lines and vertices as pale discs."""
+    system = pen.system
+    if not isinstance(system, GraphSystem):
+        raise InputError("only the vertices of a GraphSystem can be drawn as a graph")
+    ways = [np.array([_middle(system, end) for end in edge]) for edge in system.edges]
+    pen.strokes(ways, colors=_LINE, linewidths=pen.line(0.05))
+    width = pen.line(0.04)
+    pen.draw("cell", system.vertices, facecolors=_TILE, edgecolors=_LINE, linewidths=width)
