@@ -97,5 +97,3 @@ def _shape_key(state: State, chosen: tuple[Action, ...]) -> object:
         _shifted(state - moved, origin),
         frozenset(_shifted(action.trace, origin) for action in chosen),
     )
-
-

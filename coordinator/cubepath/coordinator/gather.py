@@ -14,8 +14,9 @@ import msgspec
 
 from cubepath.coordinator.heap import Heap
 from cubepath.protocol.actions import Action
-from cubepath.protocol.errors import CheckError
-from cubepath.protocol.messages import Executed, Report, site_of
+from cubepath.protocol.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.messages import Executed, Report, decode, site_of
+from cubepath.protocol.recording import Recording
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene
 
@@ -86,9 +87,9 @@ class Gatherer:
         return self.scene.reached(self.sites)
 
     @property
-    def missing(self) -> int:
-        """Return how many reports have come for rounds that are not complete."""
-        return sum(len(reports) for reports in self._waiting.values())
+    def begun(self) -> int:
+        """Return the last round that any report has come for."""
+        return max(self._waiting, default=self.rounds)
 
     def receive(self, report: Report) -> None:
         """Take in a report; CheckError where two differ or one is of no module of this run."""
@@ -125,3 +126,21 @@ class Gatherer:
         self.steps.append(step)
         if self._watch is not None:
             self._watch(step)
+
+
+def gathered(recording: Recording) -> Gatherer:
+    """Gather the reports of a recording; what is not complete stays out.
+
+    InputError where a message of the recording is none, CheckError as in `Gatherer.receive`.
+    """
+    gatherer = Gatherer(recording.scene)
+    for record in recording.of_kind("report"):
+        where = f"{recording.path}: report {record.sequence} ({record.topic})"
+        try:
+            report = decode(record.data)
+            if not isinstance(report, Report):
+                raise InputError("another kind of message, expected a report")  # noqa: TRY301
+            gatherer.receive(report)
+        except CubepathError as error:
+            raise type(error)(f"{where}: {error}") from None
+    return gatherer

@@ -26,6 +26,7 @@ from cubepath.protocol.messages import (
     Message,
     Note,
     Ready,
+    Reset,
     Summary,
     Verdict,
     kind_of,
@@ -53,7 +54,7 @@ def addressees(system: System, message: Message) -> tuple[Site, ...] | None:
 def sender(message: Message) -> str:
     """Return the name of who says a message."""
     match message:
-        case Go() | Edges() | Cube() | Summary():
+        case Go() | Reset() | Edges() | Cube() | Summary():
             return "coordinator"
         case Ready(process=process):
             return f"process_{process}"

@@ -94,6 +94,13 @@ class Go(msgspec.Struct, frozen=True, tag_field="kind", tag="go"):
     phase: Literal["sense", "claim", "settle", "stop"]
 
 
+class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
+    """All modules go back to their start, with another seed; processes answer `ready` to join."""
+
+    round: int
+    seed: int
+
+
 class Ready(msgspec.Struct, frozen=True, tag_field="kind", tag="ready"):
     """A process has finished a phase of a round (round 0: it is connected); nothing more."""
 
@@ -163,7 +170,19 @@ class Summary(msgspec.Struct, frozen=True, tag_field="kind", tag="summary"):
 
 
 Message: TypeAlias = (
-    Here | Note | Claim | Verdict | Report | Go | Ready | Observed | Act | Edges | Cube | Summary
+    Here
+    | Note
+    | Claim
+    | Verdict
+    | Report
+    | Go
+    | Reset
+    | Ready
+    | Observed
+    | Act
+    | Edges
+    | Cube
+    | Summary
 )
 KINDS: dict[str, type[Message]] = {
     "here": Here,
@@ -172,6 +191,7 @@ KINDS: dict[str, type[Message]] = {
     "verdict": Verdict,
     "report": Report,
     "go": Go,
+    "reset": Reset,
     "ready": Ready,
     "observed": Observed,
     "act": Act,

@@ -323,18 +323,26 @@ class _Sites:
 
     def read(self, values: Iterable[Json]) -> list[Site]:
         """Return the sites; InputError where one is none, or is another only in Python's eyes."""
-        kept = self._kept
-        found: list[Site] = []
-        for value in values:
-            site = site_from_json(value)
-            known = kept.setdefault(site, site)
-            if self._booleans and not _alike(known, site):
-                raise InputError(
-                    f"site {_encode(site).decode()} where another is {_encode(known).decode()}:"
-                    " expected booleans or the numbers 0 and 1, not both"
-                )
-            found.append(known)
-        return found
+        return [self._seen(value) or self._new(value) for value in values]
+
+    def _seen(self, value: Json) -> Site | None:
+        # Most sites come again and again, and most are flat: then this is all that they cost.
+        if self._booleans:
+            return None
+        try:
+            return self._kept.get(tuple(value) if isinstance(value, list) else value)
+        except TypeError:  # a list in a list
+            return None
+
+    def _new(self, value: Json) -> Site:
+        site = site_from_json(value)
+        known = self._kept.setdefault(site, site)
+        if self._booleans and not _alike(known, site):
+            raise InputError(
+                f"site {_encode(site).decode()} where another is {_encode(known).decode()}:"
+                " expected booleans or the numbers 0 and 1, not both"
+            )
+        return known
 
 
 def _alike(one: Site, other: Site) -> bool:

@@ -10,27 +10,27 @@ process that is killed loses at most those since the last flush.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import IO, Self
 
 import msgspec
-from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Chunk, Footer, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.errors import CheckError, InputError
 from cubepath.protocol.files import scene_from_toml, scene_to_toml
-from cubepath.protocol.messages import schema_of
+from cubepath.protocol.keys import topic_of
+from cubepath.protocol.messages import decode, schema_of
+from cubepath.protocol.salvage import Salvage, salvage
 from cubepath.protocol.systems import Scene
 
 FORMAT = "cubepath-recording-1"
 SCENE = "scene.toml"
 FLUSH_EVERY = 50
 """Messages between two flushes: a kill loses fewer than this, and what was still in a queue."""
-_RECORD_BYTES_MAX = 1 << 30
+_METADATA = "cubepath"
 
 
 class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
@@ -44,6 +44,7 @@ class RecordingWriter:
         """Create the file with the scene and the parameters; InputError where it cannot be."""
         self.path = path
         self.messages = 0
+        text = scene_to_toml(scene)  # before the file is made: not every scene can be written
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._stream: IO[bytes] = path.open("wb")
@@ -53,17 +54,23 @@ class RecordingWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
-        self._guard(lambda: self._begin(scene, parameters))
+        try:
+            self._guard(lambda: self._begin(text, parameters))
+        except RecordingFull:
+            self.close()
+            raise
 
-    def _begin(self, scene: Scene, parameters: Mapping[str, str]) -> None:
+    def _begin(self, scene: str, parameters: Mapping[str, str]) -> None:
         self._writer.start(profile="cubepath", library="cubepath")
-        self._writer.add_metadata("cubepath", {"format": FORMAT, **parameters})
+        self._writer.add_metadata(
+            _METADATA, {**parameters, "format": FORMAT, "checksum": _checksum(parameters)}
+        )
         self._writer.add_attachment(
             create_time=0,
             log_time=0,
             name=SCENE,
             media_type="application/toml",
-            data=scene_to_toml(scene).encode(),
+            data=scene.encode(),
         )
         self._writer.flush()
 
@@ -160,146 +167,109 @@ class Recording:
         return (record for record in self.records if record.kind in kinds)
 
 
-@dataclass(slots=True)
-class _Raw:
-    """Everything found in a file, before it is made sense of."""
-
-    metadata: dict[str, str] | None = None
-    scene: bytes | None = None
-    channels: dict[int, Channel] = field(default_factory=dict)
-    schemas: dict[int, Schema] = field(default_factory=dict)
-    messages: list[Message] = field(default_factory=list)
-    problems: list[str] = field(default_factory=list)
-    finished: bool = False
-
-
 def read_recording(path: Path) -> Recording:
     """Read a recording with every check on; what is wrong is named in `problems`.
 
-    A truncated file gives all whole chunks, a corrupt chunk is left out by itself. InputError
-    where the file is no recording, or has lost its parameters or its scene.
+    A truncated file gives all whole chunks, a corrupt chunk is left out by itself; no message is
+    given that no CRC vouches for. InputError where the file is no recording, or has lost its
+    parameters or its scene.
     """
-    raw = _read_raw(path)
-    if raw.metadata is None or raw.metadata.get("format") != FORMAT:
-        found = raw.metadata.get("format") if raw.metadata else "none"
-        detail = f" ({raw.problems[0]})" if raw.problems else ""
-        raise InputError(
-            f"{path}: no cubepath recording: format {found!r}, expected {FORMAT!r}{detail}"
-        )
-    if raw.scene is None:
-        raise InputError(f"{path}: the attachment {SCENE} is missing, nothing can be checked")
     try:
-        scene = scene_from_toml(raw.scene.decode(), f"{path} ({SCENE})")
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: the attachment {SCENE} is corrupt") from None
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    if not data:
+        raise InputError(f"{path}: empty file, expected an MCAP recording")
+    found = salvage(data)
+    problems = list(found.problems)
+    parameters = _parameters(path, found, problems)
+    scene = _scene(path, found)
+    records, lost = _records(found)
+    if lost:
+        problems.append(f"{lost} messages belong to channels that are lost")
+    if not problems:
+        problems += _gap(records)
+    return Recording(path, parameters, scene, records, tuple(problems))
+
+
+def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, str]:
+    named = [record.metadata for record in found.metadata if record.name == _METADATA]
+    ours = [values for values in named if values.get("format") == FORMAT]
+    if not ours:
+        shown = repr(named[0].get("format")) if named else "none"
+        detail = f" ({problems[0]})" if problems else ""
+        raise InputError(
+            f"{path}: no cubepath recording: format {shown}, expected {FORMAT!r}{detail}"
+        )
+    values = {key: value for key, value in ours[0].items() if key not in ("format", "checksum")}
+    if ours[0].get("checksum") != _checksum(values):
+        problems.append("corrupt: the parameters are not those of their checksum")
+    return values
+
+
+def _checksum(parameters: Mapping[str, str]) -> str:
+    # A metadata record has no CRC, and that of the data section comes with the end of the file.
+    return sha256(msgspec.json.encode(sorted(parameters.items()))).hexdigest()
+
+
+def _scene(path: Path, found: Salvage) -> Scene:
+    for attachment in found.attachments:
+        if attachment.name == SCENE:
+            return scene_from_toml(attachment.data.decode(), f"{path} ({SCENE})")
+    raise InputError(f"{path}: the attachment {SCENE} is lost, so nothing can be checked")
+
+
+def _records(found: Salvage) -> tuple[tuple[Record, ...], int]:
+    """Return the messages with their topics, and how many have lost theirs."""
     records, lost = [], 0
-    for message in raw.messages:
-        channel = raw.channels.get(message.channel_id)
-        if channel is None:
+    for message in found.messages:
+        topic = found.topics.get(message.channel_id) or _topic_said(message.data)
+        if topic is None:
             lost += 1
             continue
         records.append(
             Record(
-                channel.topic,
+                topic,
                 message.data,
                 message.log_time,
                 message.publish_time,
                 message.sequence,
             )
         )
-    if lost:
-        raw.problems.append(f"{lost} messages belong to channels that are lost")
-    return Recording(path, raw.metadata, scene, tuple(records), tuple(raw.problems))
+    return tuple(records), lost
 
 
-def _read_raw(path: Path) -> _Raw:
-    raw = _Raw()
+def _topic_said(data: bytes) -> str | None:
+    # A killed writer leaves no summary, so a channel can go with the chunk that named it.
     try:
-        with path.open("rb") as stream:
-            if not stream.read(1):
-                raise InputError(f"{path}: empty file, expected an MCAP recording")
-            stream.seek(0)
-            _read_records(stream, raw)
-        if not raw.problems:
-            with path.open("rb") as stream:
-                _check_data(stream, raw)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    return raw
+        return topic_of(decode(data))
+    except InputError:
+        return None
 
 
-def _read_records(stream: IO[bytes], raw: _Raw) -> None:
-    reader = StreamReader(stream, emit_chunks=True, record_size_limit=_RECORD_BYTES_MAX)
-    chunks = 0
+def _gap(records: Iterable[Record]) -> Iterator[str]:
+    """Yield what is wrong with the order of writing, if anything."""
+    for expected, record in enumerate(records):
+        if record.sequence != expected:
+            yield f"message {record.sequence} stands where message {expected} should be"
+            return
+
+
+def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
+    """Write what could be read as a proper recording; return the number of messages.
+
+    `notes` are parameters to add. InputError where `out` is the recording itself or cannot be
+    written, RecordingFull where the disk takes no more.
+    """
     try:
-        for record in reader.records:
-            match record:
-                case Metadata(name="cubepath"):
-                    raw.metadata = dict(record.metadata)
-                case Attachment() if record.name == SCENE:
-                    raw.scene = record.data
-                case Chunk():
-                    chunks += 1
-                    _read_chunk(record, chunks, raw)
-                case Channel():
-                    raw.channels[record.id] = record
-                case Schema():
-                    raw.schemas[record.id] = record
-                case Footer():
-                    raw.finished = True
-                case _:
-                    pass
-    except (McapError, ValueError, EOFError, MemoryError, LookupError) as error:
-        if raw.finished:
-            raw.problems.append("truncated: the closing magic is missing")
-        else:
-            kind = type(error).__name__
-            what = "truncated" if kind == "EndOfFile" else f"corrupt: {error or kind}"
-            raw.problems.append(
-                f"{what} at byte {stream.tell()}: {chunks} chunks and {len(raw.messages)}"
-                " messages could be read before it"
-            )
-
-
-def _read_chunk(chunk: Chunk, number: int, raw: _Raw) -> None:
-    try:
-        records = breakup_chunk(chunk, validate_crc=True)
-    except Exception as error:  # noqa: BLE001 - the decompressors raise errors of their own
-        raw.problems.append(
-            f"corrupt: chunk {number} (rounds {chunk.message_start_time} to"
-            f" {chunk.message_end_time}) cannot be read: {error}"
-        )
-        return
-    for record in records:
-        match record:
-            case Channel():
-                raw.channels[record.id] = record
-            case Schema():
-                raw.schemas[record.id] = record
-            case Message():
-                raw.messages.append(record)
-            case _:
-                pass
-
-
-def _check_data(stream: IO[bytes], raw: _Raw) -> None:
-    # Attachments and metadata have no CRC of their own that the reader checks: the data CRC has.
-    try:
-        for _ in StreamReader(stream, emit_chunks=True, validate_crcs=True).records:
-            pass
-    except CRCValidationError as error:
-        raw.problems.append(f"corrupt: {error}")
-
-
-def copy_recording(recording: Recording, out: Path) -> int:
-    """Write what could be read as a proper recording; return the number of messages."""
-    with RecordingWriter(out, recording.scene, _without_format(recording.parameters)) as writer:
+        same = out.samefile(recording.path)
+    except OSError:
+        same = False  # one of the two is not there
+    if same:
+        raise InputError(f"{out}: is the recording itself, expected another file to write to")
+    with RecordingWriter(out, recording.scene, {**recording.parameters, **(notes or {})}) as writer:
         for record in recording.records:
             writer.write(
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
             )
         return writer.messages
-
-
-def _without_format(parameters: Mapping[str, str]) -> dict[str, str]:
-    return {key: value for key, value in parameters.items() if key != "format"}

@@ -1,0 +1,365 @@
+"""The command line: ``cubepath run | shorten | verify | replay | info | view | systems | rules``.
+
+Room: coordinator. Standard output carries the answer, standard error all else; exit code 0 done,
+1 a check failed, 2 bad input or usage, 130 interrupted with the recording closed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from cubepath.protocol.errors import CubepathError, InputError
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command; return its exit code."""
+    options = _parser().parse_args(arguments)
+    command: Callable[[argparse.Namespace], int] = options.command
+    try:
+        code = command(options)
+        sys.stdout.flush()
+    except InputError as error:
+        _complain(error)
+        return BAD_INPUT
+    except CubepathError as error:
+        _complain(error)
+        return FAILED
+    except BrokenPipeError:
+        # The reader of our output has gone; keep the interpreter from complaining about it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except KeyboardInterrupt:
+        _complain("interrupted")
+        return INTERRUPTED
+    else:
+        return code
+
+
+def _complain(what: object) -> None:
+    print(f"cubepath: {what}", file=sys.stderr)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="cubepath",
+        description="Modules of a metamorphic robot reconfigure by messages over zenoh; their path"
+        " is shortened to the fastest parallel schedule in its homotopy class.",
+    )
+    parser.add_argument("--version", action="version", version=_version())
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    def command(
+        name: str, function: Callable[[argparse.Namespace], int], summary: str
+    ) -> argparse.ArgumentParser:
+        added = commands.add_parser(name, help=summary, description=summary)
+        added.set_defaults(command=function)
+        added.add_argument("--json", action="store_true", help="answer with one JSON document")
+        return added
+
+    run = command("run", _run, "run modules in processes, record them, shorten their path")
+    run.add_argument("system", nargs="?", default="hex", metavar="SYSTEM", help=_SYSTEM)
+    run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
+    run.add_argument("--seed", type=int, default=0, help="seed of every random choice (default 0)")
+    run.add_argument(
+        "--hesitate",
+        type=float,
+        default=0.0,
+        metavar="P",
+        help="each module skips a round with this probability (default 0)",
+    )
+    run.add_argument(
+        "--processes",
+        type=int,
+        default=4,
+        metavar="N",
+        help="processes to spread the modules over; 0 keeps them all here (default 4)",
+    )
+    run.add_argument(
+        "--max-rounds",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="end after N rounds (default 1000)",
+    )
+    run.add_argument("--log", type=Path, help="recording to write (default: a new file in logs/)")
+
+    shorten = command("shorten", _shorten, "shorten a path to its normal cube path")
+    shorten.add_argument(
+        "input", type=Path, metavar="INPUT", help="a recording, a moves file or a scenario (JSON)"
+    )
+    shorten.add_argument(
+        "-o", "--output", type=Path, metavar="CUBES.jsonl", help="write the cubes to this file"
+    )
+    shorten.add_argument(
+        "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
+    )
+
+    verify = command("verify", _verify, "check a recording, from the start state on")
+    verify.add_argument("log", type=Path, metavar="LOG")
+    verify.add_argument(
+        "--recover", type=Path, metavar="OUT", help="write what can be read as a proper recording"
+    )
+
+    replay = command(
+        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
+    )
+    replay.add_argument("log", type=Path, metavar="LOG")
+    replay.add_argument(
+        "--rate", type=float, metavar="R", help="rounds a second (default: as fast as it goes)"
+    )
+    replay.add_argument(
+        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: a free port)"
+    )
+
+    info = command("info", _info, "say what a recording holds")
+    info.add_argument("log", type=Path, metavar="LOG")
+
+    view = command("view", _view, "draw a recording: states of the run, and its schedule")
+    view.add_argument("log", type=Path, metavar="LOG")
+    view.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        metavar="PICTURE",
+        help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
+    )
+
+    command("systems", _systems, "list the systems with their keys and defaults")
+    command("rules", _rules, "list the rules and the systems that they are for")
+    return parser
+
+
+_SYSTEM = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
+
+
+def _version() -> str:
+    from importlib.metadata import version  # noqa: PLC0415 - only for --version
+
+    return f"cubepath {version('cubepath')}"
+
+
+def _answer(options: argparse.Namespace, document: object, text: str) -> None:
+    print(json.dumps(document) if options.json else text)
+
+
+def _table(rows: Sequence[tuple[str, object]]) -> str:
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _bar(total: int | None, what: str, unit: str) -> Any:
+    """Return a progress bar on standard error; none where that is not a terminal."""
+    return tqdm(total=total, desc=what, unit=unit, disable=None, leave=False, file=sys.stderr)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.run import Plan, run  # noqa: PLC0415 - only what a command needs
+
+    plan = Plan(
+        system=options.system,
+        rule=options.rule,
+        seed=options.seed,
+        hesitate=options.hesitate,
+        processes=options.processes,
+        max_rounds=options.max_rounds,
+        log=options.log,
+    )
+    with _bar(None, "run", " rounds") as bar:
+
+        def watch(gatherer: Any) -> None:
+            heap = gatherer.heap
+            bar.set_postfix(moves=heap.moves, cubes=heap.cubes, refresh=False)
+            bar.update()
+
+        outcome = run(plan, watch)
+    rows: list[tuple[str, object]] = [
+        ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
+        ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),
+        ("rounds", outcome.rounds),
+        ("moves", outcome.moves),
+        ("reduced moves", outcome.reduced_moves),
+        ("cubes", outcome.cubes),
+        ("largest cube", outcome.max_cube_dimension),
+        ("goal", "reached" if outcome.goal_reached else "not reached"),
+        ("time", f"{outcome.seconds:.2f} s"),
+        ("messages", outcome.messages),
+        ("log", outcome.log),
+    ]
+    _answer(options, outcome.document(), _table(rows))
+    if outcome.error is not None:
+        _complain(outcome.error)
+    return {"failed": FAILED, "interrupted": INTERRUPTED}.get(outcome.ended, DONE)
+
+
+def _systems(options: argparse.Namespace) -> int:
+    from cubepath.protocol.scenes import FAMILIES  # noqa: PLC0415
+
+    document = [
+        {
+            "name": family.name,
+            "summary": family.summary,
+            "rule": family.rule,
+            "keys": {
+                key: {"default": default, "summary": summary}
+                for key, (default, summary) in family.keys.items()
+            },
+        }
+        for family in FAMILIES.values()
+    ]
+    lines = []
+    for family in FAMILIES.values():
+        lines.append(f"{family.name}: {family.summary} (rule {family.rule})")
+        for key, (default, summary) in family.keys.items():
+            lines.append(f"    {key}={default:<6} {summary}")
+    _answer(options, document, "\n".join(lines))
+    return DONE
+
+
+def _rules(options: argparse.Namespace) -> int:
+    from cubepath.agents.rules import rules  # noqa: PLC0415
+    from cubepath.protocol.scenes import FAMILIES, scene_from_spec  # noqa: PLC0415
+
+    systems = {name: scene_from_spec(name).system for name in FAMILIES}
+    document = [
+        {
+            "name": rule.name,
+            "summary": rule.summary,
+            "source": rule.source,
+            "systems": [name for name, system in systems.items() if rule.fits(system)],
+        }
+        for rule in rules().values()
+    ]
+    lines = [
+        f"{rule['name']}: {rule['summary']}\n"
+        f"    for {', '.join(rule['systems'])}\n"
+        f"    source: {rule['source']}"
+        for rule in document
+    ]
+    _answer(options, document, "\n".join(lines))
+    return DONE
+
+
+def _shorten(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.shorten import shorten  # noqa: PLC0415
+    from cubepath.protocol.moves import write_cubes  # noqa: PLC0415
+
+    with _bar(None, "shorten", " moves") as bar:
+        found = shorten(options.input, system=options.system, progress=bar.update)
+    if options.output is not None:
+        write_cubes(options.output, found.named)
+    rows: list[tuple[str, object]] = [
+        ("moves", found.moves),
+        ("reduced moves", found.reduced_moves),
+        ("cubes", found.cubes),
+        ("largest cube", found.max_cube_dimension),
+        ("time", f"{found.seconds:.2f} s"),
+    ]
+    if options.output is not None:
+        rows.append(("written to", options.output))
+    _answer(options, found.document(), _table(rows))
+    return DONE
+
+
+def _view(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.gather import gathered  # noqa: PLC0415
+    from cubepath.coordinator.pictures import (  # noqa: PLC0415
+        FILM_SUFFIXES,
+        animate,
+        run_picture,
+    )
+    from cubepath.protocol.recording import read_recording  # noqa: PLC0415
+
+    recording = read_recording(options.log)
+    for problem in recording.problems:
+        _complain(f"{options.log}: {problem}; drawing what could be read")
+    gatherer = gathered(recording)
+    rounds = [step.actions for step in gatherer.steps]
+    path: Path = options.output or options.log.with_suffix(".png")
+    if path.suffix.lower() in FILM_SUFFIXES:
+        with _bar(None, "film", " frames") as bar:
+
+            def progress(done: int, total: int) -> None:
+                bar.total = total
+                bar.update(done - bar.n)
+
+            animate(recording.scene, rounds, path, progress=progress)
+    else:
+        run_picture(recording.scene, rounds, gatherer.heap.cube_path(), path)
+    _answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
+    return DONE
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.verify import recover, verify  # noqa: PLC0415
+    from cubepath.protocol.recording import read_recording  # noqa: PLC0415
+
+    recording = read_recording(options.log)
+    with _bar(None, "verify", " rounds") as bar:
+        found = verify(recording, bar.update)
+    width = max(len(check.name) for check in found.checks)
+    lines = [
+        f"{'ok    ' if check.ok else 'FAILED'}  {check.name:<{width}}  {check.detail}".rstrip()
+        for check in found.checks
+    ]
+    lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
+    _answer(options, found.document(), "\n".join(lines))
+    if options.recover is not None:
+        saved = recover(options.log, options.recover)
+        _complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
+    if not found.ok:
+        wrong = ", ".join(check.name for check in found.checks if not check.ok)
+        _complain(f"{options.log}: checks failed: {wrong}")
+    return DONE if found.ok else FAILED
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.replay import replay  # noqa: PLC0415
+    from cubepath.protocol.recording import read_recording  # noqa: PLC0415
+
+    recording = read_recording(options.log)
+
+    def announce(endpoint: str, run: str) -> None:
+        if options.endpoint is not None:
+            _complain(f"replaying on {endpoint} under cubepath/{run}/**")
+
+    with _bar(len(recording.records), "replay", " messages") as bar:
+        found = replay(
+            recording,
+            rate=options.rate,
+            endpoint=options.endpoint,
+            announce=announce,
+            progress=bar.update,
+        )
+    rows: list[tuple[str, object]] = [
+        ("rounds", found.rounds),
+        ("moves", found.moves),
+        ("reduced moves", found.reduced_moves),
+        ("cubes", found.cubes),
+        ("largest cube", found.max_cube_dimension),
+        ("messages", found.messages),
+        ("time", f"{found.seconds:.2f} s"),
+        ("result", "the same as recorded" if found.same else "differs from the recording"),
+    ]
+    _answer(options, found.document(), _table(rows))
+    for difference in found.differences:
+        _complain(f"{options.log}: {difference}")
+    return DONE if found.same else FAILED
+
+
+def _info(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.info import info, render  # noqa: PLC0415
+    from cubepath.protocol.recording import read_recording  # noqa: PLC0415
+
+    found = info(read_recording(options.log))
+    _answer(options, found, render(found))
+    return DONE

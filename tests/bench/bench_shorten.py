@@ -1,0 +1,190 @@
+"""How long shortening takes: the heap of pieces beside the paper's TimeGeodesic as printed.
+
+With cubepath installed: ``python tests/bench/bench_shorten.py [--quick] [--budget SECONDS]``.
+
+The floor is one pass over the same supports that touches each site once in a dict: no algorithm
+that looks at every site of every move can do without it. The growth exponent is the slope of
+log seconds over log moves against the row before; linear is 1. Nothing is asserted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from random import Random
+from statistics import median
+
+from cubepath.coordinator.heap import Heap
+from cubepath.coordinator.printed import TimeGeodesic
+from cubepath.protocol.actions import Action, admissible, apply_in_place
+from cubepath.protocol.catalogue import Move
+from cubepath.protocol.scenes import scene_from_spec
+from cubepath.protocol.sites import Site
+
+SPECS = ("agv:graph=grid20x20,n=80", "hex-open:n=40", "hex:n=40")
+SIZES = (10_000, 20_000, 50_000, 100_000)
+QUICK_SIZES = (1_000, 2_000)
+PRINTED_SIZES = tuple(125 * 2**power for power in range(12))
+
+
+def random_walk(spec: str, moves: int, seed: int = 1) -> list[Action]:
+    """Return a walk of randomly chosen modules, each by a randomly chosen admissible move."""
+    scene = scene_from_spec(spec)
+    random = Random(seed)
+    state = set(scene.start_state)
+    modules: list[Site] = list(scene.start)
+    word: list[Action] = []
+    while len(word) < moves:
+        move = random.choice(scene.system.moves(random.choice(modules)))
+        if move is None or not admissible(move.action, state):
+            continue
+        apply_in_place(move.action, state)
+        word.append(move.action)
+        _follow(modules, move)
+    return word
+
+
+def _follow(modules: list[Site], move: Move) -> None:
+    places = [(modules.index(source), target) for source, target in move.goes]
+    for number, target in places:
+        modules[number] = target
+
+
+def seconds(run: Callable[[], object], repeats: int) -> float:
+    """Return the median time of a run, with the garbage of earlier ones out of the way."""
+    times: list[float] = []
+    for _ in range(repeats):
+        gc.collect()
+        start = time.perf_counter()
+        run()
+        times.append(time.perf_counter() - start)
+    return median(times)
+
+
+def floor(word: Iterable[Action]) -> dict[Site, int]:
+    """Touch every site of every support once in a dict."""
+    touched: dict[Site, int] = {}
+    for action in word:
+        for site in action.support:
+            touched[site] = touched.get(site, 0) + 1
+    return touched
+
+
+def shorten(word: Iterable[Action]) -> Heap:
+    """Shorten the path, the cube path included."""
+    heap = Heap()
+    heap.extend(word)
+    heap.cube_path()
+    return heap
+
+
+def exponent(now: tuple[int, float], before: tuple[int, float] | None) -> str:
+    """Return the growth exponent between two sizes, as a cell of the table."""
+    if before is None:
+        return "-"
+    return f"{math.log(now[1] / before[1]) / math.log(now[0] / before[0]):.2f}"
+
+
+def show(*cells: object) -> None:
+    """Print one row of the table."""
+    print("  ".join(f"{cell!s:>{width}}" for cell, width in zip(cells, _WIDTHS, strict=False)))
+
+
+_WIDTHS = (12, 8, 8, 6, 7, 9, 8, 7, 6)
+_HEAD = (
+    "algorithm",
+    "moves",
+    "left",
+    "cubes",
+    "max dim",
+    "seconds",
+    "us/move",
+    "x floor",
+    "growth",
+)
+
+
+def heap_rows(word: Sequence[Action], sizes: Iterable[int], repeats: int) -> None:
+    """Time the heap at every size."""
+    before: tuple[int, float] | None = None
+    for size in sizes:
+        moves = word[:size]
+        heap = shorten(moves)
+        took = seconds(partial(shorten, moves), repeats)
+        least = seconds(partial(floor, moves), repeats)
+        show(
+            "heap",
+            size,
+            heap.reduced_moves,
+            heap.cubes,
+            heap.max_cube_dimension,
+            f"{took:.4f}",
+            f"{took / size * 1e6:.2f}",
+            f"{took / least:.1f}",
+            exponent((size, took), before),
+        )
+        before = size, took
+
+
+def printed_rows(word: Sequence[Action], sizes: Iterable[int], budget_s: float) -> None:
+    """Time TimeGeodesic as printed, on cubes of one move, until the next size would take too long.
+
+    The next size is foreseen by the growth so far. One run each: the budget is for the whole.
+    """
+    before: tuple[int, float] | None = None
+    power = 2.0
+    left = budget_s
+    for size in sizes:
+        foreseen = 0.0 if before is None else before[1] * (size / before[0]) ** power
+        if size > len(word):
+            return
+        if foreseen > left:
+            print(f"  TimeGeodesic stops here: {size} moves would take some {foreseen:.0f} s more")
+            return
+        moves = word[:size]
+        start = time.perf_counter()
+        path = TimeGeodesic([action] for action in moves)
+        took = time.perf_counter() - start
+        least = seconds(partial(floor, moves), 3)
+        show(
+            "TimeGeodesic",
+            size,
+            sum(len(cube) for cube in path),
+            len(path),
+            max(len(cube) for cube in path),
+            f"{took:.4f}",
+            f"{took / size * 1e6:.2f}",
+            f"{took / least:.1f}",
+            exponent((size, took), before),
+        )
+        if before is not None:
+            power = max(2.0, math.log(took / before[1]) / math.log(size / before[0]))
+        before = size, took
+        left -= took
+
+
+def main() -> None:
+    """Print one table for each system."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--budget", type=float, default=60.0, metavar="SECONDS")
+    parser.add_argument("--quick", action="store_true", help="small sizes, one repeat")
+    parser.add_argument("systems", nargs="*", default=SPECS, help=f"default: {' '.join(SPECS)}")
+    given = parser.parse_args()
+    sizes = QUICK_SIZES if given.quick else SIZES
+    budget_s = min(given.budget, 2.0) if given.quick else given.budget
+    for spec in given.systems:
+        word = random_walk(spec, sizes[-1])
+        support = sum(len(action.support) for action in word) / len(word)
+        print(f"{spec}: random walk, {support:.0f} sites a support, {len(set(word))} actions")
+        show(*_HEAD)
+        heap_rows(word, sizes, repeats=1 if given.quick else 3)
+        printed_rows(word, PRINTED_SIZES, budget_s)
+        print()
+
+
+if __name__ == "__main__":
+    main()
