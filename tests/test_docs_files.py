@@ -16,9 +16,9 @@ from cubepath.coordinator.shorten import shorten
 from cubepath.protocol.actions import apply
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.files import scene_from_toml, scene_to_toml
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.moves import write_cubes
 from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.systems import LatticeSystem
 
 PAGE = Path(__file__).parent.parent / "docs" / "files.md"
 

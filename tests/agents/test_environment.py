@@ -22,8 +22,9 @@ from pettingzoo.test import (
 import cubepath.agents
 from cubepath.agents import CubepathEnv, env, parallel_env
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.scenes import FAMILIES
-from cubepath.protocol.systems import GraphSystem, Scene
+from cubepath.protocol.systems import Scene
 
 SPECS = [*FAMILIES, "agv:graph=K5,n=3", "agv-labelled:graph=C5,n=2", "arm:n=1", "hex:n=3,bend=0"]
 

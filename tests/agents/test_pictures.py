@@ -13,12 +13,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cubepath.agents.pictures import INK, WALL, draw_on, draw_pixels, draw_text, frame, palette
+from cubepath.agents.pictures import INK, WALL, draw_on, draw_pixels, frame, palette
+from cubepath.agents.text import draw_text
 from cubepath.agents.world import World
 from cubepath.protocol.catalogue import hex_catalogue
+from cubepath.protocol.graph_system import GraphSystem
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec
 from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import GraphSystem, LatticeSystem, Scene
+from cubepath.protocol.systems import Scene
 
 SPECS = [*FAMILIES, "agv:graph=K5,n=2", "agv-labelled:graph=S4,n=3"]
 

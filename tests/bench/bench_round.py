@@ -103,13 +103,14 @@ def main() -> None:
         for family in ("hex:n=", "agv:graph=grid32x32,n=")
         for count in (16, 64, 256)
     ]
-    print(f"{'system':<26}{'round ms':>10}{'floor ms':>10}{'ratio':>8}{'messages':>10}{'us each':>9}")
+    columns = ("round ms", "floor ms", "ratio", "messages", "us each")
+    print(f"{'system':<26}" + "".join(f"{column:>10}" for column in columns))
     for spec in tqdm(specs, disable=None, leave=False, file=sys.stderr):
         floor = floor_ms(rounds)
         took, messages = round_ms(spec, rounds)
         print(
-            f"{spec:<26}{took:>10.2f}{floor:>10.2f}{took / floor:>8.1f}{messages:>10.0f}"
-            f"{took / messages * 1e3:>9.1f}",
+            f"{spec:<26}{took:>10.2f}{floor:>10.2f}{took / floor:>10.1f}{messages:>10.0f}"
+            f"{took / messages * 1e3:>10.1f}",
             flush=True,
         )
 

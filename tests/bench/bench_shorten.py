@@ -25,7 +25,9 @@ from cubepath.protocol.catalogue import Move
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site
 
-SPECS = ("agv:graph=grid20x20,n=80", "hex-open:n=40", "hex:n=40")
+SEGMENTS = "segments"
+"""The paper's worst case for TimeGeodesic: two vehicles go straight on, one after the other."""
+SPECS = ("agv:graph=grid20x20,n=80", "hex-open:n=40", "hex:n=40", SEGMENTS)
 SIZES = (10_000, 20_000, 50_000, 100_000)
 QUICK_SIZES = (1_000, 2_000)
 PRINTED_SIZES = tuple(125 * 2**power for power in range(12))
@@ -46,6 +48,16 @@ def random_walk(spec: str, moves: int, seed: int = 1) -> list[Action]:
         word.append(move.action)
         _follow(modules, move)
     return word
+
+
+def segments(moves: int) -> list[Action]:
+    """Return the path of two perpendicular segments in a flat state complex."""
+    return [
+        Action([here, there], [here, there], [here], [there])
+        for vehicle in range(2)
+        for step in range(moves // 2)
+        for here, there in [((vehicle, step), (vehicle, step + 1))]
+    ]
 
 
 def _follow(modules: list[Site], move: Move) -> None:
@@ -108,11 +120,15 @@ _HEAD = (
 )
 
 
-def heap_rows(word: Sequence[Action], sizes: Iterable[int], repeats: int) -> None:
+Paths = Callable[[int], Sequence[Action]]
+"""Gives the edge path of so many moves."""
+
+
+def heap_rows(paths: Paths, sizes: Iterable[int], repeats: int) -> None:
     """Time the heap at every size."""
     before: tuple[int, float] | None = None
     for size in sizes:
-        moves = word[:size]
+        moves = paths(size)
         heap = shorten(moves)
         took = seconds(partial(shorten, moves), repeats)
         least = seconds(partial(floor, moves), repeats)
@@ -130,7 +146,7 @@ def heap_rows(word: Sequence[Action], sizes: Iterable[int], repeats: int) -> Non
         before = size, took
 
 
-def printed_rows(word: Sequence[Action], sizes: Iterable[int], budget_s: float) -> None:
+def printed_rows(paths: Paths, sizes: Iterable[int], budget_s: float) -> None:
     """Time TimeGeodesic as printed, on cubes of one move, until the next size would take too long.
 
     The next size is foreseen by the growth so far. One run each: the budget is for the whole.
@@ -140,12 +156,10 @@ def printed_rows(word: Sequence[Action], sizes: Iterable[int], budget_s: float) 
     left = budget_s
     for size in sizes:
         foreseen = 0.0 if before is None else before[1] * (size / before[0]) ** power
-        if size > len(word):
-            return
         if foreseen > left:
             print(f"  TimeGeodesic stops here: {size} moves would take some {foreseen:.0f} s more")
             return
-        moves = word[:size]
+        moves = paths(size)
         start = time.perf_counter()
         path = TimeGeodesic([action] for action in moves)
         took = time.perf_counter() - start
@@ -167,6 +181,10 @@ def printed_rows(word: Sequence[Action], sizes: Iterable[int], budget_s: float) 
         left -= took
 
 
+def _beginning(word: Sequence[Action], moves: int) -> Sequence[Action]:
+    return word[:moves]
+
+
 def main() -> None:
     """Print one table for each system."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -177,12 +195,16 @@ def main() -> None:
     sizes = QUICK_SIZES if given.quick else SIZES
     budget_s = min(given.budget, 2.0) if given.quick else given.budget
     for spec in given.systems:
-        word = random_walk(spec, sizes[-1])
+        if spec == SEGMENTS:
+            word, paths, what = segments(sizes[-1]), segments, "two perpendicular segments"
+        else:
+            word = random_walk(spec, sizes[-1])
+            paths, what = partial(_beginning, word), "random walk"
         support = sum(len(action.support) for action in word) / len(word)
-        print(f"{spec}: random walk, {support:.0f} sites a support, {len(set(word))} actions")
+        print(f"{spec}: {what}, {support:.0f} sites a support, {len(set(word))} actions")
         show(*_HEAD)
-        heap_rows(word, sizes, repeats=1 if given.quick else 3)
-        printed_rows(word, PRINTED_SIZES, budget_s)
+        heap_rows(paths, sizes, repeats=1 if given.quick else 3)
+        printed_rows(paths, [size for size in PRINTED_SIZES if size <= sizes[-1]], budget_s)
         print()
 
 

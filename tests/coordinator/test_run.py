@@ -23,6 +23,8 @@ from cubepath.protocol.messages import Executed, Summary, decode
 from cubepath.protocol.recording import Recording, read_recording
 from cubepath.protocol.scenes import scene_from_spec
 
+PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
+LONG = ["--rule=random", "--max-rounds=999999"]
 KEYS = [
     "log",
     "system",
@@ -44,7 +46,7 @@ KEYS = [
 def cubepath(*arguments: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
     """Run the command line in a process of its own."""
     return subprocess.run(
-        [sys.executable, "-m", "cubepath.coordinator", *arguments],
+        [*PYTHON, *arguments],
         capture_output=True,
         text=True,
         timeout=100,
@@ -154,17 +156,17 @@ def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
     ],
 )
 def test_bad_usage_is_one_line_and_exit_code_2(
-    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     """What cannot be run is named in one line on standard error, and nothing is written."""
     from cubepath.coordinator.cli import main
 
-    before = os.getcwd()
-    os.chdir(tmp_path)
-    try:
-        assert main(["run", *arguments]) == 2
-    finally:
-        os.chdir(before)
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *arguments]) == 2
     captured = capsys.readouterr()
     assert message in captured.err
     assert captured.err.count("\n") == 1
@@ -176,8 +178,7 @@ def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
     """Start a long run in a session of its own, and wait until it records rounds."""
     log = tmp_path / "run.mcap"
     child = subprocess.Popen(
-        [sys.executable, "-m", "cubepath.coordinator", "run", "hex:n=6", "--rule", "random"]
-        + ["--max-rounds", "1000000", "--log", str(log), *arguments],
+        [*PYTHON, "run", "hex:n=6", *LONG, f"--log={log}", *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -284,8 +285,7 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(tmp_path: Path) -> 
     )
     log = tmp_path / "full.mcap"
     done = subprocess.run(
-        [sys.executable, "-c", code, "run", "hex:n=6", "--rule", "random", "--processes", "0"]
-        + ["--max-rounds", "5000", "--log", str(log)],
+        [sys.executable, "-c", code, "run", "hex:n=6", "--rule=random", f"--log={log}"],
         capture_output=True,
         text=True,
         timeout=60,

@@ -8,10 +8,12 @@ from cubepath.protocol.actions import commute
 from cubepath.protocol.catalogue import hex_catalogue
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.files import scene_from_toml, scene_to_toml
+from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import graph_from_name
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec
 from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import GraphSystem, LatticeSystem, Scene, System
+from cubepath.protocol.systems import Scene, System
 
 SPECS = [
     "hex:n=4",

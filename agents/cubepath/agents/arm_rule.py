@@ -21,8 +21,8 @@ from cubepath.agents.rule import Birth, Rule, RuleType
 from cubepath.agents.view import STAY, View
 from cubepath.protocol.catalogue import EDGES
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import LatticeSystem
 
 
 def _height(edge: Site) -> int:

@@ -1,4 +1,4 @@
-"""The chain rule: a straight chain of hexagons becomes another one that begins where it ends.
+"""The chain rule: a straight chain of hexagons becomes another one that begins where it ended.
 
 Room: agents. Source: after J. Walter, J. Welch and N. Amato, Distributed reconfiguration of
 metamorphic robot chains (PODC 2000; Distributed Computing 17, 2004). The rule itself is ours.
@@ -7,8 +7,8 @@ Words. The goal is g_0 ... g_(n-1), and the start lies on the line s_m = g_0 + m
 one cell before it, or for short slides further on in the goal. *Static* are the goal cells and
 the cells s_m with m > 0. A module on a goal cell stays for ever, on s_m it waits, elsewhere it is a
 *walker*. Walkers turn in a fixed sense, so they go along the static cells on one side, their
-*track*: a bend has one, round its outer side; a slide has one on either side, for odd and for
-even m. A module at A claims the move about B to A' when B is static and
+*track*: a bend has one, round its outer side; a slide has two, one for odd and one for even m.
+A module at A claims the move about B to A' when B is static and
 
 - (wait) from A = s_m: B is s_(m-1), and the cell E behind it (A' reflected in A) is free;
 - (space) no walker is on the cell D' that follows A' in a turn about B, or A' is a goal cell.
@@ -21,13 +21,12 @@ last of them, T the goal cell after the tip. Move by move, these stay true:
 2. A walker beside the start row touches an s_j ahead of it that is on: when s_t leaves, the cells
    that touch only s_t and s_(t+1) are C and E of its move, so nobody is there.
 3. With catalogue 1 walkers of a track are never side by side. After A' the track goes on either
-   straight, to E', which that catalogue wants off, or about B, to D'. Walkers ahead only move on,
-   so this stays true as well when several of them move in one round.
+   straight, to E', which that catalogue wants off, or about B, to D'; walkers ahead only move on.
 
 So no state but the goal is stuck. The rest of a support, E F C F' E', is five cells in a row on
 the second ring about B. The track is on the convex side, so walkers can be on E, just behind, or
 on E', just ahead, only. Thus the first walker of a track can go: E is off by 3, or does not matter
-with catalogue 2; nobody is ahead but, past A' = T, a walker of the other side, whom (space) forgets.
+with catalogue 2; nobody is ahead but, past A' = T, one of the other side, which (space) allows.
 With no walker, the tail can peel off, for s_(t-1) or g_0 is on. Of all claims one outranks the
 others and is executed. And it ends: modules only go forward, on tracks of some 2n cells.
 """
@@ -38,10 +37,10 @@ from dataclasses import dataclass
 
 from cubepath.agents.rule import Birth, Choice, Rule, RuleType
 from cubepath.agents.view import STAY, View
-from cubepath.protocol.actions import Action
-from cubepath.protocol.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, hex_catalogue
+from cubepath.protocol.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell, hex_catalogue
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.systems import LatticeSystem, System
+from cubepath.protocol.lattice_system import LatticeSystem
+from cubepath.protocol.systems import System
 
 
 def _plus(one: Cell, other: Cell, times: int = 1) -> Cell:
@@ -93,7 +92,9 @@ class _Task:
         sense = _cross(self.ahead, self.away) or (1 if self.steps % 2 else -1)
         waits = self.is_static(here)
         for action, move in view.legal():
-            there, pivot = HEXAGONS.check(move.target), _pivot(move.action)
+            there = HEXAGONS.check(move.target)
+            # Besides the mover only the pivot is on, before and after.
+            (pivot,) = map(HEXAGONS.check, move.action.ends[0] & move.action.ends[1])
             step, arm = _minus(there, here), _minus(pivot, here)
             if _cross(step, arm) != sense or not self.is_static(pivot):
                 continue
@@ -105,17 +106,10 @@ class _Task:
         return STAY
 
     def begins(self, beside: list[Cell]) -> bool:
-        """Tell whether a module of a straight start has these neighbours before the first move."""
-        start = _plus(self.head, self.away, self.steps)
-        before, after = _minus(start, self.away), _plus(start, self.away)
-        # g_0 itself may be free.
-        joined = before in beside or (self.steps == 1 and after in beside)
+        """Tell whether a straight start has these neighbours, before the first move."""
+        before, after = (_plus(self.head, self.away, self.steps + side) for side in (-1, 1))
+        joined = before in beside or (self.steps == 1 and after in beside)  # g_0 may be free
         return joined and {before, after}.issuperset(beside)
-
-
-def _pivot(action: Action) -> Cell:
-    (pivot,) = action.ends[0] & action.ends[1]
-    return HEXAGONS.check(pivot)
 
 
 def _goal_chain(birth: Birth) -> tuple[Cell, ...]:
@@ -123,9 +117,9 @@ def _goal_chain(birth: Birth) -> tuple[Cell, ...]:
     if len(goals) != birth.modules:
         raise InputError(f"rule 'chain': {birth.modules} modules, found {len(goals)} goal cells")
     ahead = _along(goals[0], goals[-1])[1] or (0, 0)
-    for place, cell in enumerate(goals):
-        if cell != _plus(goals[0], ahead, place):
-            raise InputError(f"rule 'chain': goal cell {list(cell)} is not next in a straight line")
+    line = tuple(_plus(goals[0], ahead, place) for place in range(len(goals)))
+    if goals != line or len(set(goals)) < len(goals):
+        raise InputError(f"rule 'chain': {goals[0]} to {goals[-1]} is no straight chain in order")
     return goals
 
 
@@ -134,28 +128,24 @@ def _tasks(start: Cell, goals: tuple[Cell, ...]) -> list[_Task]:
     count, found = len(goals), []
     if count == 1:
         raise InputError("rule 'chain': one module alone has nothing to pivot about")
-    for head, following in ((goals[0], goals[1]), (goals[-1], goals[-2])):
+    for chain in (goals, goals[::-1]):
+        head, ahead = chain[0], _minus(chain[1], chain[0])
         steps, away = _along(head, start)
-        ahead = _minus(following, head)
         if away is not None and away != ahead and steps <= count:
             found.append(_Task(head, ahead, count, away, steps))
     if not found:
-        raise InputError(
-            f"rule 'chain': start {list(start)} is not in line with an end of the goal,"
-            f" {list(goals[0])} or {list(goals[-1])}, at most {count} cells off"
-        )
+        where = f"in line with {start} and at most {count} cells off"
+        raise InputError(f"rule 'chain': no end of the goal is {where}")
     return found
 
 
 def _check_room(system: System, cells: list[Cell]) -> None:
+    # In the open plane there is room, and n modules need not look at n cells each.
     if isinstance(system, LatticeSystem) and system.workspace is None and not system.obstacles:
         return
     for near in (near for cell in cells for one in _beside(cell) for near in _beside(one)):
         if not system.has_place(near):
-            raise InputError(
-                "rule 'chain' needs free cells up to two cells from start and goal, found none at"
-                f" {list(near)}"
-            )
+            raise InputError(f"rule 'chain' needs room two cells about, found none at {near}")
 
 
 def make(birth: Birth) -> Rule:
@@ -166,8 +156,7 @@ def make(birth: Birth) -> Rule:
     """
     start, goals = HEXAGONS.check(birth.start), _goal_chain(birth)
     tasks = [] if start in goals else _tasks(start, goals)
-    ways = [_plus(task.head, task.away, m) for task in tasks for m in range(1, task.steps + 1)]
-    _check_room(birth.system, [*goals, *ways])
+    _check_room(birth.system, [start, *goals])
     begun: list[Rule] = []
 
     def choose(view: View) -> int | Choice:
@@ -188,22 +177,18 @@ def _begin(start: Cell, goals: tuple[Cell, ...], tasks: list[_Task], beside: lis
     goes_on = all(not _cross(_minus(cell, start), row) for cell in beside)
     if start in goals and (goes_on or (len(beside) == 1 and start in (goals[0], goals[-1]))):
         return lambda _: STAY
-    why = f"the start is no straight chain to an end of the goal, look about {list(start)}"
-    return lambda _: Choice(failed=why)
+    return lambda _: Choice(failed=f"no straight chain leads from {start} to an end of the goal")
 
 
 def _fits(system: System) -> bool:
-    # By content: a catalogue from a file may list its generators and cells in another order.
-    known = [_moves(hex_catalogue(keeps_topology=keeps)) for keeps in (True, False)]
-    return (
-        isinstance(system, LatticeSystem)
-        and system.catalogue.lattice == HEXAGONS
-        and _moves(system.catalogue) in known
+    if not isinstance(system, LatticeSystem) or system.catalogue.lattice != HEXAGONS:
+        return False
+    both = (hex_catalogue(keeps_topology=keeps) for keeps in (True, False))
+    # By content: a file may list generators and cells in another order.
+    mine, one, other = (
+        {move.action for move in known.proposals((0, 0))} for known in (system.catalogue, *both)
     )
-
-
-def _moves(catalogue: Catalogue) -> set[Action]:
-    return {move.action for move in catalogue.proposals((0, 0))}
+    return mine in (one, other)
 
 
 CHAIN = RuleType(

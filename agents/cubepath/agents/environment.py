@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, parallel_to_aec
 
-from cubepath.agents.pictures import draw_pixels, draw_text
+from cubepath.agents.pictures import draw_pixels
+from cubepath.agents.text import draw_text
 from cubepath.agents.view import SILENT, Note, Observation, observation_length
 from cubepath.agents.world import Round, World
 from cubepath.protocol.errors import InputError

@@ -19,23 +19,24 @@ claims are after are closed to the weaker.
 full at this push, or there are none. If the one on w is full, the pusher gives up w while it
 stands at p; if that leaves nothing nearer, it gives way: it counts as having been at its goal.
 
-What is left of PIBT's guarantee. Let v be the strongest vehicle, at p, pushing w, and let K be the
-component of w in the map without p. *If K has an empty vertex, v comes nearer to its goal* (with
-probability one, under hesitation and lost claims). No vehicle on a vertex of depth j that is pushed
-moves but one deeper. So either the vertices of depth 0, 1, 2, ... fill up with vehicles that pass on
-the push, or one of these has an empty vertex one deeper; that is closed to all but such as it, so
-one of them claims it, and the empty vertex is one less deep, at last w, which is closed to all but
+What is left of PIBT's guarantee. Let v be the strongest vehicle, at p, pushing w, and let K be
+the component of w in the map without p. *If K has an empty vertex, v comes nearer to its goal*,
+with probability one, under hesitation and lost claims. No vehicle that follows this push moves but
+one deeper. So either the vertices of depth 0, 1, 2, ... fill up with vehicles that pass the push
+on, or one of these has an empty vertex one deeper; that is closed to all but such as it, so one of
+them claims it, and the empty vertex is one less deep; at last it is w, which is closed to all but
 v. *If v is told full, K is full*: all vertices of K, by induction on depth, hold vehicles that
 stand still, and K stays full as long as v stays. So where K has at least as many vertices as there
-are vehicles, for every p and w on v's way, v gets to its goal, and as it is then the weakest, every
+are vehicles, for every p and w on v's way, v gets to its goal; then it is the weakest, so every
 vehicle gets to its goal at some time. This holds in every graph that stays connected without any
-one vertex (PIBT asks for it as well), if one vertex at least is empty; PIBT itself needs no empty
-vertex, as there a full cycle may turn. As with PIBT nothing promises that all are at their goals at
-one time, and on trees, mazes and crowded maps the rule may fail.
+one vertex (which PIBT asks for in a similar form), if at least one vertex is empty; PIBT itself
+needs no empty vertex, as there a full cycle may turn. As with PIBT nothing promises that all are at
+their goals at one time, and on trees, mazes and crowded maps the rule may fail.
 
-Failure. A vehicle gives up, in one line, when it has spent more than `patience` rounds away from its
-goal, counted over its life. In a run that does not end somebody is away in every round, so all n
-vehicles together last for n times that at most, and mostly a single one is away throughout.
+Failure. A vehicle gives up, in one line, when it has spent more than `patience` rounds away from
+its goal, counted over its life, or in the first round if there is no way to it. In a run that does
+not end somebody is away in every round, so n vehicles give up within n times that, and mostly
+much earlier, since mostly a single one is away throughout.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from cubepath.agents.rule import Birth, Choice, Rule, RuleType
 from cubepath.agents.tswap_rule import roads_of
 from cubepath.agents.view import STAY, View
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.systems import GraphSystem
+from cubepath.protocol.graph_system import GraphSystem
 
 NOWHERE = -1
 """In a note, and for a vehicle: no vertex."""
@@ -222,5 +223,5 @@ PIBT = RuleType(
     source="Okumura, Machida, Defago and Tamura, PIBT (multi-agent path finding), made local",
     fits=lambda system: isinstance(system, GraphSystem) and system.labels is not None,
     make=make,
-    talk=lambda modules: len(Said._fields),
+    talk=lambda _: len(Said._fields),
 )

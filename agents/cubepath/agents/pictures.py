@@ -1,4 +1,4 @@
-"""Pictures of where the modules are: text, pixels, and drawings on matplotlib's axes.
+"""Pictures of where the modules are: pixels, and drawings on matplotlib's axes.
 
 Room: agents; draws what it is given and asks nobody. matplotlib is imported when something is
 drawn and no earlier, through its objects only: no pyplot, so no window and no global state.
@@ -15,17 +15,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents.layout import cell_of, is_endless, known_places, label_of, tips_of
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.sites import Site, site_text
-from cubepath.protocol.systems import (
-    CLOSED,
-    EMPTY,
-    FILLED,
-    GraphSystem,
-    LatticeSystem,
-    Scene,
-    System,
-)
+from cubepath.protocol.graph_system import GraphSystem
+from cubepath.protocol.lattice_system import LatticeSystem
+from cubepath.protocol.sites import Site
+from cubepath.protocol.systems import Scene, System
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,167 +31,12 @@ Colour: TypeAlias = tuple[float, float, float]
 Box: TypeAlias = tuple[float, float, float, float]
 """Left, right, low, high."""
 
-MODULE_MARK, ARRIVED_MARK, GOAL_MARK = "o", "@", "+"
-"""How an unlabelled module shows in text, off and on a goal cell, and a goal cell without one."""
-_GROUND = {EMPTY: ".", FILLED: "#", CLOSED: " "}
-_MANY = 40
-"""From so many vertices on a general graph is told by its modules and goals alone."""
-
 INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
 _PALE_GOAL, _LINE, _TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
 _ROOM = 10.5
 """Points per cell from which a number on a module can be read."""
 _MOST = 8000
 """So many free cells are drawn one by one, of more none."""
-
-
-def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
-    """Return a picture in plain text of modules at `sites`, by number.
-
-    A module is ``o``, or ``@`` on a cell of the goal; a free cell of the goal is ``+``, any other
-    ``.``, and an occupied obstacle or a hole in a map ``#``. A labelled module shows its label,
-    with ``*`` behind it at its own goal. Hexagons stand in rows offset by half a cell; segments of
-    an arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` where the goal wants them, and
-    ``...`` and ``:`` where the goal is not there yet. A general graph has a line for each vertex,
-    with its neighbours. The frame holds start, goal and finite workspaces, so that pictures of one
-    run line up as long as modules stay in it.
-    """
-    drawing = scene.system.drawing
-    if drawing == "edges":
-        return _edges_text(scene, sites)
-    if drawing == "graph":
-        return _graph_text(scene, sites)
-    return _cells_text(scene, sites)
-
-
-def _label(system: System, site: Site) -> int | None:
-    if system.labels is None or not isinstance(site, tuple):
-        return None
-    return int(site[1])
-
-
-def _marks(scene: Scene, sites: Sequence[Site]) -> dict[Site, str]:
-    """Return what to write at each place that has a module or is of the goal."""
-    system, goal = scene.system, scene.goal or frozenset()
-    marks = {system.place_of(site): GOAL_MARK for site in goal}
-    for site in sites:
-        label, arrived = _label(system, site), site in goal
-        if label is None:
-            mark = ARRIVED_MARK if arrived else MODULE_MARK
-        else:
-            mark = f"{label}*" if arrived else str(label)
-        marks[system.place_of(site)] = mark
-    return marks
-
-
-def _cell(place: Site) -> tuple[int, ...]:
-    if isinstance(place, tuple) and all(isinstance(number, int) for number in place):
-        return place
-    raise InputError(f"only places of whole numbers can be drawn on a lattice, found {place!r}")
-
-
-def _known(scene: Scene) -> list[Site]:
-    """Return the places that a frame holds whatever the modules do."""
-    system = scene.system
-    places = [system.place_of(site) for site in (*scene.start, *(scene.goal or ()))]
-    if isinstance(system, GraphSystem):
-        places += system.vertices
-    elif isinstance(system, LatticeSystem):
-        places += [*system.obstacles, *(system.workspace or ())]
-    return places
-
-
-def _endless(system: System) -> bool:
-    return isinstance(system, LatticeSystem) and system.workspace is None
-
-
-def _cells_text(scene: Scene, sites: Sequence[Site]) -> str:
-    system = scene.system
-    hexagons = system.drawing == "hexagons"
-    marks = _marks(scene, sites)
-    width = max(len(mark.rstrip("*")) for mark in marks.values())
-    # On an endless lattice, room for one module more on every side of the scene.
-    margin = 1 if _endless(system) else 0
-    rows, columns = set(), set()
-    for places, free in ((_known(scene), margin), (marks, 0)):
-        for cell in map(_cell, places):
-            # A hexagon (q, r) lies in row r, at 2 q + r half cells; a square (x, y) at 2 x.
-            middle = 2 * cell[0] + (cell[1] if hexagons else 0)
-            rows |= {cell[1] - free, cell[1] + free}
-            columns |= {middle - 2 * free, middle + 2 * free}
-    first, last = min(columns), max(columns)
-    half = (width + 2) // 2 if hexagons else (width + 1) / 2
-    wall = "#" if isinstance(system, GraphSystem) else " "
-    lines = []
-    for row in _downwards(system, min(rows), max(rows)):
-        line = ""
-        for column in range(first, last + 1):
-            inner = column - row if hexagons else column
-            if inner % 2:
-                continue
-            place = (inner // 2, row)
-            mark = marks.get(place)
-            if mark is None:
-                mark = _GROUND[system.background(place)].replace(" ", wall)
-            stands = mark.rstrip("*").rjust(width)
-            line = line.ljust(int((column - first) * half)) + stands + mark[len(mark.rstrip("*")) :]
-        lines.append(line.rstrip())
-    return "\n".join(lines)
-
-
-def _downwards(system: System, lowest: int, highest: int) -> Iterable[int]:
-    """Return the rows from top to bottom: maps count downwards, lattices upwards."""
-    if isinstance(system, GraphSystem):
-        return range(lowest, highest + 1)
-    return range(highest, lowest - 1, -1)
-
-
-def _tips(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
-    x, y, axis = _cell(edge)
-    return (x, y), (x + (axis == 0), y + (axis == 1))
-
-
-def _edges_text(scene: Scene, sites: Sequence[Site]) -> str:
-    marks = _marks(scene, sites)
-    flat = {MODULE_MARK: "---", ARRIVED_MARK: "===", GOAL_MARK: "..."}
-    upright = {MODULE_MARK: "|", ARRIVED_MARK: "H", GOAL_MARK: ":"}
-    filled = dict.fromkeys(scene.system.filled, "#")
-    tips = [tip for edge in (*_known(scene), *marks) for tip in _tips(edge)]
-    left, right = min(x for x, _ in tips), max(x for x, _ in tips)
-    low, high = min(y for _, y in tips), max(y for _, y in tips)
-    busy = {tip for edge in (*sites, *filled) for tip in _tips(edge)}
-    marks |= filled
-    lines = []
-    for y in range(high, low - 1, -1):
-        row, below = "", ""
-        for x in range(left, right + 1):
-            mark = marks.get((x, y, 0), "")
-            row += ("o" if (x, y) in busy else "+") + flat.get(mark, mark * 3).ljust(3)
-            mark = marks.get((x, y - 1, 1), "")
-            below += upright.get(mark, mark).ljust(4)
-        lines += [row.rstrip(), below.rstrip()]
-    return "\n".join(lines[:-1])
-
-
-def _graph_text(scene: Scene, sites: Sequence[Site]) -> str:
-    system = scene.system
-    marks = _marks(scene, sites)
-    places = list(dict.fromkeys((*_known(scene), *marks)))
-    if isinstance(system, GraphSystem):
-        places = [
-            place for place in system.vertices if len(system.vertices) <= _MANY or place in marks
-        ]
-    names = [_name(place) for place in places]
-    wide, width = max(map(len, names)), max(map(len, marks.values()))
-    lines = []
-    for place, name in zip(places, names, strict=True):
-        near = " ".join(_name(other) for other in system.sensed(place) if other is not None)
-        lines.append(f"{name:>{wide}}: {marks.get(place, '.'):<{width}} - {near}")
-    return "\n".join(lines)
-
-
-def _name(place: Site) -> str:
-    return place if isinstance(place, str) else site_text(place)
 
 
 def palette(count: int) -> list[Colour]:
@@ -234,8 +74,8 @@ def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
     """
     system = scene.system
     near = {"edges": 0.7, "graph": 0.7}.get(system.drawing, 0.6)
-    far = near + (1 if _endless(system) else 0)
-    known = np.array([_middle(system, place) for place in _known(scene)])
+    far = near + (1 if is_endless(system) else 0)
+    known = np.array([_middle(system, place) for place in known_places(scene)])
     others = [_middle(system, system.place_of(site)) for site in also]
     low = np.min([known.min(axis=0) - far, *(np.array(point) - near for point in others)], axis=0)
     high = np.max([known.max(axis=0) + far, *(np.array(point) + near for point in others)], axis=0)
@@ -274,14 +114,14 @@ def draw_on(
     stirred = [places[number] for number in left]
     pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
     if system.drawing == "edges":
-        pen.joints(tip for edge in places for tip in _tips(edge))
+        pen.joints(tip for edge in places for tip in tips_of(edge))
         return
-    labels = [_label(system, site) for site in goals]
+    labels = [label_of(system, site) for site in goals]
     hues = [GOAL if label is None else colours[label % len(colours)] for label in labels]
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
     if numbers or (numbers is None and pen.scale >= _ROOM):
         for number, site in enumerate(sites):
-            label = _label(system, site)
+            label = label_of(system, site)
             word = str(number if label is None else label)
             pen.write(places[number], word, colours[number])
 
@@ -306,12 +146,12 @@ def _middle(system: System, place: Site) -> tuple[float, float]:
         if not isinstance(system, GraphSystem):
             raise InputError("only the vertices of a GraphSystem can be drawn as a graph")
         return _circle(system.vertices)[place]
-    cell = _cell(place)
+    cell = cell_of(place)
     x, y = cell[0], cell[1]
     if system.drawing == "hexagons":
         return x + y / 2, y * sqrt(3) / 2
     if system.drawing == "edges":
-        _, (right, top) = _tips(place)
+        _, (right, top) = tips_of(place)
         return (x + right) / 2, (y + top) / 2
     return (x, -y) if isinstance(system, GraphSystem) else (x, y)
 
@@ -382,7 +222,7 @@ def _pen(axes: Axes, scene: Scene, sites: Iterable[Site]) -> _Pen:
     """Set the axes up to show the scene and these sites; an endless lattice fills all of them."""
     left, right, low, high = frame(scene, sites)
     seen = axes.get_window_extent()
-    if _endless(scene.system):
+    if is_endless(scene.system):
         wide = max(right - left, (high - low) * seen.width / seen.height)
         tall = wide * seen.height / seen.width
         left, right = (left + right - wide) / 2, (left + right + wide) / 2
@@ -408,7 +248,7 @@ def _glyphs(word: str) -> Path:
 
 def _shape(system: System, kind: str, place: Site) -> Points:
     outline = _outline(system.drawing, isinstance(system, GraphSystem), kind)
-    if system.drawing == "edges" and _cell(place)[2] == 1:
+    if system.drawing == "edges" and cell_of(place)[2] == 1:
         outline = outline[:, ::-1]
     return outline + _middle(system, place)
 
@@ -450,7 +290,7 @@ def _cells_ground(pen: _Pen) -> None:
     """Draw free cells pale and obstacles dark; walls where neighbours on a map do not meet."""
     system = pen.system
     left, right, low, high = pen.box
-    if _endless(system):
+    if is_endless(system):
         left, right, low, high = left - 1, right + 1, low - 1, high + 1
     graph = isinstance(system, GraphSystem)
     slant, stretch = (0.5, sqrt(3) / 2) if system.drawing == "hexagons" else (0.0, 1.0)

@@ -52,7 +52,8 @@ from weakref import WeakKeyDictionary
 from cubepath.agents.rule import Birth, Choice, Rule, RuleType
 from cubepath.agents.view import STAY, View
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.systems import GraphSystem, System
+from cubepath.protocol.graph_system import GraphSystem
+from cubepath.protocol.systems import System
 
 NOBODY = -1
 """In a note: no probe."""
@@ -62,9 +63,10 @@ _TABLE_ENTRIES = 1 << 24
 
 
 class Roads:
-    """Distances on a static graph, with vertices by number; shared, as they say nothing of vehicles.
+    """Distances on a static graph, with vertices by number.
 
-    It keeps no reference to the system, which may so be collected.
+    Shared by the vehicles of a process, of which it says nothing. It keeps no reference to the
+    system, which can so be collected.
     """
 
     def __init__(self, near: Iterable[Iterable[int]]) -> None:
@@ -122,7 +124,7 @@ class Said(NamedTuple):
     countdown: int
 
     def want(self, place: int) -> int:
-        """Return what the vehicle wants, now that it stands at `place`; the place itself at rest."""
+        """Return what it wants, now that it stands at `place`; at rest the place itself."""
         return self.second if place == self.first else self.first
 
 
@@ -242,5 +244,5 @@ TSWAP = RuleType(
     source="Okumura and Defago, TSWAP (target assignment and path planning), made local",
     fits=lambda system: isinstance(system, GraphSystem) and system.labels is None,
     make=make,
-    talk=lambda modules: len(Said._fields),
+    talk=lambda _: len(Said._fields),
 )

@@ -139,7 +139,7 @@ def gathered(recording: Recording) -> Gatherer:
         try:
             report = decode(record.data)
             if not isinstance(report, Report):
-                raise InputError("another kind of message, expected a report")  # noqa: TRY301
+                raise InputError("another kind of message, expected a report")
             gatherer.receive(report)
         except CubepathError as error:
             raise type(error)(f"{where}: {error}") from None

@@ -20,13 +20,13 @@ from cubepath.coordinator.gather import gathered
 from cubepath.coordinator.heap import Heap
 from cubepath.protocol.actions import Action, apply_in_place
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import scenario_from_json
 from cubepath.protocol.messages import Placed
 from cubepath.protocol.moves import MoveName, PathMove, id_of, read_moves
 from cubepath.protocol.recording import read_recording
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site, in_order
-from cubepath.protocol.systems import GraphSystem
 
 Progress = Callable[[int], object]
 """Called now and then with how many moves have come in since the last call."""

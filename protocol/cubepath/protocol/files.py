@@ -15,9 +15,11 @@ import tomli_w
 
 from cubepath.protocol.catalogue import LATTICES, Catalogue, Cell, Generator
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import read_text
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.sites import Site, in_order, site_from_json
-from cubepath.protocol.systems import GraphSystem, LatticeSystem, Scene, System
+from cubepath.protocol.systems import Scene, System
 
 FORMAT = "cubepath-system-1"
 

@@ -87,10 +87,14 @@ def graph_from_name(name: str) -> Graph:
     return Graph(vertices, edges)
 
 
+_CELLS_MAX = 4_000_000
+"""Cells of a scenario's grid: one far coordinate must not fill the memory."""
+
+
 def read_text(path: Path) -> str:
     """Return the text of an input file; InputError in one line where it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     except UnicodeDecodeError as error:
@@ -181,15 +185,20 @@ def scenario_from_json(path: Path) -> Scenario:
             raise InputError(f"{path}: no vehicle and no grid")
         left, right = min(x for x, _ in named) - 1, max(x for x, _ in named) + 1
         bottom, top = min(y for _, y in named) - 1, max(y for _, y in named) + 1
+    size = (right - left + 1) * (top - bottom + 1)
+    if not 0 < size <= _CELLS_MAX:
+        raise InputError(f"{path}: a grid of {size} cells, expected 1 to {_CELLS_MAX}")
     free = {(x, y) for x in range(left, right + 1) for y in range(bottom, top + 1)} - obstacles
     if len(found.starts) != len(found.goals):
         raise InputError(f"{path}: {len(found.starts)} starts and {len(found.goals)} goals")
     for what, cells in (("start", found.starts), ("goal", found.goals)):
+        seen: set[tuple[int, int]] = set()
         for number, cell in enumerate(cells):
             if cell not in free:
                 raise InputError(f"{path}: {what} {number} at {list(cell)} is no free cell")
-            if cell in cells[:number]:
+            if cell in seen:
                 raise InputError(f"{path}: {what} {number} at {list(cell)} is taken twice")
+            seen.add(cell)
     return Scenario(
         graph=grid_graph(free),
         starts=tuple(found.starts),

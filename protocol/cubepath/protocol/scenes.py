@@ -11,9 +11,11 @@ from pathlib import Path
 
 from cubepath.protocol.catalogue import HEX_DIRECTIONS, Cell, arm_catalogue, hex_catalogue
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import Graph, graph_from_name, scenario_from_json
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.sites import Site, in_order
-from cubepath.protocol.systems import GraphSystem, LatticeSystem, Scene
+from cubepath.protocol.systems import Scene
 
 Values = Mapping[str, str]
 

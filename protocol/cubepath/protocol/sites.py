@@ -14,8 +14,6 @@ import msgspec
 
 from cubepath.protocol.errors import InputError
 
-type_of_scalar = (str, int, float, bool)
-
 Site = Hashable
 
 _encode = msgspec.json.Encoder().encode
@@ -28,7 +26,9 @@ def site_from_json(value: object) -> Site:
     """
     if isinstance(value, list | tuple):
         return tuple(site_from_json(item) for item in value)
-    if isinstance(value, type_of_scalar):
+    if isinstance(value, float) and value.is_integer():
+        return int(value)  # 1.0 and 1 are one site, so they need one text
+    if isinstance(value, str | int | float):
         return value
     raise InputError(f"a site is a JSON number, string or list, found {value!r}")
 
