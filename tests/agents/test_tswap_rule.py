@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.agents.pilot import pilots_for
-from cubepath.agents.tswap_rule import TSWAP, Said, roads_of
+from cubepath.agents.roads import roads_of
+from cubepath.agents.tswap_rule import TSWAP, Said
 from cubepath.agents.view import Note
 from cubepath.agents.world import World
 from cubepath.protocol.errors import InputError
@@ -188,6 +189,14 @@ def test_tails_do_not_disturb_a_cycle(hesitate: float) -> None:
     """A cycle that vehicles with higher goals queue up to turns all the same."""
     for seed in range(5):
         assert Run(blocked_with_tails(), seed=seed, hesitate=hesitate).reached
+
+
+def test_who_has_passed_on_a_probe_stays() -> None:
+    """An instance in which goals are lost if a vehicle turns off after it passed on a probe."""
+    edges = [(at, at + 1) for at in range(25) if at % 5 < 4] + [(at, at + 5) for at in range(20)]
+    starts = [21, 8, 11, 5, 14, 0, 19, 24, 3, 18, 7, 9, 10, 6, 23, 17, 15, 4, 20, 2, 16, 13]
+    goals = [9, 14, 20, 10, 5, 24, 18, 7, 6, 0, 8, 22, 2, 19, 4, 1, 21, 17, 23, 13, 12, 11]
+    assert Run(scene_on(edges, starts, goals), seed=190966).reached
 
 
 def test_two_head_on_exchange_goals() -> None:

@@ -44,8 +44,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
+from cubepath.agents.roads import roads_of
 from cubepath.agents.rule import Birth, Choice, Rule, RuleType
-from cubepath.agents.tswap_rule import roads_of
 from cubepath.agents.view import STAY, View
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
