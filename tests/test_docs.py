@@ -26,6 +26,7 @@ def blocks(page: Path, language: str) -> list[str]:
 PYTHON = [
     pytest.param(block, id=f"{page.stem}-{number}")
     for page in PAGES
+    if page.stem != "files"  # it has its own test, with the files that it talks of
     for number, block in enumerate(blocks(page, "python"))
 ]
 

@@ -292,7 +292,7 @@ def _parameters(plan: Plan, scene: Scene, rule: str) -> dict[str, str]:
         "modules": str(len(scene.start)),
         "max_rounds": str(plan.max_rounds),
         "python": sys.version.split()[0],
-        "platform": platform.platform(),
+        "platform": f"{platform.system()} {platform.machine()}",
         **{
             package: _version(package)
             for package in ("cubepath", "eclipse-zenoh", "mcap", "pettingzoo", "numpy")

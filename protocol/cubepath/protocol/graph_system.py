@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from cubepath.protocol.actions import Action
 from cubepath.protocol.catalogue import Move
@@ -74,6 +74,13 @@ class GraphSystem(System):
         self._reach = lru_cache(maxsize=KEPT)(lambda place: in_order(self._within_two(place)))
         self._support = lru_cache(maxsize=1 << 14)(self._both_ends)
         self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # What is remembered by place cannot be pickled, and need not be.
+        build = partial(
+            GraphSystem, self.vertices, self.edges, labels=self.labels, compass=self.compass
+        )
+        return build, ()
 
     @staticmethod
     def _compass(vertex: Site, near: set[Site]) -> tuple[Site | None, ...]:

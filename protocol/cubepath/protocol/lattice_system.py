@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 
 from cubepath.protocol.actions import Action, commute
 from cubepath.protocol.catalogue import Catalogue, Cell, Move
@@ -49,6 +49,17 @@ class LatticeSystem(System):
         self._listeners = self._near.keeper(self._near.listeners)
         self._reach = self._near.keeper(self._near.reach)
         self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # What is remembered by place cannot be pickled, and need not be.
+        build = partial(
+            LatticeSystem,
+            self.catalogue,
+            workspace=self.workspace,
+            filled=self.filled,
+            empty=self.empty,
+        )
+        return build, ()
 
     def _moves(self, site: Site) -> tuple[Move | None, ...]:
         found: list[Move | None] = [

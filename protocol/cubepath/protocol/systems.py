@@ -157,12 +157,6 @@ class Scene:
                 f"{self.spec}: {len(self.start)} modules, goals for {len(self.goals)} of them"
             )
 
-    def __reduce__(self) -> tuple[object, ...]:
-        """Pickle as the text of a scene file: a system keeps caches that cannot be pickled."""
-        from cubepath.protocol.files import scene_from_toml, scene_to_toml  # noqa: PLC0415
-
-        return scene_from_toml, (scene_to_toml(self), self.spec)
-
     @property
     def modules(self) -> tuple[str, ...]:
         """Return the names of the modules: module_0, module_1, ..."""
