@@ -11,7 +11,8 @@ the cells s_m with m > 0. A module on a goal cell stays for ever, on s_m it wait
 A module at A claims the move about B to A' when B is static and
 
 - (wait) from A = s_m: B is s_(m-1), and the cell E behind it (A' reflected in A) is free;
-- (space) no walker is on the cell D' that follows A' in a turn about B, or A' is a goal cell.
+- (space) no walker is on the cell D' that follows A' in a turn about B, or A' is a goal cell, or
+  the catalogue is the second: then walkers may close up, as E and E' are not in the support.
 
 Why it gets there. Let s_t ... s_1 and g_0 ... g_k be the static cells that are on, the *tip* the
 last of them, T the goal cell after the tip. Move by move, these stay true:
@@ -23,12 +24,11 @@ last of them, T the goal cell after the tip. Move by move, these stay true:
 3. With catalogue 1 walkers of a track are never side by side. After A' the track goes on either
    straight, to E', which that catalogue wants off, or about B, to D'; walkers ahead only move on.
 
-So no state but the goal is stuck. The rest of a support, E F C F' E', is five cells in a row on
-the second ring about B. The track is on the convex side, so walkers can be on E, just behind, or
-on E', just ahead, only. Thus the first walker of a track can go: E is off by 3, or does not matter
-with catalogue 2; nobody is ahead but, past A' = T, one of the other side, which (space) allows.
-With no walker, the tail can peel off, for s_(t-1) or g_0 is on. Of all claims one outranks the
-others and is executed. And it ends: modules only go forward, on tracks of some 2n cells.
+The rest of a support, E F C F' E', is five cells in a row on the second ring about B. The track is
+on the convex side, so walkers can be on E, just behind, or E', just ahead, only. Thus the first
+walker of a track can go: E is off by 3, or no matter; ahead is nobody but, past A' = T, one of the
+other side, which (space) allows. With no walker, the tail can peel off: s_(t-1) or g_0 is on. So
+short of the goal some claim is made, the highest is executed, and modules go only forward.
 """
 
 from __future__ import annotations
@@ -93,7 +93,6 @@ class _Task:
         waits = self.is_static(here)
         for action, move in view.legal():
             there = HEXAGONS.check(move.target)
-            # Besides the mover only the pivot is on, before and after.
             (pivot,) = map(HEXAGONS.check, move.action.ends[0] & move.action.ends[1])
             step, arm = _minus(there, here), _minus(pivot, here)
             if _cross(step, arm) != sense or not self.is_static(pivot):
@@ -101,12 +100,13 @@ class _Task:
             behind, follows = _minus(here, step), _plus(there, arm)
             if waits and (pivot != _minus(here, self.away) or behind in view.occupied):
                 continue
-            if self.is_goal(there) or follows not in view.occupied or self.is_static(follows):
+            crowds = follows in view.occupied and not self.is_static(follows)
+            if not crowds or self.is_goal(there) or behind not in move.action.support:
                 return action
         return STAY
 
     def begins(self, beside: list[Cell]) -> bool:
-        """Tell whether a straight start has these neighbours, before the first move."""
+        """Tell whether these are the neighbours in a straight start."""
         before, after = (_plus(self.head, self.away, self.steps + side) for side in (-1, 1))
         joined = before in beside or (self.steps == 1 and after in beside)  # g_0 may be free
         return joined and {before, after}.issuperset(beside)
@@ -134,8 +134,7 @@ def _tasks(start: Cell, goals: tuple[Cell, ...]) -> list[_Task]:
         if away is not None and away != ahead and steps <= count:
             found.append(_Task(head, ahead, count, away, steps))
     if not found:
-        where = f"in line with {start} and at most {count} cells off"
-        raise InputError(f"rule 'chain': no end of the goal is {where}")
+        raise InputError(f"rule 'chain': no goal end is in line with {start} within {count} cells")
     return found
 
 

@@ -75,6 +75,7 @@ class _Scan:
         self.found = Salvage()
         self._data = data
         self._chunks = 0
+        self._span = ""
         self._loose: list[Channel | Message] = []
         self._ended = False
 
@@ -126,7 +127,7 @@ class _Scan:
 
     def _what(self, opcode: int, error: Exception) -> str:
         if opcode == Opcode.CHUNK:
-            return f"chunk {self._chunks} cannot be read: {_said(error)}"
+            return f"chunk {self._chunks}{self._span} cannot be read: {_said(error)}"
         return f"a record of kind {opcode} cannot be read: {_said(error)}"
 
     def _take(self, opcode: int, body: bytes, offset: int) -> None:
@@ -134,6 +135,7 @@ class _Scan:
         match opcode:
             case Opcode.CHUNK:
                 self._chunks += 1
+                self._span = ""
                 self._take_chunk(Chunk.read(stream))
             case Opcode.ATTACHMENT:
                 # mcap's own reader does not look at this one.
@@ -153,6 +155,8 @@ class _Scan:
                 pass
 
     def _take_chunk(self, chunk: Chunk) -> None:
+        # Its head has no CRC of its own: this is only for people, to know what may be lost.
+        self._span = f" (log times {chunk.message_start_time} to {chunk.message_end_time})"
         if chunk.uncompressed_size > _CHUNK_BYTES_MAX:
             raise ValueError(f"it claims to hold {chunk.uncompressed_size} bytes")
         if not chunk.uncompressed_crc:

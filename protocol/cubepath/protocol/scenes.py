@@ -215,7 +215,7 @@ FAMILIES: dict[str, Family] = {
             "hexagonal pivots that may split the aggregate (catalogue 2), in a bounded workspace",
             _hex_keys,
             _hex,
-            "random",
+            "chain",
         ),
         Family("agv", "unlabelled vehicles on a graph", _agv_keys, _agv, "tswap"),
         Family("agv-labelled", "labelled vehicles on a graph", _agv_keys, _agv, "pibt"),
