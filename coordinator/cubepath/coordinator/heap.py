@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from heapq import heapify, heappop, heappush
+from heapq import heappop, heappush
 
 from cubepath.protocol.actions import Action
 from cubepath.protocol.sites import Site, in_order
@@ -140,14 +140,14 @@ class Heap:
     def _place(self, action: Action) -> _Placed:
         columns = self._columns
 
-        def resolve(sites: frozenset[Site]) -> list[_Column]:
+        def resolve(sites: frozenset[Site]) -> tuple[_Column, ...]:
             found: list[_Column] = []
             for site in sites:
                 column = columns.get(site)
                 if column is None:
                     column = columns[site] = _Column(site)
                 found.append(column)
-            return found
+            return tuple(found)
 
         placed = self._placed[action] = _Placed(resolve(action.trace), resolve(action.reads))
         return placed
@@ -211,7 +211,7 @@ class _Placed:
 
     __slots__ = ("pieces", "reads", "writes")
 
-    def __init__(self, writes: list[_Column], reads: list[_Column]) -> None:
+    def __init__(self, writes: tuple[_Column, ...], reads: tuple[_Column, ...]) -> None:
         self.writes = writes
         self.reads = reads
         self.pieces: list[tuple[int, Action]] = []
@@ -295,12 +295,11 @@ class _Readers:
         while removed and removed[0] == added[0]:
             heappop(removed)
             heappop(added)
-        # Half of them gone pays for building anew what is left.
+        # Half of them gone pays for building anew what is left; a sorted list is a heap.
         if 2 * len(removed) > len(added):
             left = Counter(added)
             left.subtract(removed)
-            self._added = list(left.elements())
-            heapify(self._added)
+            self._added = sorted(left.elements())
         elif removed:
             return
         self._removed = None

@@ -33,7 +33,6 @@ def site_from_json(value: object) -> Site:
     raise InputError(f"a site is a JSON number, string or list, found {value!r}")
 
 
-@lru_cache(maxsize=1 << 16)
 def site_text(site: Site) -> str:
     """Return the compact JSON text of a site; equal sites have equal texts."""
     return _encode(site).decode()
