@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import pickle
+import subprocess
+import sys
 import warnings
 from collections.abc import Callable
 from functools import partial
@@ -174,3 +177,94 @@ def test_step_before_reset_is_refused() -> None:
     """Stepping before the first reset says what to do."""
     with pytest.raises(InputError, match="call reset first"):
         parallel_env("hex").step({})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("transport", ["local", "zenoh"])
+def test_actions_out_of_range_are_stay(transport: Any) -> None:
+    """Negative and too great actions are illegal and change nothing, on the wire as well."""
+    one = parallel_env("hex:n=3", transport=transport, processes=0)
+    try:
+        one.reset(seed=np.int64(1))
+        before = one.state()
+        for action in (-1, -5, 13, 10**6):
+            _, _, _, _, infos = one.step({"module_0": action, "module_2": np.int64(-2)})
+            assert (one.state() == before).all()
+            assert infos["module_0"]["illegal"]
+            assert infos["module_2"]["illegal"]
+    finally:
+        one.close()
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"actions": {"module_9": 1}}, "'module_9' is no agent"),
+        ({"actions": {}, "notes": {"module_0": (1,)}}, "a note of 1 numbers, expected 2"),
+        ({"actions": {}, "notes": {"module_0": (1, 2**31)}}, "a note with 2147483648"),
+        ({"actions": {}, "notes": {"module_0": (1, -(2**31))}}, "a note with -2147483648"),
+    ],
+)
+def test_what_cannot_be_stepped_is_refused(keywords: dict[str, Any], message: str) -> None:
+    """Unknown agents and notes that do not fit are named, before anything has changed."""
+    one = CubepathEnv("hex:n=3", talk=2)
+    one.reset(seed=0)
+    with pytest.raises(InputError, match=message):
+        one.step(**keywords)
+    assert one.world.round == 0
+
+
+def test_stepping_after_the_end_changes_nothing() -> None:
+    """When all agents are done, a step returns nothing and plays no round."""
+    one = CubepathEnv("hex:n=3", max_cycles=1)
+    one.reset(seed=0)
+    one.step({})
+    assert one.step({"module_0": 1}) == ({}, {}, {}, {}, {})
+    assert one.world.round == 1
+
+
+@pytest.mark.slow
+def test_an_interrupted_step_does_not_reach_into_the_next_episode() -> None:
+    """After an exception in the middle of a step, reset begins as if nothing had been."""
+    here = parallel_env("hex:n=4")
+    there = parallel_env("hex:n=4", transport="zenoh", processes=2)
+    try:
+        there.reset(seed=1)
+        world = there.world
+        fleet = world._fleet
+        fleet.fly = lambda _: (_ for _ in ()).throw(KeyboardInterrupt)
+        with pytest.raises(KeyboardInterrupt):
+            there.step({})
+        first, _ = here.reset(seed=2)
+        again, _ = there.reset(seed=2)
+        assert repr(again) == repr(first)
+        actions = {name: int(seen["action_mask"].nonzero()[0][-1]) for name, seen in first.items()}
+        assert repr(here.step(actions)) == repr(there.step(actions))
+    finally:
+        there.close()
+
+
+@pytest.mark.slow
+def test_a_dropped_environment_ends_its_processes() -> None:
+    """Without close, collecting the environment ends its module processes."""
+    one = parallel_env("hex:n=3", transport="zenoh", processes=2)
+    one.reset(seed=0)
+    children = list(one.world._fleet._children)
+    del one
+    gc.collect()
+    assert [child.returncode for child in children] == [0, 0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", [0, 2])
+def test_a_script_that_forgets_to_close_ends_well(processes: int) -> None:
+    """The interpreter exits with 0 and leaves nothing behind."""
+    code = (
+        "from cubepath.agents import parallel_env\n"
+        f"e = parallel_env('hex:n=4', transport='zenoh', processes={processes})\n"
+        "e.reset(); e.step({})\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import signal
@@ -14,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from cubepath.agents.fleet import Fleet
 from cubepath.agents.play import play
 from cubepath.agents.rules import rule_named
 from cubepath.coordinator.gather import PathDigest
@@ -22,6 +24,7 @@ from cubepath.protocol.errors import InputError
 from cubepath.protocol.messages import Executed, Summary, decode
 from cubepath.protocol.recording import Recording, read_recording
 from cubepath.protocol.scenes import scene_from_spec
+from cubepath.protocol.sessions import open_client, put
 
 PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
 LONG = ["--rule=random", "--max-rounds=999999"]
@@ -147,7 +150,7 @@ def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         (["hexx"], "unknown system 'hexx'"),
-        (["hex", "--rule", "tswap"], "rule 'tswap' is not for this system"),
+        (["hex", "--rule", "tswap"], "not for this system: rule 'tswap'"),
         (["hex", "--rule", "chian"], "unknown rule 'chian'"),
         (["hex", "--hesitate", "1.5"], "hesitate=1.5: expected at least 0 and less than 1"),
         (["hex", "--seed", "-1"], "seed=-1: expected 0 or more"),
@@ -172,6 +175,32 @@ def test_bad_usage_is_one_line_and_exit_code_2(
     assert captured.err.count("\n") == 1
     assert captured.out == ""
     assert list(tmp_path.iterdir()) == []
+
+
+def test_an_earlier_recording_is_never_written_over(tmp_path: Path) -> None:
+    """A log that exists is refused, be it a recording or the system file itself."""
+    log = tmp_path / "a.mcap"
+    log.write_bytes(b"precious")
+    with pytest.raises(InputError, match="exists already, expected a new file"):
+        run(Plan("hex:n=3", log=log))
+    assert log.read_bytes() == b"precious"
+
+
+@pytest.mark.slow
+def test_a_guest_who_talks_nonsense_is_named(tmp_path: Path) -> None:
+    """Bytes that are no message end the run with one line, and the recording is whole."""
+
+    def nonsense(gatherer: object) -> None:
+        del gatherer
+        fleet = next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
+        with open_client(fleet.endpoint) as session:
+            put(session, f"cubepath/{fleet.run}/hello/me", b"not json")
+
+    plan = Plan("hex:n=3", "random", processes=0, max_rounds=2000, log=tmp_path / "a.mcap")
+    outcome = run(plan, nonsense)
+    assert outcome.ended == "failed"
+    assert "on hello/me: not a cubepath message" in (outcome.error or "")
+    assert read_recording(tmp_path / "a.mcap").problems == ()
 
 
 def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
@@ -318,5 +347,5 @@ def test_an_unknown_family_runs_at_random(tmp_path: Path) -> None:
     path.write_text(text)
     outcome = run(Plan(str(path), processes=0, max_rounds=3, log=tmp_path / "a.mcap"))
     assert outcome.rule == "random"
-    with pytest.raises(InputError, match="is not for this system"):
+    with pytest.raises(InputError, match="not for this system"):
         run(Plan(str(path), rule="chain", log=tmp_path / "b.mcap"))

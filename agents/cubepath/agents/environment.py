@@ -5,6 +5,7 @@ Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion of 
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,7 +18,7 @@ from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, pa
 
 from cubepath.agents.pictures import draw_pixels
 from cubepath.agents.text import draw_text
-from cubepath.agents.view import SILENT, Note, Observation, observation_length
+from cubepath.agents.view import SILENT, STAY, Note, Observation, checked_note, observation_length
 from cubepath.agents.world import Round, World
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.scenes import scene_from_spec
@@ -94,10 +95,13 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     ) -> tuple[dict[str, Observation], Infos]:
         """Put every module at its start; `seed` ranks the claims (0 when left out)."""
         self.agents = list(self.possible_agents)
+        seed = int(seed or 0)
+        if seed < 0:
+            raise InputError(f"seed={seed}: expected 0 or more")
         if self._world is None:
-            self._world = self._make_world(seed or 0)
+            self._world = self._make_world(seed)
         else:
-            self._world.reset(seed or 0)
+            self._world.reset(seed)
         self.last_round = None
         observations = self._observe()
         return observations, _infos(observations, set())
@@ -119,19 +123,27 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Play one round; `notes` are for rules that talk and are heard in the next round."""
+        world = self.world
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        wanted = {self._number(name): int(action or 0) for name, action in actions.items()}
+        told = {
+            self._number(name): checked_note(note, self.talk)
+            for name, note in (notes or {}).items()
+        }
+        slots = self.scene.system.move_slots
+        chosen = {m: action if 0 <= action <= slots else STAY for m, action in wanted.items()}
         before = self._at_goal()
-        chosen = {self._module[name]: int(action or 0) for name, action in actions.items()}
-        told = None if notes is None else {self._module[n]: note for n, note in notes.items()}
-        played = self.world.step(chosen, told)
+        played = world.step(chosen, told)
         self.last_round = played
         illegal = {
             self.possible_agents[module]
-            for module, action in chosen.items()
+            for module, action in wanted.items()
             if action and module not in played.moves and module not in played.lost
         }
         reward = self._at_goal() - before
-        done = self.scene.reached(self.world.sites)
-        late = self.world.round >= self.max_cycles
+        done = self.scene.reached(world.sites)
+        late = world.round >= self.max_cycles
         observations = self._observe()
         result = (
             observations,
@@ -145,6 +157,12 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         if self.render_mode == "human":
             self.render()
         return result
+
+    def _number(self, name: str) -> int:
+        number = self._module.get(name)
+        if number is None:
+            raise InputError(f"{name!r} is no agent, expected one of {self.possible_agents}")
+        return number
 
     def _at_goal(self) -> float:
         if self.scene.goal is None:
@@ -212,12 +230,17 @@ class WireEnv(CubepathEnv):
             talk=talk,
             processes=processes,
         )
+        if processes < 0:
+            raise InputError(f"processes={processes}: expected 0 or more")
         self.processes = processes
 
     def _make_world(self, seed: int) -> World | WireWorld:
         from cubepath.agents.wire_world import WireWorld  # noqa: PLC0415 - zenoh only when used
 
-        return WireWorld(self.scene, seed=seed, talk=self.talk, processes=self.processes)
+        world = WireWorld(self.scene, seed=seed, talk=self.talk, processes=self.processes)
+        # An environment that is dropped, or left open at exit, takes its processes with it.
+        weakref.finalize(self, world.close)
+        return world
 
 
 def _infos(observations: dict[str, Observation], illegal: set[str]) -> Infos:

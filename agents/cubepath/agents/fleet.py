@@ -22,8 +22,8 @@ from typing import IO, Literal, Self
 import msgspec
 import zenoh
 
-from cubepath.agents.process import Host, Orders
-from cubepath.protocol.errors import CheckError, CubepathError
+from cubepath.agents.process import TOLD, Host, Orders
+from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.files import scene_to_toml
 from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
 from cubepath.protocol.messages import Act, Go, Message, Ready, Reset, decode, encode
@@ -35,8 +35,10 @@ Sink = Callable[[str, bytes, int], None]
 """Is given the topic, the bytes and the wall time in nanoseconds of each message."""
 
 _POLL_S = 0.05
+_STDERR = 2
 _STALL_S_MAX = 60.0
 _END_S_MAX = 5.0
+_HURRY_S_MAX = 0.5
 
 
 class ProcessDied(CheckError):  # noqa: N818 - named for what happened
@@ -68,7 +70,7 @@ class Fleet:
         """
         count = len(scene.start)
         if processes < 0:
-            raise CubepathError(f"processes={processes}: expected 0 or more")
+            raise InputError(f"processes={processes}: expected 0 or more")
         self.scene = scene
         self.processes = min(processes, count)
         self.run = uuid.uuid4().hex[:12]
@@ -81,6 +83,7 @@ class Fleet:
         self._check = check
         self._expect: tuple[int, str] = (0, "join")
         self._joined = False
+        self._session: zenoh.Session | None = None
         self.endpoint = ""
         """Where the router listens, for anyone who wants to join with a session of their own."""
         hosts = max(1, self.processes)
@@ -114,10 +117,10 @@ class Fleet:
     def _start(self) -> None:
         router, self.endpoint = open_router()
         self._resources.callback(router.close)
-        self._session = open_client(self.endpoint)
-        self._resources.callback(self._session.close)
+        session = self._session = open_client(self.endpoint)
+        self._resources.callback(session.close)
         listen = topic_key(self.run, "ready") if self._sink is None else everything(self.run)
-        ear = subscribe(self._session, listen, self._enqueue)
+        ear = subscribe(session, listen, self._enqueue)
         self._resources.callback(ear.undeclare)
         scene = scene_to_toml(self.scene)
         for process, modules in enumerate(self.modules_of):
@@ -150,10 +153,13 @@ class Fleet:
         complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the rest
         self._resources.callback(complaints.close)
         child = subprocess.Popen(
-            [sys.executable, "-m", "cubepath.agents.process"],
+            # -P: modules import nothing from the folder that the run was started in.
+            [sys.executable, "-P", "-m", "cubepath.agents.process"],
             stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
+            stdout=_STDERR,  # what a rule prints is for people
             stderr=complaints,
+            # A terminal's interrupt is for the coordinator, which ends its processes properly.
+            process_group=0,
         )
         self._children.append(child)
         self._complaints.append(complaints)
@@ -207,6 +213,8 @@ class Fleet:
 
     def _say(self, message: Message) -> None:
         key = key_of(self.run, self.scene.system, message)
+        if self._session is None:
+            raise CubepathError("the fleet has ended: start another")
         if key is not None:
             put(self._session, key, encode(message))
 
@@ -250,8 +258,13 @@ class Fleet:
         return f"{modules} (process {process})"
 
     def _look_for_the_dead(self) -> None:
+        if self._check is not None:
+            self._check()  # an interrupt comes before what it may have brought about
         for error in self._thread_error:
-            raise error
+            if isinstance(error, CubepathError):
+                raise error
+            what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise ProcessDied(f"{self._name(0)} died in round {self.round}: {what}") from error
         for process, child in enumerate(self._children):
             code = child.poll()
             if code is None:
@@ -259,7 +272,7 @@ class Fleet:
             complaints = self._complaints[process]
             complaints.seek(0)
             last = complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
-            if code == 1 and last:
+            if code == TOLD and last:
                 raise ProcessDied(last)
             how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
             raise ProcessDied(
@@ -273,20 +286,24 @@ class Fleet:
         return [child.pid for child in self._children]
 
     def _end(self) -> None:
-        patience_s = _END_S_MAX if self._joined else 0.0
-        if self._joined:
-            self._say(Go(self.round, "stop"))
-        deadline = time.monotonic() + patience_s
-        if self._thread is not None:
-            self._thread.join(_END_S_MAX)
-        for child in self._children:
-            try:
-                child.wait(max(0.0, deadline - time.monotonic()))
-            except subprocess.TimeoutExpired:
-                child.kill()
-                child.wait()
-            if child.stdin is not None:
-                with contextlib.suppress(OSError):
-                    child.stdin.close()
-        self._children.clear()
-        self._resources.close()
+        try:
+            if self._session is not None:
+                with contextlib.suppress(Exception):  # the rest has to end all the same
+                    self._say(Go(self.round, "stop"))
+            deadline = time.monotonic() + (_END_S_MAX if self._joined else _HURRY_S_MAX)
+            if self._thread is not None:
+                self._thread.join(_END_S_MAX)
+            for child in self._children:
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(max(0.0, deadline - time.monotonic()))
+        finally:
+            for child in self._children:
+                if child.poll() is None:
+                    child.kill()
+                    child.wait()
+                if child.stdin is not None:
+                    with contextlib.suppress(OSError):
+                        child.stdin.close()
+            self._children.clear()
+            self._session = None
+            self._resources.close()

@@ -73,6 +73,7 @@ class ModuleCore:
         self._notes: dict[Site, NoteNumbers] = {}
         self._claims: dict[int, Move] = {}
         self._verdicts: dict[int, bool] = {}
+        self._mask: list[int] = [1]
         self._claim: Move | None = None
         self._granted: bool | None = None
         self._before_me: set[int] = set()
@@ -139,7 +140,7 @@ class ModuleCore:
     def observation(self) -> Observation:
         """Return the PettingZoo observation; from here on the round hears of no more neighbours."""
         self._phase = "claim"
-        return observe(
+        seen = observe(
             self._system,
             self.site,
             self._occupants,
@@ -147,6 +148,8 @@ class ModuleCore:
             notes=self._notes,
             talk=self._talk,
         )
+        self._mask = seen["action_mask"].tolist()
+        return seen
 
     def claim(
         self, action: int, note: NoteNumbers | None, failed: str | None = None
@@ -155,6 +158,8 @@ class ModuleCore:
         if note:
             self._said = note
         self._failed = failed
+        if not 0 <= action < len(self._mask) or not self._mask[action]:
+            raise ProtocolError(f"module_{self.module}: action {action} is not in its mask")
         self._claim = self._system.moves(self.site)[action - 1] if action else None
         if self._claim is None:
             return []

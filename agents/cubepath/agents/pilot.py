@@ -5,11 +5,14 @@ Room: agents. The same pilot flies a module in the environment and in a process 
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager
+
 import numpy as np
 
 from cubepath.agents.rule import Birth, Choice, RuleType, as_choice
-from cubepath.agents.view import STAY, Observation, view_of
-from cubepath.protocol.errors import InputError
+from cubepath.agents.view import STAY, Observation, checked_note, view_of
+from cubepath.protocol.errors import InputError, RuleError
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene, System
 
@@ -50,25 +53,36 @@ class Pilot:
             random=stream(seed, module, _RULE),
         )
         self.talk = rule.talk(modules)
-        self._rule = rule.make(birth)
+        self._who = f"rule {rule.name!r}, module_{module}"
+        with _blamed_on(self._who):
+            self._rule = rule.make(birth)
         self._birth = birth
         self._hesitate = hesitate
         self._doubt = stream(seed, module, _HESITATE)
-        self._name = rule.name
 
     def act(self, observation: Observation) -> Choice:
-        """Return the rule's choice, checked: InputError where it is not what a rule may return."""
+        """Return the rule's choice, checked; RuleError where it fails or is none to be made."""
         view = view_of(self._birth.system, observation, self._birth.label)
-        choice = as_choice(self._rule(view))
-        who = f"rule {self._name!r}, module_{self._birth.module}"
-        if not 0 <= choice.action < len(view.mask) or not view.mask[choice.action]:
-            legal = view.mask.nonzero()[0].tolist()
-            raise InputError(f"{who}: chose action {choice.action}, legal were {legal}")
-        if choice.note is not None and len(choice.note) != self.talk:
-            raise InputError(f"{who}: a note of {len(choice.note)} numbers, expected {self.talk}")
-        if self._hesitate and self._doubt.random() < self._hesitate:
-            return Choice(STAY, choice.note, choice.failed)
-        return choice
+        with _blamed_on(self._who):
+            choice = as_choice(self._rule(view))
+            if not 0 <= choice.action < len(view.mask) or not view.mask[choice.action]:
+                legal = view.mask.nonzero()[0].tolist()
+                raise InputError(f"chose action {choice.action}, legal were {legal}")
+            note = None if choice.note is None else checked_note(choice.note, self.talk)
+        hesitates = bool(self._hesitate) and self._doubt.random() < self._hesitate
+        return Choice(STAY if hesitates else choice.action, note, choice.failed)
+
+
+@contextmanager
+def _blamed_on(who: str) -> Generator[None]:
+    """Turn whatever goes wrong in somebody's rule into one line that says whose it is."""
+    try:
+        yield
+    except InputError as error:
+        raise RuleError(f"{who}: {error}") from error
+    except (Exception, SystemExit) as error:
+        text = " ".join(str(error).split())
+        raise RuleError(f"{who}: {type(error).__name__}: {text}") from error
 
 
 def pilots_for(

@@ -43,6 +43,10 @@ OUTSIDE = "outside"
 """In place of a rule's name: the modules are flown from outside, by `Act` messages."""
 
 
+TOLD = 4
+"""Exit code of a process whose last line on standard error says in full what went wrong."""
+
+
 class Orders(msgspec.Struct, frozen=True):
     """What a process is told at its birth."""
 
@@ -221,7 +225,7 @@ def _end_with_parent() -> None:
 
 
 def main() -> int:
-    """Read the orders and run; one line on standard error and exit code 1 where it fails."""
+    """Read the orders and run; one line on standard error and exit code `TOLD` where it fails."""
     # The coordinator decides about interrupts; a terminal sends them to every process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     orders = msgspec.json.decode(sys.stdin.buffer.readline(), type=Orders)
@@ -230,7 +234,7 @@ def main() -> int:
         Host(orders).run()
     except CubepathError as error:
         print(error, file=sys.stderr)
-        return 1
+        return TOLD
     return 0
 
 

@@ -7,7 +7,7 @@ names a `RuleType`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -72,5 +72,9 @@ class RuleType:
 
 
 def as_choice(found: int | Choice) -> Choice:
-    """Return what a rule returned as a choice."""
-    return found if isinstance(found, Choice) else Choice(int(found))
+    """Return what a rule returned as a choice, its reason for giving up as one line."""
+    if not isinstance(found, Choice):
+        return Choice(int(found))
+    if found.failed is None:
+        return found
+    return replace(found, failed=" ".join(found.failed.split()))

@@ -20,26 +20,35 @@ from cubepath.protocol.systems import System
 GROUP = "cubepath.rules"
 
 
+BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
+
+
 @cache
 def rules() -> dict[str, RuleType]:
-    """Return all rules by name; a name that stands twice is refused."""
-    found = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
+    """Return all rules by name; InputError names an entry point that gives none, or one twice."""
+    found = dict(BUILT_IN)
     for entry in entry_points(group=GROUP):
-        rule = entry.load()
+        where = f"entry point {entry.name} of {GROUP}"
+        try:
+            rule = entry.load()
+        except Exception as error:
+            raise InputError(f"{where}: {type(error).__name__}: {error}") from error
         if not isinstance(rule, RuleType):
-            raise InputError(f"entry point {entry.name} of {GROUP}: {rule!r} is no RuleType")
+            raise InputError(f"{where}: {rule!r} is no RuleType")
         if rule.name in found:
-            raise InputError(f"entry point {entry.name} of {GROUP}: rule {rule.name!r} exists")
+            raise InputError(f"{where}: rule {rule.name!r} exists")
         found[rule.name] = rule
     return found
 
 
 def rule_named(name: str, system: System) -> RuleType:
-    """Return the rule of that name if it is one for this system; InputError otherwise."""
-    found = rules().get(name)
-    fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
-    if found is None:
-        raise InputError(f"unknown rule {name!r}, expected one of {fitting}")
-    if not found.fits(system):
-        raise InputError(f"rule {name!r} is not for this system, expected one of {fitting}")
+    """Return the rule of that name if it is one for this system; InputError otherwise.
+
+    Other distributions are asked for names that are not built in only.
+    """
+    found = BUILT_IN.get(name) or rules().get(name)
+    if found is None or not found.fits(system):
+        fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
+        what = "unknown rule" if found is None else "not for this system: rule"
+        raise InputError(f"{what} {name!r}, expected one of {fitting}")
     return found

@@ -6,7 +6,7 @@ made of that observation alone, so a rule cannot see past its neighbourhood.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.actions import admissible
 from cubepath.protocol.catalogue import Move
+from cubepath.protocol.errors import InputError
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import CLOSED, FIRST_LABEL, System
 
@@ -26,6 +27,20 @@ STAY = 0
 """The action that is always legal; action ``i`` is the move in slot ``i - 1``."""
 SILENT = np.iinfo(np.int32).min
 """Fills the note of a place within reach from which nothing was heard."""
+
+
+def checked_note(note: Iterable[int], talk: int) -> Note:
+    """Return a note as integers; InputError where it has not `talk` numbers that a note can hold.
+
+    A number of a note is an int32 above the least, which is `SILENT`.
+    """
+    numbers = tuple(int(number) for number in note)
+    if len(numbers) != talk:
+        raise InputError(f"a note of {len(numbers)} numbers, expected {talk}")
+    wrong = [number for number in numbers if not SILENT < number <= np.iinfo(np.int32).max]
+    if wrong:
+        raise InputError(f"a note with {wrong[0]}, expected more than {SILENT} and an int32")
+    return numbers
 
 
 def observation_length(system: System) -> int:

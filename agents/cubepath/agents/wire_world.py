@@ -30,15 +30,31 @@ class WireWorld:
         self.talk = talk
         self._observed: dict[int, Observed] = {}
         self._reports: dict[int, Report] = {}
-        self._fleet: Fleet | None = Fleet(
-            scene, OUTSIDE, seed=seed, processes=processes, talk=talk, sink=self._take
+        self._processes = processes
+        self._whole = False
+        self._fleet: Fleet | None = None
+        self._start(seed)
+        self._begin()
+
+    def _start(self, seed: int) -> None:
+        self._fleet = Fleet(
+            self.scene,
+            OUTSIDE,
+            seed=seed,
+            processes=self._processes,
+            talk=self.talk,
+            sink=self._take,
         )
         self._fleet.__enter__()
-        self._begin()
 
     def reset(self, seed: int) -> None:
         """Begin again with the same processes and another seed."""
-        self._running().reset(seed)
+        fleet = self._running()
+        if self._whole:
+            fleet.reset(seed)
+        else:  # a step was interrupted, and messages of it may still be under way
+            self.close()
+            self._start(seed)
         self._begin()
 
     def _begin(self) -> None:
@@ -50,6 +66,8 @@ class WireWorld:
         if not topic.startswith(("observed/", "report/")):
             return
         message = decode(data)
+        if self._fleet is None or message.round != self._fleet.round:
+            return
         if isinstance(message, Observed):
             self._observed[message.module] = message
         elif isinstance(message, Report):
@@ -66,6 +84,7 @@ class WireWorld:
         fleet.begin_round()
         fleet.ask()
         fleet.pump(lambda: len(self._observed) == len(self.sites))
+        self._whole = True
 
     def observe(self, module: int) -> Observation:
         """Return the observation that the module itself sent."""
@@ -81,6 +100,7 @@ class WireWorld:
     def step(self, actions: Mapping[int, int], notes: Mapping[int, Note] | None = None) -> Round:
         """Send the actions, let the modules settle them, and sense again."""
         fleet = self._running()
+        self._whole = False
         self.round += 1
         self._reports.clear()
         acts = []
@@ -88,7 +108,7 @@ class WireWorld:
             action = actions.get(module, STAY)
             legal = seen.action_mask[action] == 1
             note = (notes or {}).get(module, ())
-            acts.append(Act(self.round, module, action if legal else STAY, list(note)))
+            acts.append(Act(fleet.round, module, action if legal else STAY, list(note)))
         fleet.fly(acts)
         moves: dict[int, Move] = {}
         for module, report in sorted(self._reports.items()):

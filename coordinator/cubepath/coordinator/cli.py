@@ -7,14 +7,13 @@ Room: coordinator. Standard output carries the answer, standard error all else; 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
-
-from tqdm import tqdm
 
 from cubepath.protocol.errors import CubepathError, InputError
 
@@ -27,15 +26,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         code = command(options)
-        sys.stdout.flush()
+        print(end="", flush=True)
     except InputError as error:
         _complain(error)
         return BAD_INPUT
     except CubepathError as error:
         _complain(error)
         return FAILED
-    except BrokenPipeError:
-        # The reader of our output has gone; keep the interpreter from complaining about it.
+    except OSError as error:
+        # Nobody takes our output: keep the interpreter from complaining about it once more.
+        if not isinstance(error, BrokenPipeError):
+            _complain(f"standard output: {error.strerror or error}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt:
@@ -87,7 +88,6 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--max-rounds",
         type=int,
-        default=1000,
         metavar="N",
         help="end after N rounds (default 1000)",
     )
@@ -159,11 +159,13 @@ def _table(rows: Sequence[tuple[str, object]]) -> str:
 
 def _bar(total: int | None, what: str, unit: str) -> Any:
     """Return a progress bar on standard error; none where that is not a terminal."""
+    from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
+
     return tqdm(total=total, desc=what, unit=unit, disable=None, leave=False, file=sys.stderr)
 
 
 def _run(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.run import Plan, run  # noqa: PLC0415 - only what a command needs
+    from cubepath.coordinator.run import MAX_ROUNDS, Plan, run  # noqa: PLC0415 - only what a command needs
 
     plan = Plan(
         system=options.system,
@@ -171,7 +173,7 @@ def _run(options: argparse.Namespace) -> int:
         seed=options.seed,
         hesitate=options.hesitate,
         processes=options.processes,
-        max_rounds=options.max_rounds,
+        max_rounds=MAX_ROUNDS if options.max_rounds is None else options.max_rounds,
         log=options.log,
     )
     with _bar(None, "run", " rounds") as bar:
@@ -181,7 +183,9 @@ def _run(options: argparse.Namespace) -> int:
             bar.set_postfix(moves=heap.moves, cubes=heap.cubes, refresh=False)
             bar.update()
 
-        outcome = run(plan, watch)
+        # With no other processes a rule that prints would print into the answer.
+        with contextlib.redirect_stdout(sys.stderr):
+            outcome = run(plan, watch)
     rows: list[tuple[str, object]] = [
         ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
         ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),
@@ -253,6 +257,9 @@ def _shorten(options: argparse.Namespace) -> int:
     from cubepath.coordinator.shorten import shorten  # noqa: PLC0415
     from cubepath.protocol.moves import write_cubes  # noqa: PLC0415
 
+    output: Path | None = options.output
+    if output is not None and output.exists() and output.samefile(options.input):
+        raise InputError(f"{output}: is the input, expected another file for the cubes")
     with _bar(None, "shorten", " moves") as bar:
         found = shorten(options.input, system=options.system, progress=bar.update)
     if options.output is not None:

@@ -19,13 +19,11 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
 
-import msgspec
-
 from cubepath.agents.fleet import Fleet
 from cubepath.agents.rules import rule_named
 from cubepath.coordinator.gather import Gatherer, Step
 from cubepath.protocol.actions import Action
-from cubepath.protocol.errors import CubepathError, InputError
+from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.keys import topic_of
 from cubepath.protocol.messages import Cube, Edges, Placed, Report, Summary, decode, encode
 from cubepath.protocol.recording import RecordingWriter
@@ -34,6 +32,7 @@ from cubepath.protocol.systems import Scene
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(Exception):  # noqa: N818 - it is no error, it is what the person asked for
@@ -81,14 +80,6 @@ class Outcome:
         return {key: getattr(self, key) for key in self.__slots__ if key not in extra}
 
 
-class _Round(msgspec.Struct):
-    """The one field that every message has."""
-
-    round: int
-
-
-_round_of = msgspec.json.Decoder(_Round).decode
-
 Watch = Callable[[Gatherer], None]
 
 
@@ -123,7 +114,7 @@ def scene_of_plan(plan: Plan) -> tuple[Scene, str]:
 
 @contextmanager
 def _interrupts() -> Generator[Callable[[], None]]:
-    """Turn SIGINT and SIGTERM into `Interrupted`, raised between two messages and not inside one.
+    """Turn SIGINT, SIGTERM and SIGHUP into `Interrupted`, raised between two messages.
 
     A second one is taken at once. Off the main thread there is nothing to take over.
     """
@@ -141,7 +132,7 @@ def _interrupts() -> Generator[Callable[[], None]]:
     if threading.current_thread() is not threading.main_thread():
         yield check
         return
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, ask) for number in _INTERRUPTS}
     try:
         yield check
     finally:
@@ -205,11 +196,13 @@ class _Run:
         return "max-rounds", None
 
     def _wire(self, topic: str, data: bytes, wall_ns: int) -> None:
-        self._writer.write(topic, data, round_number=_round_of(data).round, wall_ns=wall_ns)
-        if topic.startswith("report/"):
-            report = decode(data)
-            if isinstance(report, Report):
-                self._gatherer.receive(report)
+        try:
+            message = decode(data)
+        except InputError as error:  # somebody else has joined the run
+            raise CheckError(f"on {topic}: {error}") from None
+        self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
+        if isinstance(message, Report):
+            self._gatherer.receive(message)
 
     def _step(self, step: Step) -> None:
         self._say(Edges(step.round, list(step.executed)))

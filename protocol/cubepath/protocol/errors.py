@@ -9,5 +9,9 @@ class InputError(CubepathError):
     """Input or usage that cannot be accepted (exit code 2)."""
 
 
+class RuleError(CubepathError):
+    """A rule did what a rule may not do, or failed itself; the text names it and its module."""
+
+
 class CheckError(CubepathError):
     """A check on something that was read or run did not hold (exit code 1)."""

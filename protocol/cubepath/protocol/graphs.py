@@ -68,13 +68,14 @@ def graph_from_name(name: str) -> Graph:
         return graph_from_edge_list(path)
     if found[2]:
         wide, high = int(found[2]), int(found[3])
-        if wide < 1 or high < 1 or wide * high < 2:
-            raise InputError(f"graph={name}: a grid has at least two cells")
+        if not 2 <= wide * high <= _CELLS_MAX:
+            raise InputError(f"graph={name}: expected a grid of 2 to {_CELLS_MAX} cells")
         return grid_graph({(x, y) for x in range(wide) for y in range(high)})
     kind, count = found[4], int(found[5])
     least = {"K": 2, "C": 3, "P": 2, "S": 1}[kind]
-    if count < least:
-        raise InputError(f"graph={name}: {kind} takes at least {least}")
+    most = 1000 if kind == "K" else _CELLS_MAX
+    if not least <= count <= most:
+        raise InputError(f"graph={name}: {kind} takes at least {least} and at most {most}")
     vertices: tuple[Site, ...] = tuple(range(count + 1 if kind == "S" else count))
     if kind == "K":
         edges: tuple[Edge, ...] = tuple((a, b) for a in range(count) for b in range(a + 1, count))
@@ -87,7 +88,7 @@ def graph_from_name(name: str) -> Graph:
     return Graph(vertices, edges)
 
 
-_CELLS_MAX = 4_000_000
+_CELLS_MAX = 1_000_000
 """Cells of a scenario's grid: one far coordinate must not fill the memory."""
 
 

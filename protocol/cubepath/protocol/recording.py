@@ -47,7 +47,11 @@ class RecordingWriter:
         text = scene_to_toml(scene)  # before the file is made: not every scene can be written
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._stream: IO[bytes] = path.open("wb")
+            # What was recorded before is never written over; a device may be written to.
+            new = path.is_file() or not path.exists()
+            self._stream: IO[bytes] = path.open("xb" if new else "wb")
+        except FileExistsError:
+            raise InputError(f"{path}: exists already, expected a new file") from None
         except OSError as error:
             raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)

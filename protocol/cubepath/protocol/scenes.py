@@ -18,6 +18,8 @@ from cubepath.protocol.sites import Site, in_order
 from cubepath.protocol.systems import Scene
 
 Values = Mapping[str, str]
+MODULES_MAX = 100_000
+"""The largest number of modules, or of anything else, that a spec may ask for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +36,17 @@ class Family:
 
 def scene_from_spec(spec: str) -> Scene:
     """Return the scene that `spec` names; InputError says what is wrong with it."""
-    if spec.endswith(".toml"):
+    name, _, rest = spec.partition(":")
+    family = FAMILIES.get(name)
+    if family is None and spec.endswith(".toml"):
         from cubepath.protocol.files import read_scene  # noqa: PLC0415 - files reads scenes too
 
         return read_scene(Path(spec))
-    name, _, rest = spec.partition(":")
-    family = FAMILIES.get(name)
     if family is None:
-        raise InputError(
-            f"unknown system {name!r}, expected one of {', '.join(FAMILIES)} or a .toml file"
-        )
+        names = ", ".join(FAMILIES)
+        raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
     values = {key: default for key, (default, _) in family.keys.items()}
-    given = {}
+    given: dict[str, str] = {}
     for part in rest.split(",") if rest else []:
         key, equals, value = part.partition("=")
         if not equals or key not in values:
@@ -53,6 +54,8 @@ def scene_from_spec(spec: str) -> Scene:
             raise InputError(
                 f"{spec}: cannot read {part!r}, expected KEY=VALUE with a key of {keys}"
             )
+        if key in given:
+            raise InputError(f"{spec}: key {key!r} stands twice")
         values[key] = given[key] = value
     shown = ",".join(f"{key}={given[key]}" for key in values if key in given)
     scene = family.build(name, values)
@@ -65,8 +68,10 @@ def _integer(values: Values, key: str, *, least: int) -> int:
         number = int(text)
     except ValueError:
         number = None
-    if number is None or number < least:
-        raise InputError(f"{key}={text}: expected a whole number of at least {least}")
+    if number is None or not least <= number <= MODULES_MAX:
+        raise InputError(
+            f"{key}={text}: expected a whole number of at least {least}, at most {MODULES_MAX}"
+        )
     return number
 
 
