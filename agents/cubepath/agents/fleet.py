@@ -27,7 +27,7 @@ from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.files import scene_to_toml
 from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
 from cubepath.protocol.messages import Act, Go, Message, Ready, Reset, decode, encode
-from cubepath.protocol.sessions import open_client, open_router, put, subscribe
+from cubepath.protocol.sessions import open_client, open_router, put, subscribe, wait_for_subscriber
 from cubepath.protocol.systems import Scene
 
 Phase = Literal["sense", "claim", "settle"]
@@ -122,6 +122,7 @@ class Fleet:
         listen = topic_key(self.run, "ready") if self._sink is None else everything(self.run)
         ear = subscribe(session, listen, self._enqueue)
         self._resources.callback(ear.undeclare)
+        wait_for_subscriber(router, topic_key(self.run, "ready", "process_0"))
         scene = scene_to_toml(self.scene)
         for process, modules in enumerate(self.modules_of):
             orders = Orders(

@@ -8,14 +8,17 @@ eclipse-zenoh 1.10.
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import zenoh
 
 from cubepath.protocol.errors import CubepathError
 
 _STALL_US_MAX = 60_000_000
+_PATIENCE_S_MAX = 10.0
+_POLL_S = 0.0005
 
 
 def _config(mode: str, **settings: object) -> zenoh.Config:
@@ -72,3 +75,18 @@ def subscribe(
 ) -> zenoh.Subscriber[None]:
     """Subscribe with a direct callback, which must only put into a queue: zenoh waits for it."""
     return session.declare_subscriber(key, zenoh.handlers.Callback(enqueue, indirect=False))
+
+
+def wait_for_subscriber(router: zenoh.Session, key: str) -> None:
+    """Wait until what others put on `key` reaches a subscriber; CubepathError if none is found.
+
+    A declaration and a put come over different links, in no order: what is put before the router
+    knows the subscriber is lost.
+    """
+    with router.declare_publisher(key) as publisher:
+        deadline = time.monotonic() + _PATIENCE_S_MAX
+        # An object, which is always true; zenoh's stub calls it a bool.
+        while not cast("Any", publisher.matching_status).matching:
+            if time.monotonic() > deadline:
+                raise CubepathError(f"no subscriber on {key} within {_PATIENCE_S_MAX:.0f} s")
+            time.sleep(_POLL_S)
