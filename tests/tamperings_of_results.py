@@ -9,7 +9,6 @@ from msgspec.structs import replace
 
 from cubepath.protocol.messages import Cube, Executed, Placed, decode
 from cubepath.protocol.recording import Recording
-from cubepath.protocol.systems import GraphSystem
 from recordings import all_edited, edited, first, recorded
 from tamperings import crowd, tampers
 
@@ -98,8 +97,7 @@ def a_move_of_a_cube_is_missing() -> Recording:
 def the_other_way_round() -> Recording:
     """Return cubes that are normal and end where the moves end, but go round the other side."""
     whole, taken = two_steps_round_a_circle()
-    system = whole.scene.system
-    assert isinstance(system, GraphSystem)
+    system: Any = whole.scene.system
     left = [[*edge] for edge in system.edges if [*edge] not in taken]
     left.sort(key=lambda edge: whole.scene.start[0] not in edge)
 

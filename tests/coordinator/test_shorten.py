@@ -333,7 +333,7 @@ def test_a_recording_is_shortened_from_its_reports(tmp_path: Path) -> None:
     )
     unfinished = report(4, 0, [0, 0], [1, 0])
     arrival = [RUN[3], RUN[2], *RUN[::-1], unfinished]
-    assert shorten(record(path, arrival)).named == result.named
+    assert shorten(record(tmp_path / "late", arrival)).named == result.named
 
 
 def test_a_recording_without_rounds_is_a_path_of_no_cubes(tmp_path: Path) -> None:

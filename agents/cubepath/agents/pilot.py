@@ -54,8 +54,13 @@ class Pilot:
         )
         self.talk = rule.talk(modules)
         self._who = f"rule {rule.name!r}, module_{module}"
-        with _blamed_on(self._who):
-            self._rule = rule.make(birth)
+        try:
+            with _blamed_on(self._who):
+                self._rule = rule.make(birth)
+        except RuleError as error:
+            if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
+                raise error.__cause__ from None
+            raise
         self._birth = birth
         self._hesitate = hesitate
         self._doubt = stream(seed, module, _HESITATE)

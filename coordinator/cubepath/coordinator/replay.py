@@ -49,7 +49,8 @@ _POLL_S = 0.001
 class Replayed:
     """What a replay came to; `same` tells whether that is what the recording says.
 
-    `differences` names in a line each where it is not, or where the recording says nothing.
+    `differences` names in a line each where it is not, where the recording says nothing, and what
+    could not be read of it.
     """
 
     log: str
@@ -217,6 +218,7 @@ class _Player:
 
     def _differences(self) -> Iterator[str]:
         """Yield where what was gathered is not what the recording says was gathered."""
+        yield from self._recording.problems
         edges: dict[int, Edges] = {}
         cubes: dict[int, Cube] = {}
         summary: Summary | None = None

@@ -46,7 +46,8 @@ class RecordingWriter:
         self.messages = 0
         text = scene_to_toml(scene)  # before the file is made: not every scene can be written
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
+            with contextlib.suppress(FileExistsError):  # opening it gives the reason
+                path.parent.mkdir(parents=True, exist_ok=True)
             # What was recorded before is never written over; a device may be written to.
             new = path.is_file() or not path.exists()
             self._stream: IO[bytes] = path.open("xb" if new else "wb")
