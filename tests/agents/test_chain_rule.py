@@ -20,14 +20,13 @@ from cubepath.agents.world import World
 from cubepath.coordinator.heap import normal_cube_path
 from cubepath.protocol.actions import Action, admissible, commute
 from cubepath.protocol.catalogue import (
-    HEX_DIRECTIONS,
     HEXAGONS,
     Catalogue,
     Cell,
     Move,
-    hex_catalogue,
 )
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.families.hexagons import HEX_DIRECTIONS, hex_catalogue
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cubepath.agents.pictures import INK, WALL, draw_on, draw_pixels, frame, palette
 from cubepath.agents.text import draw_text
 from cubepath.agents.world import World
-from cubepath.protocol.catalogue import hex_catalogue
+from cubepath.protocol.families.hexagons import hex_catalogue
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec

@@ -4,7 +4,7 @@ import pytest
 
 from complexes import f_vector, shape_f_vector, states_of
 from cubepath.protocol.actions import admissible, apply
-from cubepath.protocol.catalogue import HEX_DIRECTIONS, hex_catalogue
+from cubepath.protocol.families.hexagons import HEX_DIRECTIONS, hex_catalogue
 from cubepath.protocol.scenes import scene_from_spec
 
 

@@ -5,8 +5,8 @@ import pickle
 import pytest
 
 from cubepath.protocol.actions import commute
-from cubepath.protocol.catalogue import hex_catalogue
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.families.hexagons import hex_catalogue
 from cubepath.protocol.files import scene_from_toml, scene_to_toml
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import graph_from_name

@@ -37,8 +37,9 @@ from dataclasses import dataclass
 
 from cubepath.agents.rule import Birth, Choice, Rule, RuleType
 from cubepath.agents.view import STAY, View
-from cubepath.protocol.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell, hex_catalogue
+from cubepath.protocol.catalogue import HEXAGONS, Cell
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.families.hexagons import HEX_DIRECTIONS, hex_catalogue
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.systems import System
 

@@ -22,7 +22,7 @@ from cubepath.agents.view import SILENT, STAY, Note, Observation, checked_note, 
 from cubepath.agents.world import Round, World
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.systems import FIRST_LABEL, Scene
+from cubepath.protocol.systems import Scene, local_only
 
 if TYPE_CHECKING:
     from cubepath.agents.wire_world import WireWorld
@@ -61,7 +61,8 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             raise InputError(
                 f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
             )
-        self.scene = scene_from_spec(system) if isinstance(system, str) else system
+        scene = scene_from_spec(system) if isinstance(system, str) else system
+        self.scene = local_only(scene, "environment")
         self.max_cycles = max_cycles
         self.render_mode = render_mode
         self.talk = talk
@@ -72,7 +73,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
-        width = self.scene.system.place_size
+        width = self.scene.system.site_size
         info = np.iinfo(np.int32)
         self.state_space = spaces.Box(
             info.min, info.max, (len(self.possible_agents), width), np.int32
@@ -171,11 +172,9 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         return there / len(self.possible_agents)
 
     def state(self) -> NDArray[np.int32]:
-        """Return the places of all modules, int32, shape (modules, place_size)."""
+        """Return the places of all modules, int32, shape (modules, site_size)."""
         system = self.scene.system
-        return np.array(
-            [system.encode_place(system.place_of(site)) for site in self.sites], np.int32
-        )
+        return np.array([system.encode_site(site) for site in self.sites], np.int32)
 
     @property
     def sites(self) -> tuple[Any, ...]:
@@ -255,9 +254,9 @@ def _observation_space(scene: Scene, talk: int) -> spaces.Dict:
     info = np.iinfo(np.int32)
     low = np.zeros(observation_length(system), np.int32)
     high = np.ones(observation_length(system), np.int32)
-    low[: system.place_size] = info.min
-    high[: system.place_size] = info.max
-    high[system.place_size + 1 :: 2] = FIRST_LABEL + (system.labels or 0) - 1
+    low[: system.site_size] = info.min
+    high[: system.site_size] = info.max
+    high[system.site_size + 1 :: 2] = system.codes - 1
     parts: dict[str, spaces.Space[Any]] = {
         "observation": spaces.Box(low, high, dtype=np.int32),
         "action_mask": spaces.Box(0, 1, (system.move_slots + 1,), np.int8),

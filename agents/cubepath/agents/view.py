@@ -44,8 +44,8 @@ def checked_note(note: Iterable[int], talk: int) -> Note:
 
 
 def observation_length(system: System) -> int:
-    """Return the length of `observation`: the own place, its goal flag, two entries a slot."""
-    return system.place_size + 1 + 2 * system.sense_slots
+    """Return the length of `observation`: the own site, its goal flag, two entries a slot."""
+    return system.site_size + 1 + 2 * system.sense_slots
 
 
 def observe(
@@ -62,7 +62,7 @@ def observe(
     `occupants` maps places to the site that is on there and is asked for sensed places only.
     The result holds
 
-    - ``observation``, int32, shape ``(place_size + 1 + 2 * sense_slots,)``: the own place, 1 if it
+    - ``observation``, int32, shape ``(site_size + 1 + 2 * sense_slots,)``: the own site, 1 if it
       is one of the module's `goals`, then for each sensed slot what it shows (0 free, 1 module, 2
       occupied obstacle, 3 no place, 4 + label) and 1 if that place is one of its goals;
     - ``action_mask``, int8, shape ``(move_slots + 1,)``: which actions are legal, stay first;
@@ -70,7 +70,7 @@ def observe(
       reach: what was heard from each place within reach, `SILENT` where nothing was.
     """
     place = system.place_of(site)
-    numbers = [*system.encode_place(place), int(place in goals)]
+    numbers = [*system.encode_site(site), int(place in goals)]
     on: set[Site] = {site}
     for near in system.sensed(place):
         if near is None:
@@ -130,9 +130,9 @@ class View:
 def view_of(system: System, observation: Observation, label: int | None = None) -> View:
     """Read an observation back; `label` is the module's own in a labelled system."""
     numbers: Sequence[int] = observation["observation"].tolist()
-    size = system.place_size
-    place = system.decode_place(numbers[:size])
-    site: Site = place if system.labels is None else (place, label)
+    size = system.site_size
+    site = system.decode_site(numbers[:size], label)
+    place = system.place_of(site)
     occupied = {}
     for slot, near in enumerate(system.sensed(place)):
         code = numbers[size + 1 + 2 * slot]

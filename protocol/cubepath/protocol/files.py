@@ -13,13 +13,15 @@ from typing import Annotated, Any
 import msgspec
 import tomli_w
 
-from cubepath.protocol.catalogue import LATTICES, Catalogue, Cell, Generator
+from cubepath.protocol.actions import Action
+from cubepath.protocol.catalogue import LATTICES, Catalogue, Cell, Generator, Move
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import read_text
 from cubepath.protocol.lattice_system import LatticeSystem
-from cubepath.protocol.sites import Site, in_order, site_from_json
+from cubepath.protocol.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.systems import Scene, System
+from cubepath.protocol.tabled_system import TabledSystem
 
 FORMAT = "cubepath-system-1"
 
@@ -50,6 +52,26 @@ class _GraphTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True
     labels: Annotated[int, msgspec.Meta(ge=1)] | None = None
 
 
+class _MoveTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    generator: str
+    at: Any
+    support: list[Any]
+    trace: list[Any]
+    before: list[Any]
+    after: list[Any]
+    goes: list[tuple[Any, Any]]
+    free: list[Any] = []
+    guards: list[tuple[Any, Any]] = []
+
+
+class _ListTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    drawing: str
+    moves: list[_MoveTable]
+    letters: list[str] = []
+    fixed: list[Any] = []
+    positions: list[tuple[Any, float, float]] = []
+
+
 class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     format: str
     start: list[Any]
@@ -59,6 +81,7 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     goals: list[list[Any]] = []
     lattice: _LatticeTable | None = None
     graph: _GraphTable | None = None
+    listed: _ListTable | None = None
 
 
 def read_scene(path: Path) -> Scene:
@@ -84,18 +107,29 @@ def scene_from_toml(text: str, where: str) -> Scene:
 
 
 def _scene(found: _SceneFile, where: str) -> Scene:
-    if (found.lattice is None) == (found.graph is None):
-        raise InputError("expected one of the tables [lattice] and [graph]")
+    tables = [found.lattice, found.graph, found.listed]
+    if sum(table is not None for table in tables) != 1:
+        raise InputError("expected one of the tables [lattice], [graph] and [listed]")
     start = _sites(found.start)
     goals = tuple(_sites(known) for known in found.goals)
     return Scene(
         spec=found.name or where,
         family=found.family,
-        system=_lattice(found.lattice) if found.lattice else _graph(found.graph),
+        system=_system(found),
         start=start,
         goal=None if found.goal is None else frozenset(_sites(found.goal)),
         goals=goals * len(start) if len(goals) == 1 else goals,
     )
+
+
+def _system(found: _SceneFile) -> System:
+    if found.lattice is not None:
+        return _lattice(found.lattice)
+    if found.graph is not None:
+        return _graph(found.graph)
+    if found.listed is not None:
+        return _listed(found.listed)
+    raise InputError("no system")
 
 
 def _sites(values: Iterable[Any]) -> tuple[Site, ...]:
@@ -132,15 +166,41 @@ def _lattice(table: _LatticeTable) -> LatticeSystem:
     )
 
 
-def _graph(table: _GraphTable | None) -> GraphSystem:
-    if table is None:
-        raise InputError("no [graph]")
+def _graph(table: _GraphTable) -> GraphSystem:
     return GraphSystem(
         _sites(table.vertices),
         [(site_from_json(one), site_from_json(other)) for one, other in table.edges],
         labels=table.labels,
         compass=table.compass,
     )
+
+
+def _listed(table: _ListTable) -> TabledSystem:
+    return TabledSystem(
+        [_move(each) for each in table.moves],
+        letters=table.letters,
+        fixed=_sites(table.fixed),
+        drawing=table.drawing,
+        positions={site_from_json(place): (x, y) for place, x, y in table.positions},
+    )
+
+
+def _move(table: _MoveTable) -> Move:
+    at = site_from_json(table.at)
+    action = Action(
+        _sites(table.support),
+        _sites(table.trace),
+        _sites(table.before),
+        _sites(table.after),
+        free=_sites(table.free),
+        guards=_pairs(table.guards),
+        label=f"{table.generator} at {site_text(at)}",
+    )
+    return Move(action, table.generator, at, tuple(_pairs(table.goes)))
+
+
+def _pairs(values: Iterable[tuple[Any, Any]]) -> list[tuple[Site, Site]]:
+    return [(site_from_json(one), site_from_json(other)) for one, other in values]
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -163,31 +223,74 @@ def scene_to_toml(scene: Scene) -> str:
 def _system_table(system: System) -> dict[str, Any]:
     match system:
         case LatticeSystem():
-            table: dict[str, Any] = {"name": system.catalogue.lattice.name}
-            if system.workspace is not None:
-                table["workspace"] = _json(in_order(system.workspace))
-            for key, sites in (("filled", system.filled), ("empty", system.empty)):
-                if sites:
-                    table[key] = _json(in_order(sites))
-            table["generators"] = [_generator(each) for each in system.catalogue.generators]
-            return {"lattice": table}
+            return {"lattice": _lattice_table(system)}
         case GraphSystem():
-            table = {
-                "compass": system.compass,
-                "vertices": _json(system.vertices),
-                "edges": _json(system.edges),
-            }
-            if system.labels is not None:
-                table["labels"] = system.labels
-            return {"graph": table}
+            return {"graph": _graph_table(system)}
+        case TabledSystem():
+            return {"listed": _list_table(system)}
         case _:
             raise InputError(f"{type(system).__name__} cannot be written as a file")
+
+
+def _lattice_table(system: LatticeSystem) -> dict[str, Any]:
+    table: dict[str, Any] = {"name": system.catalogue.lattice.name}
+    if system.workspace is not None:
+        table["workspace"] = _json(in_order(system.workspace))
+    for key, sites in (("filled", system.filled), ("empty", system.empty)):
+        if sites:
+            table[key] = _json(in_order(sites))
+    table["generators"] = [_generator(each) for each in system.catalogue.generators]
+    return table
+
+
+def _graph_table(system: GraphSystem) -> dict[str, Any]:
+    table = {
+        "compass": system.compass,
+        "vertices": _json(system.vertices),
+        "edges": _json(system.edges),
+    }
+    if system.labels is not None:
+        table["labels"] = system.labels
+    return table
+
+
+def _list_table(system: TabledSystem) -> dict[str, Any]:
+    table: dict[str, Any] = {"drawing": system.drawing}
+    if system.letters:
+        table["letters"] = list(system.letters)
+    if system.filled:
+        table["fixed"] = _json(in_order(system.filled))
+    if system.positions:
+        table["positions"] = [
+            [_json(place), *map(float, system.positions[place])]
+            for place in in_order(system.positions)
+        ]
+    table["moves"] = [_listed_move(move) for move in system.listed]
+    return table
 
 
 def _generator(generator: Generator) -> dict[str, Any]:
     keys = ("support", "trace", "before", "after", "goes", "free", "guards")
     found = {key: _json(getattr(generator, key)) for key in keys}
     return {"name": generator.name, **{key: value for key, value in found.items() if value}}
+
+
+def _listed_move(move: Move) -> dict[str, Any]:
+    action = move.action
+    sources = frozenset(source for source, _ in move.goes)
+    ends = action.ends if sources <= action.ends[0] else action.ends[::-1]
+    found = {
+        "support": _json(in_order(action.support)),
+        "trace": _json(in_order(action.trace)),
+        "before": _json(in_order(ends[0])),
+        "after": _json(in_order(ends[1])),
+        "goes": _json(move.goes),
+    }
+    if action.free:
+        found["free"] = _json(in_order(action.free))
+    if action.guards:
+        found["guards"] = _json(in_order(action.guards))
+    return {"generator": move.generator, "at": _json(move.at), **found}
 
 
 def _json(value: object) -> Any:

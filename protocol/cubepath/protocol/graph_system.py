@@ -42,7 +42,8 @@ class GraphSystem(System):
         self.compass = compass
         self.filled = frozenset()
         self.drawing = "squares" if compass else "graph"
-        self.place_size = 1
+        self.site_size = 1
+        self.codes = FIRST_LABEL + (labels or 0)
         near: dict[Site, set[Site]] = {vertex: set() for vertex in self.vertices}
         for one, other in edges:
             for end in (one, other):
@@ -176,13 +177,14 @@ class GraphSystem(System):
         """Return the block of the grid that a vertex lies in; other graphs are one region."""
         return region_of(place) if self.compass and isinstance(place, tuple) else "0"
 
-    def encode_place(self, place: Site) -> tuple[int, ...]:
+    def encode_site(self, site: Site) -> tuple[int, ...]:
         """Return the number of the vertex in canonical order."""
-        return (self.index[place],)
+        return (self.index[self.place_of(site)],)
 
-    def decode_place(self, numbers: Sequence[int]) -> Site:
-        """Return the vertex with this number."""
-        return self.vertices[int(numbers[0])]
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
+        """Return the site at the vertex with this number."""
+        vertex = self.vertices[int(numbers[0])]
+        return vertex if self.labels is None else (vertex, label)
 
     def has_place(self, place: Site) -> bool:
         """Tell whether `place` is a vertex."""

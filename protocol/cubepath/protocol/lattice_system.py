@@ -40,7 +40,7 @@ class LatticeSystem(System):
             raise InputError(f"obstacle {in_order(both)[0]!r} is both filled and empty")
         self.obstacles: frozenset[Site] = self.filled | self.empty
         self.drawing = lattice.drawing
-        self.place_size = lattice.arity
+        self.site_size = lattice.arity
         self._near = _Neighbourhoods(catalogue)
         self.move_slots = max(len(found) for found in catalogue.templates.values())
         self.sense_slots = max(len(found) for found in self._near.sensed.values())
@@ -110,12 +110,13 @@ class LatticeSystem(System):
         lattice = self.catalogue.lattice
         return region_of(lattice.check(place)[: lattice.dimension])
 
-    def encode_place(self, place: Site) -> tuple[int, ...]:
+    def encode_site(self, site: Site) -> tuple[int, ...]:
         """Return the cell itself."""
-        return self.catalogue.lattice.check(place)
+        return self.catalogue.lattice.check(site)
 
-    def decode_place(self, numbers: Sequence[int]) -> Site:
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
         """Return the cell."""
+        del label
         return tuple(int(number) for number in numbers)
 
     def has_place(self, place: Site) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 
 from cubepath.protocol.actions import Action
@@ -35,8 +36,8 @@ class System(ABC):
     """Obstacles that are on: they count for supports, never move, never become free."""
     drawing: str
     """How places look: "hexagons", "squares", "edges" or "graph"."""
-    place_size: int
-    """How many integers `encode_place` returns."""
+    site_size: int
+    """How many integers `encode_site` returns."""
     move_slots: int
     """Length of every answer of `moves`."""
     sense_slots: int
@@ -45,6 +46,11 @@ class System(ABC):
     """The greatest length of an answer of `reach`."""
     labels: int | None = None
     """Number of labels in a labelled system."""
+    codes: int = 4
+    """Every code that a place shows is below this."""
+    local = True
+    """False where a rule for the whole aggregate decides too (`legal`): such a system has a
+    complex, but no environment, no runs and no shortening."""
 
     @abstractmethod
     def moves(self, site: Site) -> tuple[Move | None, ...]:
@@ -71,16 +77,24 @@ class System(ABC):
         """
 
     @abstractmethod
-    def encode_place(self, place: Site) -> tuple[int, ...]:
-        """Return the place as `place_size` integers, for observations."""
+    def encode_site(self, site: Site) -> tuple[int, ...]:
+        """Return a module's own site as `site_size` integers, for observations.
+
+        In a labelled system the label is left out: it is the module's own.
+        """
 
     @abstractmethod
-    def decode_place(self, numbers: Sequence[int]) -> Site:
-        """Return the place that `encode_place` made these integers of."""
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
+        """Return the site that `encode_site` made these integers of."""
 
     @abstractmethod
     def has_place(self, place: Site) -> bool:
         """Tell whether a module could ever stand at `place`."""
+
+    def legal(self, state: AbstractSet[Site]) -> bool:
+        """Tell whether the rule for the whole aggregate, if there is one, allows the state."""
+        del state
+        return True
 
     def region(self, place: Site) -> str:
         """Return the name of the region that a place lies in, one chunk of a key expression.
@@ -170,3 +184,13 @@ class Scene:
     def reached(self, sites: Iterable[Site]) -> bool:
         """Tell whether modules at these sites are at the goal; False when there is none."""
         return self.goal is not None and frozenset(sites) == self.goal
+
+
+def local_only(scene: Scene, what: str) -> Scene:
+    """Return the scene; InputError where its system is not local, and so has no `what`."""
+    if not scene.system.local:
+        raise InputError(
+            f"{scene.spec}: not a local system (a rule for the whole aggregate decides too), so it"
+            f" has no {what}"
+        )
+    return scene

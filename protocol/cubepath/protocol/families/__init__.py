@@ -1,0 +1,1 @@
+"""The built-in families of scenes, one subject a module."""
