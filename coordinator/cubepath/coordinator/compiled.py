@@ -1,0 +1,28 @@
+"""Compiled functions: numba's `njit(cache=True)` with the types of what it is put on.
+
+Loops over arrays that numpy alone has no words for are compiled to machine code, once for each
+set of argument types; the result is kept on disk beside the module, so only the first run after
+an installation waits for the compiler. Source: https://numba.readthedocs.io, "Compiling Python
+code with @jit".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+from numba import njit
+
+_Arguments = ParamSpec("_Arguments")
+_Result = TypeVar("_Result")
+
+
+def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
+    """Return the function compiled in nopython mode, cached on disk, with its signature kept.
+
+    What it takes and gives are numpy arrays, numbers, booleans and tuples of these; a compiled
+    function may call another. Integers are of 64 bits and wrap around without a word; nothing is
+    checked against the ends of an array. Errors: numba's own ``TypingError`` at the first call
+    where the body is outside what numba can compile.
+    """
+    return cast("Callable[_Arguments, _Result]", njit(cache=True)(function))
