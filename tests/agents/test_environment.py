@@ -26,10 +26,16 @@ import cubepath.agents
 from cubepath.agents import CubepathEnv, env, parallel_env
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
-from cubepath.protocol.scenes import FAMILIES
 from cubepath.protocol.systems import Scene
+from local_families import LOCAL_FAMILIES
 
-SPECS = [*FAMILIES, "agv:graph=K5,n=3", "agv-labelled:graph=C5,n=2", "arm:n=1", "hex:n=3,bend=0"]
+SPECS = [
+    *LOCAL_FAMILIES,
+    "agv:graph=K5,n=3",
+    "agv-labelled:graph=C5,n=2",
+    "arm:n=1",
+    "hex:n=3,bend=0",
+]
 
 
 @pytest.fixture(autouse=True)
@@ -79,7 +85,7 @@ def test_the_package_itself_has_both_constructors() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", [*FAMILIES, "agv:graph=K5,n=3"])
+@pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "agv:graph=K5,n=3"])
 def test_render(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
     """PettingZoo's render_test passes for human, ansi and rgb_array."""
     render_test(lambda **keywords: env(spec, **keywords))

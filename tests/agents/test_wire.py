@@ -22,6 +22,7 @@ from cubepath.protocol.messages import Report, decode, site_of
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec
 from cubepath.protocol.sessions import open_client, subscribe
 from cubepath.protocol.systems import Scene
+from local_families import LOCAL_FAMILIES
 
 Path = list[tuple[int, int, str, object]]
 
@@ -123,7 +124,7 @@ def test_same_path_with_a_process_for_each_module(spec: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", LOCAL_FAMILIES)
 def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> None:
     """The rule that reaches the goal does so with the same moves, also when modules hesitate."""
     scene = scene_from_spec(family)

@@ -222,7 +222,8 @@ def _systems(options: argparse.Namespace) -> int:
     ]
     lines = []
     for family in FAMILIES.values():
-        lines.append(f"{family.name}: {family.summary} (rule {family.rule})")
+        rule = f" (rule {family.rule})" if family.rule else ""
+        lines.append(f"{family.name}: {family.summary}{rule}")
         for key, (default, summary) in family.keys.items():
             lines.append(f"    {key}={default:<6} {summary}")
     _answer(options, document, "\n".join(lines))
@@ -234,6 +235,7 @@ def _rules(options: argparse.Namespace) -> int:
     from cubepath.protocol.scenes import FAMILIES, scene_from_spec  # noqa: PLC0415
 
     systems = {name: scene_from_spec(name).system for name in FAMILIES}
+    systems = {name: system for name, system in systems.items() if system.local}
     document = [
         {
             "name": rule.name,

@@ -28,7 +28,7 @@ from cubepath.protocol.keys import topic_of
 from cubepath.protocol.messages import Cube, Edges, Placed, Report, Summary, decode, encode
 from cubepath.protocol.recording import RecordingWriter
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec
-from cubepath.protocol.systems import Scene
+from cubepath.protocol.systems import Scene, local_only
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
@@ -105,7 +105,7 @@ def scene_of_plan(plan: Plan) -> tuple[Scene, str]:
             raise InputError(f"{key}={number}: expected 0 or more")
     if plan.max_rounds < 0:
         raise InputError(f"max-rounds={plan.max_rounds}: expected 0 or more")
-    scene = scene_from_spec(plan.system)
+    scene = local_only(scene_from_spec(plan.system), "runs")
     family = FAMILIES.get(scene.family)
     rule = plan.rule or (family.rule if family is not None else "random")
     rule_named(rule, scene.system)

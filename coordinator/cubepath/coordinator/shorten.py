@@ -27,6 +27,7 @@ from cubepath.protocol.moves import MoveName, PathMove, id_of, read_moves
 from cubepath.protocol.recording import read_recording
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site, in_order
+from cubepath.protocol.systems import local_only
 
 Progress = Callable[[int], object]
 """Called now and then with how many moves have come in since the last call."""
@@ -81,7 +82,8 @@ def shorten(
     elif kind == "scenario":
         moves = _planned(path)
     else:
-        moves = read_moves(path, None if system is None else scene_from_spec(system))
+        scene = None if system is None else local_only(scene_from_spec(system), "shortening")
+        moves = read_moves(path, scene)
     heap = Heap()
     placed: dict[Action, Placed] = {}
     for move in moves if progress is None else _told(moves, progress):

@@ -22,7 +22,7 @@ class Family:
     keys: Mapping[str, tuple[str, str]]
     build: Callable[[str, Values], Scene]
     rule: str = "random"
-    """The rule that reaches the default goal; random where there is none."""
+    """The rule that reaches the default goal; random where there is none, empty without runs."""
 
 
 def whole(values: Values, key: str, *, least: int, most: int = MODULES_MAX) -> int:

@@ -14,8 +14,9 @@ import msgspec
 import tomli_w
 
 from cubepath.protocol.actions import Action
-from cubepath.protocol.catalogue import LATTICES, Catalogue, Cell, Generator, Move
+from cubepath.protocol.catalogue import HEXAGONS, LATTICES, Catalogue, Cell, Generator, Move
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.families.connected_hexagons import ConnectedHexagons
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import read_text
 from cubepath.protocol.lattice_system import LatticeSystem
@@ -43,6 +44,7 @@ class _LatticeTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=Tr
     workspace: list[Any] | None = None
     filled: list[Any] = []
     empty: list[Any] = []
+    connected: bool = False
 
 
 class _GraphTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -158,7 +160,10 @@ def _lattice(table: _LatticeTable) -> LatticeSystem:
         )
         for generator in table.generators
     )
-    return LatticeSystem(
+    if table.connected and lattice is not HEXAGONS:
+        raise InputError(f"connected: expected lattice 'hexagons', found {table.name!r}")
+    build = ConnectedHexagons if table.connected else LatticeSystem
+    return build(
         Catalogue(lattice, generators),
         workspace=None if table.workspace is None else _sites(table.workspace),
         filled=_sites(table.filled),
@@ -239,6 +244,8 @@ def _lattice_table(system: LatticeSystem) -> dict[str, Any]:
     for key, sites in (("filled", system.filled), ("empty", system.empty)):
         if sites:
             table[key] = _json(in_order(sites))
+    if isinstance(system, ConnectedHexagons):
+        table["connected"] = True
     table["generators"] = [_generator(each) for each in system.catalogue.generators]
     return table
 

@@ -53,7 +53,7 @@ class LatticeSystem(System):
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
         build = partial(
-            LatticeSystem,
+            type(self),
             self.catalogue,
             workspace=self.workspace,
             filled=self.filled,

@@ -6,12 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.families import arm, hexagons, vehicles
+from cubepath.protocol.families import arm, connected_hexagons, hexagons, vehicles
 from cubepath.protocol.family import Family
 from cubepath.protocol.systems import Scene
 
 FAMILIES: dict[str, Family] = {
-    family.name: family for module in (hexagons, vehicles, arm) for family in module.FAMILIES
+    family.name: family
+    for module in (hexagons, connected_hexagons, vehicles, arm)
+    for family in module.FAMILIES
 }
 
 

@@ -162,6 +162,8 @@ class Scene:
                 if place in seen:
                     raise InputError(f"{self.spec}: {what} twice at {place!r}")
                 seen.add(place)
+        if not self.system.legal(self.start_state):
+            raise InputError(f"{self.spec}: the start breaks the rule for the whole aggregate")
         if self.goal is not None and len(self.goal) != len(self.start):
             raise InputError(
                 f"{self.spec}: {len(self.start)} modules start, the goal has {len(self.goal)} sites"

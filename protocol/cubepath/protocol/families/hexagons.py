@@ -5,6 +5,8 @@ Source: Abrams and Ghrist, example 2-d hex with pivots.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from cubepath.protocol.catalogue import HEXAGONS, Catalogue, Cell, Generator
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.family import Family, Values, whole
@@ -61,12 +63,29 @@ def _plus(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
     return one[0] + other[0], one[1] + other[1]
 
 
+def walled(cells: Sequence[Cell]) -> list[Cell]:
+    """Return the cells of a box round the given cells, three cells wider on each side.
+
+    Under the second catalogue pieces may break off and walk away, so it needs walls.
+    """
+    margin = 3
+    return [
+        (q, r)
+        for q in range(min(c[0] for c in cells) - margin, max(c[0] for c in cells) + margin + 1)
+        for r in range(min(c[1] for c in cells) - margin, max(c[1] for c in cells) + margin + 1)
+    ]
+
+
 def _hex(name: str, values: Values) -> Scene:
     """Build a chain of hexagons that is to become another chain.
 
     The start runs along direction 0 from cell (0, 0). The goal begins at its end; `bend` is the
     angle between the two chains, 60 or 120 degrees on either side, or 0 for a slide along the
     same line, `shift` cells ahead.
+
+    With `base` 1 the cell (-1, 0), next to module 0, is an obstacle that is on, the paper's base
+    cell. The first catalogue holds the aggregate to it, so the goal begins beside the base too, and
+    `bend` is the angle between the two chains there.
     """
     count = whole(values, "n", least=1)
     bend = values["bend"]
@@ -81,20 +100,23 @@ def _hex(name: str, values: Values) -> Scene:
             raise InputError(f"shift={first}: expected at most n={count}")
     else:
         first = count - 1
+    head: Cell = (first, 0)
+    filled: tuple[Cell, ...] = ()
+    if whole(values, "base", least=0, most=1):
+        if turns[bend] == 0:
+            raise InputError("bend=0: with base=1 the goal begins beside the base, expected a bend")
+        filled = ((-1, 0),)
+        ahead = HEX_DIRECTIONS[3 - turns[bend]]
+        head = (ahead[0] - 1, ahead[1])
     goals: tuple[Cell, ...] = tuple(
-        (first + step * ahead[0], step * ahead[1]) for step in range(count)
+        (head[0] + step * ahead[0], head[1] + step * ahead[1]) for step in range(count)
     )
     workspace = None
     if name == "hex-open":
-        # Pieces may break off and walk away, so this catalogue needs walls.
-        margin = 3
-        cells = [*start, *goals]
-        workspace = [
-            (q, r)
-            for q in range(min(c[0] for c in cells) - margin, max(c[0] for c in cells) + margin + 1)
-            for r in range(min(c[1] for c in cells) - margin, max(c[1] for c in cells) + margin + 1)
-        ]
-    system = LatticeSystem(hex_catalogue(keeps_topology=name == "hex"), workspace=workspace)
+        workspace = walled([*start, *goals])
+    system = LatticeSystem(
+        hex_catalogue(keeps_topology=name == "hex"), workspace=workspace, filled=filled
+    )
     return Scene(
         spec=name,
         family=name,
@@ -109,6 +131,7 @@ _KEYS = {
     "n": ("7", "number of modules"),
     "bend": ("120", "angle between the two chains: 60, 120, -60, -120, or 0 for a slide"),
     "shift": ("1", "for bend=0: how far ahead the goal lies, 0 to n"),
+    "base": ("0", "1 for a fixed base cell, an obstacle next to module 0, from which both go out"),
 }
 FAMILIES = (
     Family(
