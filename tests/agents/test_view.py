@@ -10,7 +10,6 @@ from cubepath.agents.pilot import pilots_for
 from cubepath.agents.random_rule import RANDOM
 from cubepath.agents.view import observe, view_of
 from cubepath.agents.world import World
-from cubepath.protocol.actions import admissible
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site
 
@@ -21,6 +20,9 @@ SPECS = [
     "agv:graph=grid4x4,n=6",
     "agv:graph=K5,n=3",
     "agv-labelled:graph=C6,n=4",
+    "sliding:p=2,q=2,n=4",
+    "arm-free:n=5",
+    "arms:n=1",
 ]
 
 
@@ -91,7 +93,7 @@ def test_the_mask_is_admissibility_in_the_whole_state(spec: str) -> None:
             mask = world.observe(module)["action_mask"]
             assert mask[0] == 1
             for slot, move in enumerate(system.moves(site), 1):
-                assert mask[slot] == (move is not None and admissible(move.action, state))
+                assert mask[slot] == (move is not None and move.possible(state))
 
 
 @pytest.mark.parametrize("spec", SPECS)
@@ -99,7 +101,7 @@ def test_a_view_reads_the_observation_back(spec: str) -> None:
     """Site, occupied places and legal moves come out of the observation as they went in."""
     for world in worlds(spec):
         system = world.scene.system
-        there = {system.place_of(site): site for site in world.sites}
+        there = {system.place_of(site): site for site in (*world.sites, *system.filled)}
         for module, site in enumerate(world.sites):
             label = None if system.labels is None else module
             view = view_of(system, world.observe(module), label)

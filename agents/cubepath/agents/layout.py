@@ -10,6 +10,7 @@ from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene, System
+from cubepath.protocol.tabled_system import TabledSystem
 
 
 def label_of(system: System, site: Site) -> int | None:
@@ -34,6 +35,8 @@ def known_places(scene: Scene) -> list[Site]:
         places += system.vertices
     elif isinstance(system, LatticeSystem):
         places += [*system.obstacles, *(system.workspace or ())]
+    elif isinstance(system, TabledSystem):
+        places += system.places
     return places
 
 
@@ -43,6 +46,6 @@ def is_endless(system: System) -> bool:
 
 
 def tips_of(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the two vertices of a lattice edge."""
-    x, y, axis = cell_of(edge)
-    return (x, y), (x + (axis == 0), y + (axis == 1))
+    """Return the two vertices of a lattice edge; a vertex, as a place, is both of its own."""
+    x, y, *rest = cell_of(edge)
+    return (x, y), (x + (rest == [0]), y + (rest == [1]))

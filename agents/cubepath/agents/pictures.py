@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents.draw_marks import Segments, segments
 from cubepath.agents.layout import cell_of, is_endless, known_places, label_of, tips_of
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
@@ -95,6 +96,7 @@ def draw_on(
 
     Modules are coloured by number (`palette`). Cells of the goal have a red outline, in labelled
     systems one in the colour of the module that is to come there; edges of it lie on a pink band.
+    Vertices that are marked are dark discs, with a ring where the mark has just come or gone.
     `moved` says of modules that have just moved from which site: they get a dark outline and leave
     a pale trace. The frame holds start, goal, finite workspaces and the sites in `also`. `numbers`
     writes each module's label, or its number, on it; left out, where there is room to read it.
@@ -102,20 +104,15 @@ def draw_on(
     system = scene.system
     pen = _pen(axes, scene, (*sites, *also))
     {"edges": _edges_ground, "graph": _graph_ground}.get(system.drawing, _cells_ground)(pen)
+    if system.drawing == "edges":
+        _draw_arms(pen, scene, segments(sites, moved))
+        return
     colours = palette(len(sites))
     goals = list(scene.goal or ())
     at = [system.place_of(site) for site in goals]
-    if system.drawing == "edges":
-        pen.draw("goal", at, facecolors=_PALE_GOAL)
     left = {number: system.place_of(site) for number, site in (moved or {}).items()}
     places = [system.place_of(site) for site in sites]
-    _draw_trace(pen, left, places, colours)
-    pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
-    stirred = [places[number] for number in left]
-    pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
-    if system.drawing == "edges":
-        pen.joints(tip for edge in places for tip in tips_of(edge))
-        return
+    _draw_modules(pen, left, places, colours)
     labels = [label_of(system, site) for site in goals]
     hues = [GOAL if label is None else colours[label % len(colours)] for label in labels]
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
@@ -124,6 +121,25 @@ def draw_on(
             label = label_of(system, site)
             word = str(number if label is None else label)
             pen.write(places[number], word, colours[number])
+
+
+def _draw_arms(pen: _Pen, scene: Scene, arms: Segments) -> None:
+    """Draw segments on lattice edges, their joints, and the vertices that are marked."""
+    pen.draw("goal", segments(list(scene.goal or ())).sites, facecolors=_PALE_GOAL)
+    _draw_modules(pen, arms.moved, arms.sites, palette(len(arms.sites)))
+    pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
+    pen.discs(arms.marked, 0.17, facecolors=INK)
+    pen.discs(arms.changed, 0.25, facecolors="none")
+
+
+def _draw_modules(
+    pen: _Pen, left: Mapping[int, Site], places: Sequence[Site], colours: Sequence[Colour]
+) -> None:
+    """Draw modules by number, with an outline and a trace for those that left another place."""
+    _draw_trace(pen, left, places, colours)
+    pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
+    stirred = [places[number] for number in left]
+    pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
 
 
 def _draw_trace(
@@ -201,10 +217,10 @@ class _Pen:
         if len(lines):
             self.axes.add_collection(LineCollection(lines, zorder=1, **style), autolim=False)
 
-    def joints(self, points: Iterable[tuple[int, int]]) -> None:
-        """Draw the joints of an arm."""
-        rings = [_arcs([(0, 0)], 0.1) + point for point in dict.fromkeys(points)]
-        self.shapes(rings, facecolors="white", edgecolors=INK, linewidths=0.05 * self.scale)
+    def discs(self, points: Iterable[tuple[int, int]], radius: float, **style: Any) -> None:
+        """Draw discs with a dark outline about these points, such as the joints of an arm."""
+        rings = [_arcs([(0, 0)], radius) + point for point in dict.fromkeys(points)]
+        self.shapes(rings, edgecolors=INK, linewidths=0.05 * self.scale, **style)
 
     def write(self, place: Site, word: str, on: Colour) -> None:
         """Write a word on a cell of the given colour, as a shape that grows with the cell."""

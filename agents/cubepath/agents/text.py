@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from cubepath.agents.draw_marks import MARK, marked, segments
 from cubepath.agents.layout import cell_of, is_endless, known_places, label_of, tips_of
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.sites import Site, site_text
@@ -26,9 +27,9 @@ def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
     ``.``, and an occupied obstacle or a hole in a map ``#``. A labelled module shows its label,
     with ``*`` behind it at its own goal. Hexagons stand in rows offset by half a cell; segments of
     an arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` where the goal wants them, and
-    ``...`` and ``:`` where the goal is not there yet. A general graph has a line for each vertex,
-    with its neighbours. The frame holds start, goal and finite workspaces, so that pictures of one
-    run line up as long as modules stay in it.
+    ``...`` and ``:`` where the goal is not there yet; a marked vertex is ``*``. A general graph has
+    a line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces,
+    so that pictures of one run line up as long as modules stay in it.
     """
     drawing = scene.system.drawing
     if drawing == "edges":
@@ -101,14 +102,16 @@ def _edges_text(scene: Scene, sites: Sequence[Site]) -> str:
     tips = [tip for edge in (*known_places(scene), *marks) for tip in tips_of(edge)]
     left, right = min(x for x, _ in tips), max(x for x, _ in tips)
     low, high = min(y for _, y in tips), max(y for _, y in tips)
-    busy = {tip for edge in (*sites, *filled) for tip in tips_of(edge)}
+    busy = {tip for edge in (*segments(sites).sites, *filled) for tip in tips_of(edge)}
+    joined = marked(sites)
     marks |= filled
     lines = []
     for y in range(high, low - 1, -1):
         row, below = "", ""
         for x in range(left, right + 1):
             mark = marks.get((x, y, 0), "")
-            row += ("o" if (x, y) in busy else "+") + flat.get(mark, mark * 3).ljust(3)
+            vertex = MARK if (x, y) in joined else "o" if (x, y) in busy else "+"
+            row += vertex + flat.get(mark, mark * 3).ljust(3)
             mark = marks.get((x, y - 1, 1), "")
             below += upright.get(mark, mark).ljust(4)
         lines += [row.rstrip(), below.rstrip()]

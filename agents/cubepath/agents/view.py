@@ -13,7 +13,6 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.actions import admissible
 from cubepath.protocol.catalogue import Move
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.sites import Site
@@ -63,14 +62,15 @@ def observe(
     The result holds
 
     - ``observation``, int32, shape ``(site_size + 1 + 2 * sense_slots,)``: the own site, 1 if it
-      is one of the module's `goals`, then for each sensed slot what it shows (0 free, 1 module, 2
-      occupied obstacle, 3 no place, 4 + label) and 1 if that place is one of its goals;
+      or its place is one of the module's `goals`, then for each sensed slot what it shows (0 free,
+      1 module, 2 occupied obstacle, 3 no place, 4 + label or letter) and 1 if that place, or what
+      is on there, is one of its goals;
     - ``action_mask``, int8, shape ``(move_slots + 1,)``: which actions are legal, stay first;
     - ``notes`` when `talk` is positive, int32, shape ``(len(reach), talk)`` padded to the largest
       reach: what was heard from each place within reach, `SILENT` where nothing was.
     """
     place = system.place_of(site)
-    numbers = [*system.encode_site(site), int(place in goals)]
+    numbers = [*system.encode_site(site), int(place in goals or site in goals)]
     on: set[Site] = {site}
     for near in system.sensed(place):
         if near is None:
@@ -78,14 +78,14 @@ def observe(
             continue
         occupant = occupants.get(near)
         code = system.background(near) if occupant is None else system.code_of(occupant)
-        numbers += (code, int(near in goals))
         shown = system.site_at(near, code)
+        numbers += (code, int(near in goals or shown in goals))
         if shown is not None:
             on.add(shown)
     mask = np.zeros(system.move_slots + 1, dtype=np.int8)
     mask[STAY] = 1
     for slot, move in enumerate(system.moves(site), 1):
-        if move is not None and admissible(move.action, on):
+        if move is not None and move.possible(on):
             mask[slot] = 1
     found: Observation = {"observation": np.array(numbers, dtype=np.int32), "action_mask": mask}
     if talk:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from cubepath.agents.settle import settled
 from cubepath.agents.view import Note, Observation, observe
-from cubepath.protocol.actions import admissible, apply_in_place
+from cubepath.protocol.actions import apply_in_place
 from cubepath.protocol.catalogue import Move
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene
@@ -75,7 +75,7 @@ class World:
         claims: dict[int, Move] = {}
         for module, action in actions.items():
             move = system.moves(self.sites[module])[action - 1] if action else None
-            if move is not None and admissible(move.action, self._state):
+            if move is not None and move.possible(self._state):
                 claims[module] = move
         winners = settled(
             {module: move.action for module, move in claims.items()}, self.seed, self.round

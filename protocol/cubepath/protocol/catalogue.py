@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
-from cubepath.protocol.actions import Action
+from cubepath.protocol.actions import Action, State, end_at
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.sites import Site
 
@@ -122,6 +122,15 @@ class Move:
     def target(self) -> Site:
         """Return the site of the mover after the move."""
         return self.goes[0][1]
+
+    def possible(self, state: State) -> bool:
+        """Tell whether the action is admissible and its modules are where the move takes them from.
+
+        The mover alone does not say that: in a run of squares that slides by one, most places are
+        taken before and after.
+        """
+        end = end_at(self.action, state)
+        return end is not None and all(source in self.action.ends[end] for source, _ in self.goes)
 
 
 @dataclass(frozen=True, slots=True)

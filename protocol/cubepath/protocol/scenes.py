@@ -6,13 +6,21 @@ from dataclasses import replace
 from pathlib import Path
 
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.families import arm, connected_hexagons, hexagons, vehicles
+from cubepath.protocol.families import (
+    arm,
+    arms,
+    connected_hexagons,
+    free_arm,
+    hexagons,
+    sliding,
+    vehicles,
+)
 from cubepath.protocol.family import Family
 from cubepath.protocol.systems import Scene
 
 FAMILIES: dict[str, Family] = {
     family.name: family
-    for module in (hexagons, connected_hexagons, vehicles, arm)
+    for module in (hexagons, connected_hexagons, sliding, vehicles, arm, free_arm, arms)
     for family in module.FAMILIES
 }
 
