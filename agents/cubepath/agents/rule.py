@@ -35,7 +35,9 @@ class Birth:
     @property
     def label(self) -> int | None:
         """Return the module's label in a labelled system."""
-        return None if self.system.labels is None else self.module
+        if self.system.labels is None or not isinstance(self.start, tuple):
+            return None
+        return int(self.start[1])
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from cubepath.protocol.actions import Action
 from cubepath.protocol.catalogue import HEXAGONS, LATTICES, Catalogue, Cell, Generator, Move
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.families.connected_hexagons import ConnectedHexagons
+from cubepath.protocol.flip_system import FlipSystem
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import read_text
 from cubepath.protocol.lattice_system import LatticeSystem
@@ -54,6 +55,10 @@ class _GraphTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True
     labels: Annotated[int, msgspec.Meta(ge=1)] | None = None
 
 
+class _PointsTable(msgspec.Struct, forbid_unknown_fields=True):
+    points: list[tuple[int, int]]
+
+
 class _MoveTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
     generator: str
     at: Any
@@ -84,6 +89,7 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     lattice: _LatticeTable | None = None
     graph: _GraphTable | None = None
     listed: _ListTable | None = None
+    triangulation: _PointsTable | None = None
 
 
 def read_scene(path: Path) -> Scene:
@@ -109,9 +115,9 @@ def scene_from_toml(text: str, where: str) -> Scene:
 
 
 def _scene(found: _SceneFile, where: str) -> Scene:
-    tables = [found.lattice, found.graph, found.listed]
-    if sum(table is not None for table in tables) != 1:
-        raise InputError("expected one of the tables [lattice], [graph] and [listed]")
+    names = ("lattice", "graph", "listed", "triangulation")
+    if sum(getattr(found, name) is not None for name in names) != 1:
+        raise InputError(f"expected one of the tables {', '.join(f'[{name}]' for name in names)}")
     start = _sites(found.start)
     goals = tuple(_sites(known) for known in found.goals)
     return Scene(
@@ -131,6 +137,8 @@ def _system(found: _SceneFile) -> System:
         return _graph(found.graph)
     if found.listed is not None:
         return _listed(found.listed)
+    if found.triangulation is not None:
+        return FlipSystem(found.triangulation.points)
     raise InputError("no system")
 
 
@@ -231,6 +239,8 @@ def _system_table(system: System) -> dict[str, Any]:
             return {"lattice": _lattice_table(system)}
         case GraphSystem():
             return {"graph": _graph_table(system)}
+        case FlipSystem():
+            return {"triangulation": {"points": _json(system.plane.points)}}
         case TabledSystem():
             return {"listed": _list_table(system)}
         case _:

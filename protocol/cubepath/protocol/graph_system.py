@@ -204,3 +204,14 @@ class GraphSystem(System):
         """Return MODULE, or the code of the label."""
         label = self._split(site)[1]
         return MODULE if label is None else FIRST_LABEL + label
+
+    def check_state(self, sites: Iterable[Site]) -> None:
+        """Check that no label is on twice."""
+        seen: dict[int, Site] = {}
+        for site in sites:
+            place, label = self._split(site)
+            if label is None:
+                continue
+            if label in seen:
+                raise InputError(f"label {label} is on twice, at {seen[label]!r} and {place!r}")
+            seen[label] = place

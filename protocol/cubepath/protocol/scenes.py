@@ -9,18 +9,32 @@ from cubepath.protocol.errors import InputError
 from cubepath.protocol.families import (
     arm,
     arms,
+    assembly,
     connected_hexagons,
     free_arm,
     hexagons,
     sliding,
+    triangulations,
     vehicles,
+    words,
 )
 from cubepath.protocol.family import Family
 from cubepath.protocol.systems import Scene
 
 FAMILIES: dict[str, Family] = {
     family.name: family
-    for module in (hexagons, connected_hexagons, sliding, vehicles, arm, free_arm, arms)
+    for module in (
+        hexagons,
+        connected_hexagons,
+        sliding,
+        vehicles,
+        arm,
+        free_arm,
+        arms,
+        triangulations,
+        words,
+        assembly,
+    )
     for family in module.FAMILIES
 }
 

@@ -8,14 +8,14 @@ are, so that handing a system to a rule hands it no more than the static map.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 
 from cubepath.protocol.actions import Action
 from cubepath.protocol.catalogue import Move
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.sites import Site
+from cubepath.protocol.sites import Site, in_order
 
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
 """What a sensed place shows: free, a module, an occupied obstacle, or no place for a module."""
@@ -96,6 +96,10 @@ class System(ABC):
         del state
         return True
 
+    def check_state(self, sites: Iterable[Site]) -> None:
+        """Raise InputError where modules cannot be at these sites together; Scene checks places."""
+        del sites
+
     def region(self, place: Site) -> str:
         """Return the name of the region that a place lies in, one chunk of a key expression.
 
@@ -152,16 +156,8 @@ class Scene:
         """Check that modules start on free places of their own and the goal is possible."""
         if not self.start:
             raise InputError(f"{self.spec}: no module to start with")
-        seen: set[Site] = set()
-        for what, sites in (("module starts", self.start), ("the goal lies", self.goal or ())):
-            seen.clear()
-            for site in sites:
-                place = self.system.place_of(site)
-                if not self.system.has_place(place):
-                    raise InputError(f"{self.spec}: {what} at {site!r}: an obstacle or no place")
-                if place in seen:
-                    raise InputError(f"{self.spec}: {what} twice at {place!r}")
-                seen.add(place)
+        self._check_sites("start", "module starts", self.start)
+        self._check_sites("goal", "the goal lies", self.goal or ())
         if not self.system.legal(self.start_state):
             raise InputError(f"{self.spec}: the start breaks the rule for the whole aggregate")
         if self.goal is not None and len(self.goal) != len(self.start):
@@ -172,6 +168,22 @@ class Scene:
             raise InputError(
                 f"{self.spec}: {len(self.start)} modules, goals for {len(self.goals)} of them"
             )
+
+    def _check_sites(self, name: str, what: str, sites: Collection[Site]) -> None:
+        if not sites:
+            return
+        try:
+            self.system.check_state(in_order(sites))
+        except InputError as error:
+            raise InputError(f"{self.spec}: {name}: {error}") from None
+        seen: set[Site] = set()
+        for site in sites:
+            place = self.system.place_of(site)
+            if not self.system.has_place(place):
+                raise InputError(f"{self.spec}: {what} at {site!r}: an obstacle or no place")
+            if place in seen:
+                raise InputError(f"{self.spec}: {what} twice at {place!r}")
+            seen.add(place)
 
     @property
     def modules(self) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache, partial
+from itertools import chain
 
 from cubepath.protocol.actions import Action, commute
 from cubepath.protocol.catalogue import Move
@@ -16,6 +17,7 @@ from cubepath.protocol.sites import Site, in_order
 from cubepath.protocol.systems import FIRST_LABEL, KEPT, System
 
 Point = tuple[float, float]
+DRAWINGS = ("chords", "letters", "edges", "graph")
 
 
 class TabledSystem(System):
@@ -45,11 +47,18 @@ class TabledSystem(System):
         self.codes = FIRST_LABEL + len(self.letters)
         self._letter = {letter: number for number, letter in enumerate(self.letters)}
         if len(self._letter) < len(self.letters):
-            raise InputError("a letter stands twice in the list of letters")
+            twice = next(each for each in self.letters if self.letters.count(each) > 1)
+            raise InputError(f"letter {twice!r} stands twice among the letters")
+        if drawing not in DRAWINGS:
+            raise InputError(f"drawing {drawing!r}: expected one of {', '.join(DRAWINGS)}")
+        for site in in_order(self.filled):
+            if self._split(site)[1] is not None:
+                raise InputError(f"{site!r} is fixed and has a letter: a place with letters moves")
         self.by_name: dict[tuple[str, Site], Move] = {}
         self._by_source: dict[Site, list[Move]] = {}
-        self._readers: dict[Site, list[Move]] = {}
-        self._writers: dict[Site, list[Move]] = {}
+        # Who reads and who writes a site, by the place of the mover.
+        self._readers: dict[Site, dict[Site, list[Move]]] = {}
+        self._writers: dict[Site, dict[Site, list[Move]]] = {}
         for move in self.listed:
             self._file(move)
         if not self.listed:
@@ -62,6 +71,9 @@ class TabledSystem(System):
         self._sites_at: dict[Site, list[Site]] = {}
         for site in sites:
             self._sites_at.setdefault(self.place_of(site), []).append(site)
+        self._lettered = in_order(
+            {place for place, letter in map(self._split, sites) if letter is not None}
+        )
         self.site_size = 2 if self.letters else 1
         self.move_slots = max(len(found) for found in self._by_source.values())
         self._near = {place: self._seen_from(place) for place in self.places}
@@ -92,10 +104,11 @@ class TabledSystem(System):
         back = Move(action, move.generator, move.at, tuple((b, a) for a, b in move.goes))
         for each in (move, back):
             self._by_source.setdefault(each.source, []).append(each)
+            place = self.place_of(each.source)
             for site in action.support:
-                self._readers.setdefault(site, []).append(each)
+                self._readers.setdefault(site, {}).setdefault(place, []).append(each)
             for site in action.trace:
-                self._writers.setdefault(site, []).append(each)
+                self._writers.setdefault(site, {}).setdefault(place, []).append(each)
 
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
@@ -125,14 +138,14 @@ class TabledSystem(System):
         for own in self._sites_at[place]:
             for move in self._by_source.get(own, ()):
                 found |= {self.place_of(source) for source, _ in move.goes[1:]}
-                near = [other for site in move.action.trace for other in self._readers[site]]
-                near += [
-                    other for site in move.action.support for other in self._writers.get(site, ())
-                ]
-                for other in near:
-                    if not commute(move.action, other.action):
-                        found.add(self.place_of(other.source))
-            for move in self._writers.get(own, ()):
+                near = [self._readers[site] for site in move.action.trace]
+                near += [self._writers.get(site, {}) for site in move.action.support]
+                for there, others in chain.from_iterable(map(dict.items, near)):
+                    if there not in found and any(
+                        not commute(move.action, other.action) for other in others
+                    ):
+                        found.add(there)
+            for move in chain.from_iterable(self._writers.get(own, {}).values()):
                 if any(source == own for source, _ in move.goes[1:]):
                     found.add(self.place_of(move.source))
         return in_order(found - {place})
@@ -212,3 +225,10 @@ class TabledSystem(System):
         """Return MODULE or FILLED, or the code of the letter."""
         letter = self._split(site)[1]
         return super().code_of(site) if letter is None else FIRST_LABEL + self._letter[letter]
+
+    def check_state(self, sites: Iterable[Site]) -> None:
+        """Check that a letter is on at every place that has letters."""
+        on = {self.place_of(site) for site in sites}
+        for place in self._lettered:
+            if place not in on:
+                raise InputError(f"no letter is on at place {place!r}")
