@@ -1,4 +1,4 @@
-"""The command line: ``cubepath run | shorten | verify | replay | info | view | systems | rules``.
+"""The command line: ``cubepath run | shorten | verify | replay | info | view | complex | ...``.
 
 Room: coordinator. Standard output carries the answer, standard error all else; exit code 0 done,
 1 a check failed, 2 bad input or usage, 130 interrupted with the recording closed.
@@ -8,16 +8,25 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from cubepath.coordinator.cli_complex import add_complex_commands
+from cubepath.coordinator.console import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    SYSTEM_HELP,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
 from cubepath.protocol.errors import CubepathError, InputError
-
-DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -28,26 +37,22 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = command(options)
         print(end="", flush=True)
     except InputError as error:
-        _complain(error)
+        complain(error)
         return BAD_INPUT
     except CubepathError as error:
-        _complain(error)
+        complain(error)
         return FAILED
     except OSError as error:
         # Nobody takes our output: keep the interpreter from complaining about it once more.
         if not isinstance(error, BrokenPipeError):
-            _complain(f"standard output: {error.strerror or error}")
+            complain(f"standard output: {error.strerror or error}")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt:
-        _complain("interrupted")
+        complain("interrupted")
         return INTERRUPTED
     else:
         return code
-
-
-def _complain(what: object) -> None:
-    print(f"cubepath: {what}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -68,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
         return added
 
     run = command("run", _run, "run modules in processes, record them, shorten their path")
-    run.add_argument("system", nargs="?", default="hex", metavar="SYSTEM", help=_SYSTEM)
+    run.add_argument("system", nargs="?", default="hex", metavar="SYSTEM", help=SYSTEM_HELP)
     run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
     run.add_argument("--seed", type=int, default=0, help="seed of every random choice (default 0)")
     run.add_argument(
@@ -134,34 +139,16 @@ def _parser() -> argparse.ArgumentParser:
         help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
     )
 
+    add_complex_commands(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser
-
-
-_SYSTEM = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
 
 
 def _version() -> str:
     from importlib.metadata import version  # noqa: PLC0415 - only for --version
 
     return f"cubepath {version('cubepath')}"
-
-
-def _answer(options: argparse.Namespace, document: object, text: str) -> None:
-    print(json.dumps(document) if options.json else text)
-
-
-def _table(rows: Sequence[tuple[str, object]]) -> str:
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
-
-
-def _bar(total: int | None, what: str, unit: str) -> Any:
-    """Return a progress bar on standard error; none where that is not a terminal."""
-    from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
-
-    return tqdm(total=total, desc=what, unit=unit, disable=None, leave=False, file=sys.stderr)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -176,7 +163,7 @@ def _run(options: argparse.Namespace) -> int:
         max_rounds=MAX_ROUNDS if options.max_rounds is None else options.max_rounds,
         log=options.log,
     )
-    with _bar(None, "run", " rounds") as bar:
+    with progress_bar(None, "run", " rounds") as bar:
 
         def watch(gatherer: Any) -> None:
             heap = gatherer.heap
@@ -199,9 +186,9 @@ def _run(options: argparse.Namespace) -> int:
         ("messages", outcome.messages),
         ("log", outcome.log),
     ]
-    _answer(options, outcome.document(), _table(rows))
+    answer(options, outcome.document(), table(rows))
     if outcome.error is not None:
-        _complain(outcome.error)
+        complain(outcome.error)
     return {"failed": FAILED, "interrupted": INTERRUPTED}.get(outcome.ended, DONE)
 
 
@@ -226,7 +213,7 @@ def _systems(options: argparse.Namespace) -> int:
         lines.append(f"{family.name}: {family.summary}{rule}")
         for key, (default, summary) in family.keys.items():
             lines.append(f"    {key}={default:<6} {summary}")
-    _answer(options, document, "\n".join(lines))
+    answer(options, document, "\n".join(lines))
     return DONE
 
 
@@ -251,7 +238,7 @@ def _rules(options: argparse.Namespace) -> int:
         f"    source: {rule['source']}"
         for rule in document
     ]
-    _answer(options, document, "\n".join(lines))
+    answer(options, document, "\n".join(lines))
     return DONE
 
 
@@ -262,7 +249,7 @@ def _shorten(options: argparse.Namespace) -> int:
     output: Path | None = options.output
     if output is not None and output.exists() and output.samefile(options.input):
         raise InputError(f"{output}: is the input, expected another file for the cubes")
-    with _bar(None, "shorten", " moves") as bar:
+    with progress_bar(None, "shorten", " moves") as bar:
         found = shorten(options.input, system=options.system, progress=bar.update)
     if options.output is not None:
         write_cubes(options.output, found.named)
@@ -275,7 +262,7 @@ def _shorten(options: argparse.Namespace) -> int:
     ]
     if options.output is not None:
         rows.append(("written to", options.output))
-    _answer(options, found.document(), _table(rows))
+    answer(options, found.document(), table(rows))
     return DONE
 
 
@@ -290,12 +277,12 @@ def _view(options: argparse.Namespace) -> int:
 
     recording = read_recording(options.log)
     for problem in recording.problems:
-        _complain(f"{options.log}: {problem}; drawing what could be read")
+        complain(f"{options.log}: {problem}; drawing what could be read")
     gatherer = gathered(recording)
     rounds = [step.actions for step in gatherer.steps]
     path: Path = options.output or options.log.with_suffix(".png")
     if path.suffix.lower() in FILM_SUFFIXES:
-        with _bar(None, "film", " frames") as bar:
+        with progress_bar(None, "film", " frames") as bar:
 
             def progress(done: int, total: int) -> None:
                 bar.total = total
@@ -304,7 +291,7 @@ def _view(options: argparse.Namespace) -> int:
             animate(recording.scene, rounds, path, progress=progress)
     else:
         run_picture(recording.scene, rounds, gatherer.heap.cube_path(), path)
-    _answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
+    answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
     return DONE
 
 
@@ -313,7 +300,7 @@ def _verify(options: argparse.Namespace) -> int:
     from cubepath.protocol.recording import read_recording  # noqa: PLC0415
 
     recording = read_recording(options.log)
-    with _bar(None, "verify", " rounds") as bar:
+    with progress_bar(None, "verify", " rounds") as bar:
         found = verify(recording, bar.update)
     width = max(len(check.name) for check in found.checks)
     lines = [
@@ -321,13 +308,13 @@ def _verify(options: argparse.Namespace) -> int:
         for check in found.checks
     ]
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
-    _answer(options, found.document(), "\n".join(lines))
+    answer(options, found.document(), "\n".join(lines))
     if options.recover is not None:
         saved = recover(options.log, options.recover)
-        _complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
+        complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
     if not found.ok:
         wrong = ", ".join(check.name for check in found.checks if not check.ok)
-        _complain(f"{options.log}: checks failed: {wrong}")
+        complain(f"{options.log}: checks failed: {wrong}")
     return DONE if found.ok else FAILED
 
 
@@ -339,9 +326,9 @@ def _replay(options: argparse.Namespace) -> int:
 
     def announce(endpoint: str, run: str) -> None:
         if options.endpoint is not None:
-            _complain(f"replaying on {endpoint} under cubepath/{run}/**")
+            complain(f"replaying on {endpoint} under cubepath/{run}/**")
 
-    with _bar(len(recording.records), "replay", " messages") as bar:
+    with progress_bar(len(recording.records), "replay", " messages") as bar:
         found = replay(
             recording,
             rate=options.rate,
@@ -359,9 +346,9 @@ def _replay(options: argparse.Namespace) -> int:
         ("time", f"{found.seconds:.2f} s"),
         ("result", "the same as recorded" if found.same else "differs from the recording"),
     ]
-    _answer(options, found.document(), _table(rows))
+    answer(options, found.document(), table(rows))
     for difference in found.differences:
-        _complain(f"{options.log}: {difference}")
+        complain(f"{options.log}: {difference}")
     return DONE if found.same else FAILED
 
 
@@ -370,5 +357,5 @@ def _info(options: argparse.Namespace) -> int:
     from cubepath.protocol.recording import read_recording  # noqa: PLC0415
 
     found = info(read_recording(options.log))
-    _answer(options, found, render(found))
+    answer(options, found, render(found))
     return DONE

@@ -107,7 +107,7 @@ def shape_complex(
             )
     cubes: list[list[Cube]] = [[(place, ()) for place in range(len(shapes))]]
     for base, rising in enumerate(up):
-        for chosen in _commuting(rising):
+        for chosen in commuting_steps(rising):
             if len(chosen) == len(cubes):
                 cubes.append([])
             cubes[len(chosen)].append((base, chosen))
@@ -116,7 +116,7 @@ def shape_complex(
     )
 
 
-def _commuting(actions: dict[Step, Action]) -> Iterator[tuple[Step, ...]]:
+def commuting_steps(actions: dict[Step, Action]) -> Iterator[tuple[Step, ...]]:
     """Yield the non-empty sets of pairwise commuting actions, as steps in ascending order."""
     steps = list(actions)
 

@@ -7,6 +7,7 @@ all of its actions are at end 0, and by these actions.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -54,6 +55,11 @@ def f_vector(explored: Explored) -> tuple[int, ...]:
     """Return how many cubes of each dimension there are, without keeping them."""
     counts = _counts(explored)
     return tuple(int(count) for count in counts.sum(axis=0, dtype=np.int64))
+
+
+def bytes_for(counts: Sequence[int]) -> int:
+    """Return how many bytes the cubes of this f-vector take: faces, bases and actions."""
+    return sum(4 * count * (3 * k + 1) for k, count in enumerate(counts))
 
 
 def state_complex(explored: Explored) -> StateComplex:

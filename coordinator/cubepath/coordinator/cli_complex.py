@@ -1,0 +1,146 @@
+"""The commands on complexes: ``cubepath complex`` and ``cubepath paper``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from cubepath.coordinator.console import (
+    DONE,
+    FAILED,
+    SYSTEM_HELP,
+    answer,
+    complain,
+    progress_bar,
+    table,
+)
+from cubepath.protocol.errors import InputError
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.complex_report import ComplexReport
+
+
+class AddCommand(Protocol):
+    """Adds a command of this name, function and summary; returns its parser."""
+
+    def __call__(
+        self, name: str, function: Callable[[argparse.Namespace], int], summary: str, /
+    ) -> argparse.ArgumentParser:
+        """Add the command."""
+        ...
+
+
+def add_complex_commands(command: AddCommand) -> None:
+    """Add the commands and their options."""
+    complex_ = command("complex", _complex, "build a system's state complex and say what it is")
+    complex_.add_argument("system", metavar="SYSTEM", help=SYSTEM_HELP)
+    complex_.add_argument(
+        "--homology", action="store_true", help="Betti numbers, torsion, contractibility, surface"
+    )
+    complex_.add_argument(
+        "--link", action="store_true", help="check the link condition, and so NPC, at every state"
+    )
+    complex_.add_argument(
+        "--shape", action="store_true", help="the shape complex: states up to translation"
+    )
+    complex_.add_argument(
+        "--max-states", type=_count, metavar="N", help="stop at N states (default 2000000)"
+    )
+    complex_.add_argument(
+        "-o", "--output", type=Path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
+    )
+
+
+def _count(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text}")
+    return number
+
+
+def _complex(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.complex_files import write_complex  # noqa: PLC0415
+    from cubepath.coordinator.complex_pictures import SUFFIXES, draw_complex  # noqa: PLC0415
+    from cubepath.coordinator.complex_report import report  # noqa: PLC0415
+    from cubepath.coordinator.explore import MAX_STATES  # noqa: PLC0415
+    from cubepath.protocol.scenes import scene_from_spec  # noqa: PLC0415
+
+    output: Path | None = options.output
+    if output is not None and output.suffix.lower() not in {".json", *SUFFIXES}:
+        raise InputError(f"{output}: expected one of .json, {', '.join(SUFFIXES)}")
+    limit: int = options.max_states or MAX_STATES
+    with progress_bar(None, "complex", "") as bar:
+        stage = ""
+
+        def watch(what: str, done: int, total: int) -> None:
+            nonlocal stage
+            if what != stage:
+                stage = what
+                bar.reset()
+                bar.set_description(what)
+            bar.total = total or None
+            bar.update(done - bar.n)
+
+        found = report(
+            scene_from_spec(options.system),
+            shape=options.shape,
+            with_homology=options.homology,
+            with_links=options.link,
+            keep=output is not None,
+            max_states=limit,
+            progress=watch,
+        )
+        if output is not None and found.built is not None:
+            if output.suffix.lower() == ".json":
+                write_complex(found.built, output)
+            else:
+                draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+    answer(options, found.document(), table(_rows(found)))
+    if not found.complete:
+        complain(
+            f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), and"
+            " there are more: raise --max-states, or take a smaller system"
+        )
+    return DONE if found.complete else FAILED
+
+
+def _rows(found: ComplexReport) -> list[tuple[str, object]]:
+    local = "" if found.local else " (not a local system)"
+    states = found.states if found.complete else f"more than {found.states}"
+    rows: list[tuple[str, object]] = [("system", found.system + local), (found.kind, "")]
+    rows += [("states", states)]
+    if found.f_vector is not None:
+        rows += [
+            ("f-vector", " ".join(map(str, found.f_vector))),
+            ("Euler characteristic", found.euler),
+        ]
+    if found.homology is not None:
+        known = found.homology
+        rows += [
+            ("components", found.components),
+            ("Betti numbers", " ".join(map(str, known.betti))),
+            ("torsion", "; ".join(_torsion(known.torsion)) or "none"),
+            ("Betti numbers mod 2", " ".join(map(str, known.betti_z2))),
+            ("homotopy type", found.homotopy),
+        ]
+        if found.surface is not None:
+            rows.append(("surface", found.surface))
+    if found.links_checked is not None:
+        condition = f"holds at {found.links_checked} states"
+        if found.failing:
+            condition = f"fails at {found.failing} of {found.links_checked} states"
+        curved = {True: "yes", False: "no", None: "not known"}[found.npc]
+        rows += [("link condition", condition), ("non-positive curvature", curved)]
+        rows += [("witness", witness) for witness in found.witnesses]
+    rows += [("memory", f"{found.memory / 2**20:.1f} MiB"), ("time", f"{found.seconds:.2f} s")]
+    return rows
+
+
+def _torsion(torsion: tuple[tuple[int, ...], ...]) -> list[str]:
+    return [
+        f"H_{k}: " + " + ".join(f"Z/{factor}" for factor in factors)
+        for k, factors in enumerate(torsion)
+        if factors
+    ]

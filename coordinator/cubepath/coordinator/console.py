@@ -1,0 +1,36 @@
+"""What every command says and how: answers, tables, progress bars, complaints, exit codes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
+
+
+def complain(what: object) -> None:
+    """Say something in one line on standard error."""
+    print(f"cubepath: {what}", file=sys.stderr)
+
+
+def answer(options: argparse.Namespace, document: object, text: str) -> None:
+    """Print the answer of a command: the document with --json, else the text."""
+    print(json.dumps(document) if options.json else text)
+
+
+def table(rows: Sequence[tuple[str, object]]) -> str:
+    """Return names and values in two columns."""
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def progress_bar(total: int | None, what: str, unit: str) -> Any:
+    """Return a progress bar on standard error; none where that is not a terminal."""
+    from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
+
+    return tqdm(total=total, desc=what, unit=unit, disable=None, leave=False, file=sys.stderr)
