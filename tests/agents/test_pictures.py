@@ -231,11 +231,12 @@ def test_what_moved_is_seen(spec: str) -> None:
     stood = drawn(scene, world.sites, numbers=False)
     moved = drawn(scene, world.sites, numbers=False, moved={module: source})
     old, new = (scene.system.place_of(site) for site in (source, world.sites[module]))
-    assert old != new
-    # The module has a dark outline now, and its trace is neither dark nor what was there.
+    assert source != world.sites[module]
+    # The module has a dark outline now, and its trace is neither dark nor what was there; a place
+    # that changes its letter leaves a small one.
     dark = count_of(INK, moved) - count_of(INK, stood)
     assert dark > 20
-    assert (stood != moved).any(axis=2).sum() > 3 * dark
+    assert (stood != moved).any(axis=2).sum() > (1.1 if old == new else 3) * dark
 
 
 def test_modules_have_the_colours_of_their_numbers() -> None:

@@ -10,42 +10,47 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from math import ceil, cos, floor, pi, sin, sqrt
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents import draw_chords, draw_letters
 from cubepath.agents.draw_marks import Segments, segments
 from cubepath.agents.layout import cell_of, is_endless, known_places, label_of, tips_of
+from cubepath.agents.pen import (
+    GOAL,
+    INK,
+    LINE,
+    PALE_GOAL,
+    TILE,
+    WALL,
+    Box,
+    Colour,
+    Pen,
+    Points,
+    arcs,
+    palette,
+)
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene, System
+from cubepath.protocol.tabled_system import TabledSystem
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.path import Path
 
-Points: TypeAlias = NDArray[np.float64]
-Colour: TypeAlias = tuple[float, float, float]
-Box: TypeAlias = tuple[float, float, float, float]
-"""Left, right, low, high."""
+__all__ = ["GOAL", "INK", "WALL", "draw_on", "draw_pixels", "frame", "palette"]
 
-INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
-_PALE_GOAL, _LINE, _TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
 _ROOM = 10.5
 """Points per cell from which a number on a module can be read."""
 _MOST = 8000
 """So many free cells are drawn one by one, of more none."""
-
-
-def palette(count: int) -> list[Colour]:
-    """Return a colour for each module by number, evenly spaced to the eye (viridis)."""
-    from matplotlib import colormaps  # noqa: PLC0415 - only when something is drawn
-
-    places = np.linspace(0.08, 0.95, count) if count > 1 else np.array([0.35])
-    return [(red, green, blue) for red, green, blue, _ in colormaps["viridis"](places).tolist()]
+_FRAMES = {"chords": draw_chords.frame, "letters": draw_letters.frame}
+_DRAWINGS = {"chords": draw_chords.draw, "letters": draw_letters.draw}
+"""What is not drawn place by place."""
 
 
 def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> NDArray[np.uint8]:
@@ -74,6 +79,8 @@ def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
     modules which walk along its edge do not change the frame.
     """
     system = scene.system
+    if isinstance(system, TabledSystem) and system.drawing in _FRAMES:
+        return _FRAMES[system.drawing](system)
     near = {"edges": 0.7, "graph": 0.7}.get(system.drawing, 0.6)
     far = near + (1 if is_endless(system) else 0)
     known = np.array([_middle(system, place) for place in known_places(scene)])
@@ -103,6 +110,10 @@ def draw_on(
     """
     system = scene.system
     pen = _pen(axes, scene, (*sites, *also))
+    if isinstance(system, TabledSystem) and system.drawing in _DRAWINGS:
+        words = numbers if numbers is not None else pen.scale >= _ROOM
+        _DRAWINGS[system.drawing](pen, scene, system, sites, moved or {}, words=words)
+        return
     {"edges": _edges_ground, "graph": _graph_ground}.get(system.drawing, _cells_ground)(pen)
     if system.drawing == "edges":
         _draw_arms(pen, scene, segments(sites, moved))
@@ -120,12 +131,12 @@ def draw_on(
         for number, site in enumerate(sites):
             label = label_of(system, site)
             word = str(number if label is None else label)
-            pen.write(places[number], word, colours[number])
+            pen.write(_middle(system, places[number]), word, colours[number])
 
 
 def _draw_arms(pen: _Pen, scene: Scene, arms: Segments) -> None:
     """Draw segments on lattice edges, their joints, and the vertices that are marked."""
-    pen.draw("goal", segments(list(scene.goal or ())).sites, facecolors=_PALE_GOAL)
+    pen.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
     _draw_modules(pen, arms.moved, arms.sites, palette(len(arms.sites)))
     pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
     pen.discs(arms.marked, 0.17, facecolors=INK)
@@ -159,9 +170,7 @@ def _draw_trace(
 def _middle(system: System, place: Site) -> tuple[float, float]:
     """Return where the middle of a place lies in a picture, y upwards."""
     if system.drawing == "graph":
-        if not isinstance(system, GraphSystem):
-            raise InputError("only the vertices of a GraphSystem can be drawn as a graph")
-        return _circle(system.vertices)[place]
+        return _at_vertex(system, place)
     cell = cell_of(place)
     x, y = cell[0], cell[1]
     if system.drawing == "hexagons":
@@ -170,6 +179,16 @@ def _middle(system: System, place: Site) -> tuple[float, float]:
         _, (right, top) = tips_of(place)
         return (x + right) / 2, (y + top) / 2
     return (x, -y) if isinstance(system, GraphSystem) else (x, y)
+
+
+def _at_vertex(system: System, place: Site) -> tuple[float, float]:
+    match system:
+        case GraphSystem():
+            return _circle(system.vertices)[place]
+        case TabledSystem():
+            return system.positions.get(place) or _circle(system.places)[place]
+        case _:
+            raise InputError(f"{type(system).__name__} cannot be drawn as a graph")
 
 
 @lru_cache(maxsize=64)
@@ -184,54 +203,14 @@ def _circle(vertices: tuple[Site, ...]) -> dict[Site, tuple[float, float]]:
 
 
 @dataclass(frozen=True, slots=True)
-class _Pen:
-    """Draws places of a system on axes; `scale` is how many points a cell is wide.
+class _Pen(Pen):
+    """Draws places of a system."""
 
-    All has one zorder, so that what is drawn later lies above.
-    """
-
-    axes: Axes
     system: System
-    box: Box
-    scale: float
-
-    def line(self, part: float) -> float:
-        """Return a line width in points that is this part of a cell, neither hair nor beam."""
-        return min(max(part * self.scale, 0.4), 2.4)
 
     def draw(self, kind: str, places: Collection[Site], **style: Any) -> None:
         """Draw each place as a shape of the given kind: "module", "goal" or "cell"."""
         self.shapes([_shape(self.system, kind, place) for place in places], **style)
-
-    def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
-        """Draw polygons."""
-        from matplotlib.collections import PolyCollection  # noqa: PLC0415
-
-        if len(shapes):
-            self.axes.add_collection(PolyCollection(shapes, zorder=1, **style), autolim=False)
-
-    def strokes(self, lines: Sequence[Points], **style: Any) -> None:
-        """Draw lines between points."""
-        from matplotlib.collections import LineCollection  # noqa: PLC0415
-
-        if len(lines):
-            self.axes.add_collection(LineCollection(lines, zorder=1, **style), autolim=False)
-
-    def discs(self, points: Iterable[tuple[int, int]], radius: float, **style: Any) -> None:
-        """Draw discs with a dark outline about these points, such as the joints of an arm."""
-        rings = [_arcs([(0, 0)], radius) + point for point in dict.fromkeys(points)]
-        self.shapes(rings, edgecolors=INK, linewidths=0.05 * self.scale, **style)
-
-    def write(self, place: Site, word: str, on: Colour) -> None:
-        """Write a word on a cell of the given colour, as a shape that grows with the cell."""
-        from matplotlib.patches import PathPatch  # noqa: PLC0415
-        from matplotlib.transforms import Affine2D  # noqa: PLC0415
-
-        path = Affine2D().translate(*_middle(self.system, place)).transform_path(_glyphs(word))
-        light = 0.3 * on[0] + 0.59 * on[1] + 0.11 * on[2] > 0.5
-        self.axes.add_artist(
-            PathPatch(path, facecolor=INK if light else "white", linewidth=0, zorder=1)
-        )
 
 
 def _pen(axes: Axes, scene: Scene, sites: Iterable[Site]) -> _Pen:
@@ -246,20 +225,8 @@ def _pen(axes: Axes, scene: Scene, sites: Iterable[Site]) -> _Pen:
     axes.set(xlim=(left, right), ylim=(low, high), aspect="equal")
     axes.set_axis_off()
     pixels = min(seen.width / (right - left), seen.height / (high - low))
-    return _Pen(axes, scene.system, (left, right, low, high), pixels * 72 / axes.figure.dpi)
-
-
-@lru_cache(maxsize=4096)
-def _glyphs(word: str) -> Path:
-    """Return a word as a path about the origin that fits into a cell."""
-    from matplotlib.textpath import TextPath  # noqa: PLC0415
-    from matplotlib.transforms import Affine2D  # noqa: PLC0415
-
-    path, tall = TextPath((0, 0), word, size=1), TextPath((0, 0), "0", size=1).get_extents().height
-    box = path.get_extents()
-    scale = min(0.36 / tall, 0.54 / box.width)
-    centred = Affine2D().translate(-(box.x0 + box.x1) / 2, -tall / 2)
-    return centred.scale(scale).transform_path(path)
+    scale = pixels * 72 / axes.figure.dpi
+    return _Pen(axes, (left, right, low, high), scale, scene.system)
 
 
 def _shape(system: System, kind: str, place: Site) -> Points:
@@ -274,32 +241,16 @@ def _outline(drawing: str, graph: bool, kind: str) -> Points:  # noqa: FBT001 - 
     """Return the outline of a shape about the origin; a lattice edge lies flat."""
     if drawing == "hexagons":
         size = {"module": 0.93, "goal": 0.86, "cell": 1.0}[kind]
-        return _arcs([(0, 0)], size / sqrt(3), corners=6, first=pi / 6)
+        return arcs([(0, 0)], size / sqrt(3), corners=6, first=pi / 6)
     if drawing == "edges":
         half = {"module": 0.15, "goal": 0.26, "cell": 0.02}[kind]
-        return _arcs([(0.5, 0), (-0.5, 0)], half, first=-pi / 2)
+        return arcs([(0.5, 0), (-0.5, 0)], half, first=-pi / 2)
     if drawing == "graph" or (graph and kind == "module"):
-        return _arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
+        return arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
     corner = 0.05 if kind == "cell" else 0.14
     half = 0.47 if kind == "cell" else 0.44
     inner = half - corner
-    return _arcs([(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)], corner)
-
-
-def _arcs(
-    middles: Sequence[tuple[float, float]], radius: float, *, corners: int = 36, first: float = 0
-) -> Points:
-    """Return a convex outline of equal arcs about these points, from the angle `first` on."""
-    count = len(middles)
-    steps = corners // count
-    return np.array(
-        [
-            (x + radius * cos(turn), y + radius * sin(turn))
-            for number, (x, y) in enumerate(middles)
-            for step in range(steps + (count > 1))
-            for turn in (first + 2 * pi * (number * steps + step) / corners,)
-        ]
-    )
+    return arcs([(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)], corner)
 
 
 def _cells_ground(pen: _Pen) -> None:
@@ -317,12 +268,12 @@ def _cells_ground(pen: _Pen) -> None:
     ]
     free = [cell for cell in cells if system.has_place(cell)]
     if len(free) <= _MOST:
-        pen.draw("cell", free, facecolors=_TILE, edgecolors="white", linewidths=pen.line(0.06))
+        pen.draw("cell", free, facecolors=TILE, edgecolors="white", linewidths=pen.line(0.06))
     if graph:
         pen.draw("cell", [cell for cell in cells if not system.has_place(cell)], facecolors=WALL)
         pen.strokes(_walls(system, free), colors=WALL, linewidths=pen.line(0.1))
     elif isinstance(system, LatticeSystem):
-        pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=_LINE)
+        pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=LINE)
         pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=WALL)
 
 
@@ -346,16 +297,22 @@ def _edges_ground(pen: _Pen) -> None:
         for axis in (0, 1)
     ]
     free = [edge for edge in edges if system.has_place(edge)]
-    pen.draw("cell", free if len(free) <= _MOST else [], facecolors=_LINE)
+    pen.draw("cell", free if len(free) <= _MOST else [], facecolors=LINE)
     pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
 
 
 def _graph_ground(pen: _Pen) -> None:
-    """Draw edges as lines and vertices as pale discs."""
+    """Draw edges as lines and vertices as pale discs; edges of a list are where modules go."""
     system = pen.system
-    if not isinstance(system, GraphSystem):
-        raise InputError("only the vertices of a GraphSystem can be drawn as a graph")
-    ways = [np.array([_middle(system, end) for end in edge]) for edge in system.edges]
-    pen.strokes(ways, colors=_LINE, linewidths=pen.line(0.05))
+    ways: dict[tuple[Site, Site], None] = {}
+    places: Sequence[Site] = ()
+    if isinstance(system, GraphSystem):
+        places, ways = system.vertices, dict.fromkeys(system.edges)
+    elif isinstance(system, TabledSystem):
+        places = system.places
+        goes = (ends for move in system.listed for ends in move.goes)
+        ways = {(system.place_of(a), system.place_of(b)): None for a, b in goes}
+    lines = [np.array([_middle(system, end) for end in edge]) for edge in ways]
+    pen.strokes(lines, colors=LINE, linewidths=pen.line(0.05))
     width = pen.line(0.04)
-    pen.draw("cell", system.vertices, facecolors=_TILE, edgecolors=_LINE, linewidths=width)
+    pen.draw("cell", places, facecolors=TILE, edgecolors=LINE, linewidths=width)

@@ -7,15 +7,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from cubepath.agents import draw_chords, draw_letters
 from cubepath.agents.draw_marks import MARK, marked, segments
 from cubepath.agents.layout import cell_of, is_endless, known_places, label_of, tips_of
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.sites import Site, site_text
 from cubepath.protocol.systems import CLOSED, EMPTY, FILLED, Scene, System
+from cubepath.protocol.tabled_system import TabledSystem
 
 MODULE_MARK, ARRIVED_MARK, GOAL_MARK = "o", "@", "+"
 """How an unlabelled module shows in text, off and on a goal cell, and a goal cell without one."""
 _GROUND = {EMPTY: ".", FILLED: "#", CLOSED: " "}
+_OWN = {"chords": draw_chords.text, "letters": draw_letters.text}
+"""What is not written place by place."""
 _MANY = 40
 """From so many vertices on a general graph is told by its modules and goals alone."""
 
@@ -29,11 +33,14 @@ def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
     an arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` where the goal wants them, and
     ``...`` and ``:`` where the goal is not there yet; a marked vertex is ``*``. A general graph has
     a line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces,
-    so that pictures of one run line up as long as modules stay in it.
+    so that pictures of one run line up as long as modules stay in it. Chords and letters are
+    written as `draw_chords.text` and `draw_letters.text` say.
     """
     drawing = scene.system.drawing
     if drawing == "edges":
         return _edges_text(scene, sites)
+    if drawing in _OWN and isinstance(scene.system, TabledSystem):
+        return _OWN[drawing](scene, scene.system, sites)
     if drawing == "graph":
         return _graph_text(scene, sites)
     return _cells_text(scene, sites)

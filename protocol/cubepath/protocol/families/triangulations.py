@@ -220,7 +220,7 @@ FAMILIES = (
         {
             "points": ("", "a file: text with 'x y' a line, or JSON; random points if left out"),
             "n": ("12", f"number of random points, 4 to {POINTS_MAX}"),
-            "seed": ("0", "of the random points"),
+            "seed": ("1", "of the random points"),
             "start": ("", "right, left, up, down (a sweep), or the number of one in the file"),
             "goal": ("", "likewise"),
         },
