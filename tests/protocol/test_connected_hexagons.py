@@ -12,6 +12,7 @@ import pytest
 
 from cubepath.agents import parallel_env
 from cubepath.coordinator.cli import main
+from cubepath.coordinator.state_link import unfilled
 from cubepath.protocol.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.families.connected_hexagons import BRIDGES, RING, ConnectedHexagons
@@ -100,6 +101,8 @@ def test_the_ring_fails_with_exactly_its_link_its_double_and_a_corner() -> None:
         assert all(commute(one, other) for one, other in combinations(actions, 2))
         assert not connected(after(state, actions))
     assert failures(scene) == witnesses
+    found = {frozenset(actions) for actions in unfilled(scene, state)}
+    assert found == {frozenset(pivots[pivot] for pivot in witness) for witness in witnesses}
 
 
 def test_the_hub_is_cut_off_by_its_three_bridges() -> None:

@@ -15,6 +15,7 @@ from cubepath.protocol.families import (
     hexagons,
     sliding,
     triangulations,
+    tunnel,
     vehicles,
     words,
 )
@@ -26,6 +27,7 @@ FAMILIES: dict[str, Family] = {
     for module in (
         hexagons,
         connected_hexagons,
+        tunnel,
         sliding,
         vehicles,
         arm,
