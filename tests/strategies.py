@@ -30,6 +30,8 @@ SCENES = (
     "agv-labelled:graph=grid3x3,n=3",
     "agv:graph=K5,n=2",
     "arm:n=5",
+    "sliding:p=2,q=1,n=4",
+    "arms:n=1",
 )
 
 scene = lru_cache(maxsize=None)(scene_from_spec)

@@ -28,6 +28,8 @@ SPECS = [
     "agv:graph=grid4x4,n=9",
     "agv:graph=C7,n=4",
     "agv-labelled:graph=grid3x3,n=6",
+    "sliding:p=2,q=2,n=5",
+    "arms:n=2",
 ]
 
 

@@ -32,6 +32,8 @@ SPECS = [
     "agv:graph=grid4x4,n=8",
     "agv-labelled:graph=grid3x3,n=5",
     "arm:n=7",
+    "sliding:p=2,q=2,n=5",
+    "arms:n=1",
 ]
 
 

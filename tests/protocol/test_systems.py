@@ -14,6 +14,7 @@ from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene, System
+from cubepath.protocol.tabled_system import TabledSystem
 
 SPECS = [
     "hex:n=4",
@@ -22,6 +23,10 @@ SPECS = [
     "agv:graph=K5,n=2",
     "agv-labelled:graph=C6,n=3",
     "arm:n=4",
+    "hex:n=3,base=1",
+    "sliding:n=3",
+    "arm-free:n=3",
+    "arms:n=1",
 ]
 
 
@@ -35,7 +40,16 @@ def places_near(system: System, start: Site) -> list[Site]:
 
 
 def sites_at(system: System, place: Site) -> list[Site]:
+    if isinstance(system, TabledSystem):
+        return [place, *((place, letter) for letter in system.letters)]
     return [place] if system.labels is None else [(place, label) for label in range(system.labels)]
+
+
+def has_walls(system: System) -> bool:
+    """Tell whether some moves of the catalogue are missing at some places of a lattice."""
+    return isinstance(system, LatticeSystem) and (
+        system.workspace is not None or bool(system.obstacles)
+    )
 
 
 @pytest.mark.parametrize("spec", SPECS)
@@ -52,7 +66,7 @@ def test_sensing_covers_the_supports_of_the_own_moves_and_no_more(spec: str) -> 
             for site in move.action.support
         } - {place}
         sensed = {near for near in system.sensed(place) if near is not None}
-        if isinstance(system, LatticeSystem) and system.workspace is not None:
+        if has_walls(system):
             assert needed <= sensed
         else:
             assert needed == sensed
@@ -76,6 +90,7 @@ def test_reach_is_where_a_competitor_can_stand(spec: str) -> None:
     system = scene.system
     here = system.place_of(scene.start[0])
     mine = [m for site in sites_at(system, here) for m in system.moves(site) if m]
+    along = {system.place_of(source) for move in mine for source, _ in move.goes[1:]}
     for other in places_near(system, here):
         if other == here:
             continue
@@ -83,7 +98,7 @@ def test_reach_is_where_a_competitor_can_stand(spec: str) -> None:
         conflict = any(not commute(a.action, b.action) for a in mine for b in theirs)
         if conflict:
             assert other in system.reach(here)
-        elif not isinstance(system, LatticeSystem) or system.workspace is None:
+        elif not has_walls(system) and other not in along:
             assert other not in system.reach(here)
 
 
@@ -135,6 +150,8 @@ def test_obstacles_may_lie_in_a_support_but_never_in_a_trace() -> None:
         ("hex:n=0", "n=0: expected a whole number of at least 1"),
         ("hex:bend=45", "bend=45: expected one of"),
         ("hex:n=3,bend=0,shift=4", "shift=4: expected at most n=3"),
+        ("hex:base=2", "base=2: expected a whole number of at least 0, at most 1"),
+        ("hex:base=1,bend=0", "bend=0: with base=1 the goal begins beside the base"),
         ("arm:n=3,goal=xy", "goal=xy: expected 3 letters"),
         ("agv:graph=K1", "graph=K1: K takes at least 2"),
         ("agv:graph=K3,n=4", "n=4: the graph has 3 vertices"),
@@ -155,6 +172,24 @@ def test_every_family_has_a_default_scene_with_a_goal(family: str) -> None:
     assert scene.goal is not None
     assert not scene.reached(scene.start)
     assert scene.reached(scene.goal)
+
+
+@pytest.mark.parametrize("family", ["hex", "hex-open"])
+@pytest.mark.parametrize("bend", [60, 120, -60, -120])
+def test_hexagons_with_a_base(family: str, bend: int) -> None:
+    """The base is an obstacle beside module 0; the goal begins beside it, at this angle."""
+    scene = scene_from_spec(f"{family}:n=3,base=1,bend={bend}")
+    base = (-1, 0)
+    assert scene.system.filled == {base}
+    assert scene.start == scene_from_spec(f"{family}:n=3").start
+
+    def turned(cell: tuple[int, int], sixths: int) -> tuple[int, int]:
+        q, r = cell[0] - base[0], cell[1] - base[1]
+        for _ in range(sixths % 6):
+            q, r = -r, q + r
+        return q + base[0], r + base[1]
+
+    assert scene.goals[0] == tuple(turned(cell, bend // 60) for cell in scene.start)  # type: ignore[arg-type]
 
 
 def test_parallel_edges_are_one() -> None:
