@@ -19,7 +19,7 @@ def actions_at(scene: Scene, state: State) -> list[Action]:
         for move in scene.system.moves(site)
         if move is not None and admissible(move.action, state)
     }
-    return list(found)
+    return [action for action in found if scene.system.legal(apply(action, state))]
 
 
 def states_of(scene: Scene, most: int = 100_000) -> list[frozenset[Site]]:
@@ -51,12 +51,22 @@ def commuting_sets(actions: list[Action]) -> list[tuple[Action, ...]]:
     return found
 
 
+def corners(state: State, chosen: tuple[Action, ...]) -> list[frozenset[Site]]:
+    """Return the vertices of a cube."""
+    found = [frozenset(state)]
+    for action in chosen:
+        found += [apply(action, corner) for corner in found]
+    return found
+
+
 def f_vector(scene: Scene) -> list[int]:
     """Return how many cubes of each dimension the state complex has (definition, literally)."""
     cubes: set[Key] = set()
     for state in states_of(scene):
         cubes.add((state, frozenset()))
         for chosen in commuting_sets(actions_at(scene, state)):
+            if not all(map(scene.system.legal, corners(state, chosen))):
+                continue  # the rule for the whole of a non-local system
             moved = frozenset().union(*(action.trace for action in chosen))
             cubes.add((state - moved, frozenset(chosen)))
     count = Counter(len(actions) for _, actions in cubes)

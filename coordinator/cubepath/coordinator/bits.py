@@ -87,7 +87,8 @@ class Bits:
                 continue
             number = self._number_of(move.action)
             if number is not None:
-                end = 0 if site in move.action.ends[0] else 1
+                sources = {source for source, _ in move.goes}
+                end = 0 if sources == move.action.ends[0] & move.action.trace else 1
                 self._movers[bit].append((number, end))
 
     def _number_of(self, action: Action) -> int | None:

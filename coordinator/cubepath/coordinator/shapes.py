@@ -65,8 +65,12 @@ def steps_at(system: LatticeSystem, shape: Shape) -> dict[Step, Action]:
     found: dict[Step, Action] = {}
     for cell in shape:
         for move in system.moves(cell):
-            if move is not None and admissible(move.action, shape):
-                found[system.catalogue.lattice.check(move.at), move.generator] = move.action
+            if (
+                move is not None
+                and isinstance(move.at, tuple)  # a translation, on a lattice
+                and admissible(move.action, shape)
+            ):
+                found[move.at, move.generator] = move.action
     return {step: found[step] for step in sorted(found)}
 
 
