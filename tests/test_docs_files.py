@@ -66,7 +66,7 @@ def test_commands_of_the_page_give_what_it_says(
         elif block.name.startswith("-> "):
             assert (folder / block.name.removeprefix("-> ")).read_text() == block.text
             expected += 1
-    assert expected == 5
+    assert expected == 7
 
 
 def test_python_of_the_page_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -86,6 +86,10 @@ def test_python_of_the_page_runs(folder: Path, capsys: pytest.CaptureFixture[str
     [
         ("crawl.toml", 2),
         ("yard.toml", 2),
+        ("kiln.toml", 2),
+        ("house.toml", 2),
+        ("triangulation:points=site.txt", 2),
+        ("triangulation:points=challenge.json", 2),
         ("agv:scene=room.json", 2),
         ("agv-labelled:scene=room.json", 2),
         ("agv:graph=yard.txt,n=3", 3),

@@ -62,8 +62,6 @@ def _mark(system: TabledSystem, marks: Mapping[Site, str], chord: Site) -> str:
 
 def _spots(system: TabledSystem) -> dict[Site, Spot]:
     """Return where the points lie, in cells."""
-    if not system.positions:
-        raise InputError("chords cannot be drawn without the positions of their points")
     known = np.array(list(system.positions.values()))
     spread = known.max(axis=0) - known.min(axis=0)
     area = max(float(spread[0] * spread[1]), 1e-3 * float(spread.max()) ** 2)

@@ -67,6 +67,7 @@ class TabledSystem(System):
             {site for move in self.listed for site in move.action.support} | self.filled
         )
         self.places = in_order({self.place_of(site) for site in sites})
+        self._check_chords()
         self._index = {place: number for number, place in enumerate(self.places)}
         self._sites_at: dict[Site, list[Site]] = {}
         for site in sites:
@@ -91,12 +92,13 @@ class TabledSystem(System):
             raise InputError(f"{move.generator} at {move.at!r} stands twice among the moves")
         self.by_name[key] = move
         action = move.action
-        sources, targets = (frozenset(sites) for sites in zip(*move.goes, strict=True))
+        sources = frozenset(source for source, _ in move.goes)
+        targets = frozenset(target for _, target in move.goes)
         ends = {end & action.trace for end in action.ends}
-        if {sources, targets} != ends:
+        if {sources, targets} != ends or not len(sources) == len(targets) == len(move.goes):
             raise InputError(
                 f"{action.label}: 'goes' must take every site of the trace that is on before to"
-                " one that is on after"
+                " one that is on after, and at least one"
             )
         if action.trace & self.filled:
             stray = in_order(action.trace & self.filled)[0]
@@ -109,6 +111,12 @@ class TabledSystem(System):
                 self._readers.setdefault(site, {}).setdefault(place, []).append(each)
             for site in action.trace:
                 self._writers.setdefault(site, {}).setdefault(place, []).append(each)
+
+    def _check_chords(self) -> None:
+        for place in self.places if self.drawing == "chords" else ():
+            ends = place if isinstance(place, tuple) and len(place) == 2 else (None,)
+            if not self.positions.keys() >= {*ends}:
+                raise InputError(f"chord {place!r}: expected a pair of points that have positions")
 
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
