@@ -32,6 +32,9 @@ SCENES = (
     "arm:n=5",
     "sliding:p=2,q=1,n=4",
     "arms:n=1",
+    "polygon:n=8",
+    "words:presentation=raag",
+    "assembly:n=3",
 )
 
 scene = lru_cache(maxsize=None)(scene_from_spec)

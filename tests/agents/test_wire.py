@@ -34,6 +34,9 @@ SPECS = [
     "arm:n=7",
     "sliding:p=2,q=2,n=5",
     "arms:n=1",
+    "polygon:n=7",
+    "words:presentation=free2",
+    "assembly:n=3",
 ]
 
 

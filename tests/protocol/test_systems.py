@@ -27,6 +27,10 @@ SPECS = [
     "sliding:n=3",
     "arm-free:n=3",
     "arms:n=1",
+    "polygon:n=7",
+    "triangulation:n=9",
+    "words:presentation=free2",
+    "assembly:n=3",
 ]
 
 
