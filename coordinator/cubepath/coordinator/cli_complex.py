@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Protocol
 
 from cubepath.coordinator.console import (
@@ -51,6 +52,8 @@ def add_complex_commands(command: AddCommand) -> None:
     complex_.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
     )
+
+    command("paper", _paper, "hold the paper's claims against what is computed")
 
 
 def _count(text: str) -> int:
@@ -144,3 +147,35 @@ def _torsion(torsion: tuple[tuple[int, ...], ...]) -> list[str]:
         for k, factors in enumerate(torsion)
         if factors
     ]
+
+
+def _paper(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.claims import all_claims, compute  # noqa: PLC0415
+
+    claims = all_claims()
+    with progress_bar(len(claims), "paper", " claims") as bar:
+        rows = compute(claims, bar.update)
+    lines = []
+    for row in rows:
+        mark = {True: "agrees", False: "DIFFERS", None: "open"}[row.agrees]
+        lines += [
+            f"{mark:<8} {row.item}  ({row.seconds:.1f} s)",
+            *_wrapped("claim", row.claim),
+            *_wrapped("computed", row.computed),
+        ]
+    found = [sum(row.agrees is outcome for row in rows) for outcome in (True, False, None)]
+    lines.append(f"{len(rows)} claims: {found[0]} agree, {found[1]} differ, {found[2]} open")
+    answer(options, [row.document() for row in rows], "\n".join(lines))
+    wrong = [row for row in rows if not row.as_expected]
+    for row in wrong:
+        complain(f"{row.item}: not what is known to come out: {row.computed}")
+    return FAILED if wrong else DONE
+
+
+def _wrapped(name: str, text: str) -> list[str]:
+    return fill(
+        text,
+        width=100,
+        initial_indent=f"         {name:<9} ",
+        subsequent_indent=" " * 19,
+    ).splitlines()

@@ -1,0 +1,317 @@
+"""The paper's sections on geodesics, time and the algorithms."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from itertools import pairwise, product
+from random import Random
+
+from cubepath.coordinator.claims import Claim, Outcome, claim
+from cubepath.coordinator.cubes import end_state, is_normal
+from cubepath.coordinator.envelope import envelope
+from cubepath.coordinator.explore import explore
+from cubepath.coordinator.heap import normal_cube_path
+from cubepath.coordinator.printed import (
+    Commute,
+    ShrinkCubePath,
+    TimeGeodesic,
+    genuine_cube_path,
+    mended_time_geodesic,
+    weight,
+)
+from cubepath.coordinator.state_complex import StateComplex, state_complex
+from cubepath.coordinator.state_link import actions_at
+from cubepath.coordinator.walks import diagonals, normal_cube_paths
+from cubepath.protocol.actions import Action, State, apply
+from cubepath.protocol.scenes import scene_from_spec
+
+CLAIMS: list[Claim] = []
+
+
+def toggle(*sites: str) -> Action:
+    """Return an action that turns on sites which nothing else knows of."""
+    return Action(sites, sites, [], sites, label="".join(sites))
+
+
+def walk(spec: str, moves: int, seed: int) -> tuple[State, list[Action]]:
+    """Return the start of a scene and a random edge path from there."""
+    random = Random(seed)  # noqa: S311 - to be the same every time
+    scene = scene_from_spec(spec)
+    state: State = scene.start_state
+    path = []
+    for _ in range(moves):
+        action = random.choice(actions_at(scene, state))
+        state = apply(action, state)
+        path.append(action)
+    return scene.start_state, path
+
+
+def _arm(count: int) -> StateComplex:
+    return state_complex(explore(scene_from_spec(f"arm:n={count}")))
+
+
+@claim(
+    CLAIMS,
+    "7, theorem on geodesics",
+    "there is one and only one normal cube path in each homotopy class",
+)
+def _unique() -> Outcome:
+    pairs = 0
+    for count in (3, 4):
+        complex_ = _arm(count).complex
+        vertices = complex_.f_vector[0]
+        for start, end in product(range(vertices), repeat=2):
+            found = normal_cube_paths(complex_, start, end, most=3 * count)
+            if len(found) != 1:
+                return f"arm N={count}: {len(found)} from {start} to {end}", False
+            pairs += 1
+    return (
+        (
+            f"exactly one by the definition for {pairs} pairs of states of arms, whose complexes"
+            " are contractible and so have one class"
+        ),
+        True,
+    )
+
+
+@claim(
+    CLAIMS,
+    "7, theorem on geodesics",
+    "the normal cube path minimises time among all paths in its homotopy class",
+)
+def _fastest() -> Outcome:
+    pairs = 0
+    for count in (4, 5, 6):
+        built = _arm(count)
+        across = diagonals(built.complex)
+        states = [built.explored.state(n) for n in range(len(built.explored.states))]
+        number = {state: place for place, state in enumerate(states)}
+        for start in range(len(states)):
+            apart = _distances(across, start)
+            _, path = states[start], []
+            state: State = states[start]
+            random = Random(start)  # noqa: S311 - to be the same every time
+            for _ in range(4 * count):
+                action = random.choice(actions_at(built.explored.scene, state))
+                state = apply(action, state)
+                path.append(action)
+                length = len(normal_cube_path(path))
+                if length != apart[number[frozenset(state)]]:
+                    return (
+                        f"arm N={count}: {length}, expected {apart[number[frozenset(state)]]}",
+                        False,
+                    )
+                pairs += 1
+    return f"as short as any cube path between the ends, for {pairs} random paths of arms", True
+
+
+def _distances(across: dict[int, list[tuple[int, tuple[int, int]]]], start: int) -> dict[int, int]:
+    found = {start: 0}
+    queue = deque([start])
+    while queue:
+        here = queue.popleft()
+        for there, _ in across[here]:
+            if there not in found:
+                found[there] = found[here] + 1
+                queue.append(there)
+    return found
+
+
+@claim(
+    CLAIMS,
+    "7, figure on the envelope",
+    "time-optimal paths form an envelope: every move may be made from one cube to a later one",
+)
+def _envelope() -> Outcome:
+    start, path = walk("agv:graph=grid5x5,n=5", 200, seed=3)
+    cubes = normal_cube_path(path)
+    windows = envelope(cubes)
+    late: list[list[Action]] = [[] for _ in cubes]
+    early: list[list[Action]] = [[] for _ in cubes]
+    for window in windows:
+        late[window.latest - 1].append(window.action)
+        early[window.earliest - 1].append(window.action)
+    end = end_state(cubes, start)
+    agrees = (
+        all(1 <= each.earliest <= each.latest <= len(cubes) for each in windows)
+        and end_state(late, start) == end
+        and [set(cube) for cube in early] == [set(cube) for cube in cubes]
+    )
+    slack = Counter(each.latest - each.earliest for each in windows)
+    free = len(windows) - slack[0]
+    return (
+        (
+            f"{free} of {len(windows)} moves of a random path have slack, up to {max(slack)} cubes;"
+            f" the latest schedule has {len(late)} cubes too and ends in the same state"
+        ),
+        agrees and free > 0,
+    )
+
+
+@claim(
+    CLAIMS,
+    "8, figure on the algorithm",
+    "an edge path whose length is stable after two calls and normal after three more",
+)
+def _rounds_of_shortening() -> Outcome:
+    moves = 6
+    for seed in range(20_000):
+        random = Random(seed)  # noqa: S311 - to be the same every time
+        size = random.randrange(moves, 24)
+        word = [toggle(*sorted(random.sample("abcdefgh", 2))) for _ in range(size)]
+        path = genuine_cube_path([action] for action in word)
+        lengths, calls = [len(path)], 0
+        normal = [set(cube) for cube in normal_cube_path(word)]
+        while [set(cube) for cube in path] != normal and calls < 10:
+            path = ShrinkCubePath(path)
+            calls += 1
+            lengths.append(len(path))
+        if calls == 5 and lengths[2] < lengths[1] and len(set(lengths[2:])) == 1:
+            return f"such a path of {size} moves: lengths {lengths} after each call", True
+    return "no such path among 20,000 random ones", False
+
+
+@claim(
+    CLAIMS,
+    "8, theorem on TimeGeodesic",
+    "TimeGeodesic as printed computes a time-optimal path from any edge path",
+    expected=False,
+)
+def _printed_gap() -> Outcome:
+    a = toggle("a")
+    unchanged = TimeGeodesic([[a], [a]])
+    legs = [toggle(f"p{n}", f"p{n + 1}") for n in range(-1, 3)]
+    out, back = legs[1:], legs[:0:-1]
+    other = [[toggle(f"q{n}", f"q{n + 1}")] for n in range(6)]
+    cubes = [[one, *two] for one, two in zip([*out, *back, legs[0]], [*other, []], strict=True)]
+    printed = TimeGeodesic(cubes)
+    normal = normal_cube_path(action for cube in cubes for action in cube)
+    mended = mended_time_geodesic(cubes)
+    mending = len(mended) == len(normal)
+    return (
+        (
+            f"[a], [a] comes out with {len(unchanged)} cubes, the normal path has 0; seven cubes"
+            f" with three steps there and back come out as {len(printed)}, the normal path has"
+            f" {len(normal)}"
+            f" ({'mended: as many' if mending else 'the mended one differs'})"
+        ),
+        len(unchanged) == 0 and len(printed) == len(normal),
+    )
+
+
+@claim(
+    CLAIMS,
+    "8, theorem on TimeGeodesic",
+    "made a genuine cube path and repeated to the fixed point, it gives the normal cube path",
+)
+def _mended() -> Outcome:
+    scenes = (
+        "hex:n=5",
+        "agv:graph=grid3x3,n=3",
+        "agv-labelled:graph=grid3x3,n=3",
+        "arm:n=6",
+        "polygon:n=8",
+        "sliding:p=2,q=1,n=3",
+    )
+    paths = 0
+    for spec in scenes:
+        for seed in range(20):
+            start, path = walk(spec, 40, seed)
+            normal = normal_cube_path(path)
+            mended = mended_time_geodesic([action] for action in path)
+            same = [set(cube) for cube in mended] == [set(cube) for cube in normal]
+            if not same or not is_normal(normal):
+                return f"{spec}, seed {seed}: they differ", False
+            if end_state(normal, start) != end_state(path, start):
+                return f"{spec}, seed {seed}: it ends elsewhere", False
+            paths += 1
+    return (
+        f"equal to the one-pass normal form for {paths} random paths of {len(scenes)} systems",
+        True,
+    )
+
+
+def _flat(half: int) -> list[list[Action]]:
+    """Return two perpendicular segments in a flat complex: first all of one way, then the other."""
+    one = [toggle(f"x{n}", f"x{n + 1}") for n in range(half)]
+    other = [toggle(f"y{n}", f"y{n + 1}") for n in range(half)]
+    return [[action] for action in (*one, *other)]
+
+
+@claim(
+    CLAIMS,
+    "8, complexity",
+    "O(N^2) loops, the worst case being two perpendicular segments in a flat complex",
+)
+def _quadratic() -> Outcome:
+    loops = []
+    for half in (8, 16, 32, 64):
+        path = _flat(half)
+        count = 0
+        while True:
+            shorter, more = _counted(path)
+            count += more
+            if len(shorter) == len(path):
+                break
+            path = shorter
+        loops.append(count)
+    growth = [after / before for before, after in pairwise(loops)]
+    return (
+        (
+            f"{', '.join(map(str, loops))} loops for N = 16, 32, 64, 128: growing"
+            f" {growth[-1]:.2f}-fold when N doubles"
+        ),
+        3.5 < growth[-1] < 4.5,
+    )
+
+
+def _counted(cubes: list[list[Action]]) -> tuple[list[list[Action]], int]:
+    """Return what ShrinkCubePath makes of the cubes, and in how many loops."""
+    path, place, loops = [list(cube) for cube in cubes], 0, 0
+    while place + 1 < len(path):
+        loops += 1
+        passed = Commute(path[place], path[place + 1])
+        path[place] += passed
+        path[place + 1] = [action for action in path[place + 1] if action not in passed]
+        if not path[place + 1]:
+            del path[place + 1]
+        if not passed:
+            place += 1
+    return path, loops
+
+
+@claim(
+    CLAIMS,
+    "8, complexity",
+    "the sum of dimensions falls in each loop of ShrinkCubePath",
+    expected=False,
+)
+def _sum_of_dimensions() -> Outcome:
+    kept = sum(map(len, ShrinkCubePath(_flat(8)))) == sum(map(len, _flat(8)))
+    return (
+        (
+            "Commute keeps the sum, only cancellation lowers it: two segments of 8 have 16 before"
+            f" and {sum(map(len, ShrinkCubePath(_flat(8))))} after a call that changes the path"
+        ),
+        not kept,
+    )
+
+
+@claim(
+    CLAIMS,
+    "8, proof of the theorem",
+    "the sum of i times dim(C_i) falls in each call that changes the path",
+)
+def _weight_falls() -> Outcome:
+    calls = 0
+    for seed in range(40):
+        _, path = walk("agv:graph=grid4x4,n=4", 60, seed)
+        cubes = genuine_cube_path([action] for action in path)
+        while True:
+            shorter = ShrinkCubePath(cubes)
+            if [set(cube) for cube in shorter] == [set(cube) for cube in cubes]:
+                break
+            if weight(shorter) >= weight(cubes):
+                return f"seed {seed}: from {weight(cubes)} to {weight(shorter)}", False
+            cubes, calls = shorter, calls + 1
+    return f"in all of {calls} calls on random paths of vehicles", True

@@ -1,0 +1,92 @@
+"""Exploring states and building cubes: states and cubes a second, and bytes a cell, as they grow.
+
+Floor: one compiled pass over the arrays that were built, reading every face once. The obvious
+enumeration of tests/complexes.py stands beside it as far as it goes in a few seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from statistics import median
+from time import process_time
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import complexes
+from cubepath.coordinator.explore import explore
+from cubepath.coordinator.links import check_links
+from cubepath.coordinator.state_complex import StateComplex, f_vector, state_complex
+from cubepath.protocol.scenes import scene_from_spec
+
+ARMS = [f"arm:n={count}" for count in range(12, 19)]
+HEXAGONS = [f"hex:n={count},base=1" for count in (4, 5, 6, 7, 8)]
+VEHICLES = ["agv:graph=grid4x4,n=4", "agv:graph=grid5x5,n=4", "agv:graph=grid6x6,n=4"]
+OBVIOUS_MOST = 3_000
+
+
+def floor(built: StateComplex) -> float:
+    """Return the seconds of one pass over all faces."""
+    began = process_time()
+    for faces in built.complex.faces:
+        np.add.reduce(faces, axis=None)
+    return max(process_time() - began, 1e-6)
+
+
+def measure(spec: str, repeat: int, *, with_links: bool) -> None:
+    """Print one row."""
+    scene = scene_from_spec(spec)
+    walks, counts, builds = [], [], []
+    for _ in range(repeat):
+        began = process_time()
+        explored = explore(scene)
+        walked = process_time()
+        counted = f_vector(explored)
+        after = process_time()
+        built = state_complex(explored)
+        done = process_time()
+        walks.append(walked - began)
+        counts.append(after - walked)
+        builds.append(done - after)
+    cells = sum(counted)
+    least = median(floor(built) for _ in range(5))
+    links = "-"
+    if with_links:
+        began = process_time()
+        check_links(built.complex)
+        links = f"{process_time() - began:.2f}"
+    obvious = "-"
+    if counted[0] <= OBVIOUS_MOST:
+        began = process_time()
+        complexes.f_vector(scene)
+        obvious = f"{(process_time() - began) / (median(walks) + median(counts)):.0f}"
+    total = median(walks) + median(builds)
+    print(
+        f"{spec:<24} {counted[0]:>9,} {cells:>11,} {len(counted) - 1:>4}"
+        f" {counted[0] / median(walks):>12,.0f} {cells / median(builds):>12,.0f}"
+        f" {built.memory / cells:>7.1f} {total:>8.2f} {total / least:>7.1f} {links:>7} {obvious:>8}",
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Measure every system at growing sizes."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--repeat", type=int, default=3)
+    options = parser.parse_args()
+    measured = explore(scene_from_spec("arm:n=6"))  # compiles
+    check_links(state_complex(measured).complex)
+    f_vector(measured)
+    print(
+        f"{'system':<24} {'states':>9} {'cells':>11} {'dim':>4} {'states/s':>12} {'cubes/s':>12}"
+        f" {'B/cell':>7} {'cpu s':>8} {'x floor':>7} {'links s':>7} {'obvious':>8}"
+    )
+    for spec in (*ARMS, *HEXAGONS, *VEHICLES):
+        measure(spec, options.repeat, with_links=spec not in ARMS[-2:])
+
+
+if __name__ == "__main__":
+    main()
