@@ -21,8 +21,9 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     """Return the function compiled in nopython mode, cached on disk, with its signature kept.
 
     What it takes and gives are numpy arrays, numbers, booleans and tuples of these; a compiled
-    function may call another. Integers are of 64 bits and wrap around without a word; nothing is
-    checked against the ends of an array. Errors: numba's own ``TypingError`` at the first call
-    where the body is outside what numba can compile.
+    function may call another, best one of its own module: what is on disk is made anew when that
+    module changes, not when one changes from which a function was compiled in. Integers are of 64
+    bits and wrap around without a word; nothing is checked against the ends of an array. Errors:
+    numba's own ``TypingError`` at the first call where the body is outside what numba can compile.
     """
     return cast("Callable[_Arguments, _Result]", njit(cache=True)(function))

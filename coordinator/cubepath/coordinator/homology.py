@@ -4,11 +4,13 @@ Three steps, each exact, each keeping the complex up to chain homotopy equivalen
 
 1. *Discrete Morse matching by coreductions* on sparse arrays, compiled; then again on the complex
    that is left, for as long as it shrinks. A cell that has just one face left, with incidence 1 or
-   -1, goes together with that face; where there is none, a cell of least dimension is called
-   critical. Linear in the number of incidences. Sources: Mrozek and Batko, *Coreduction homology
-   algorithm* (2009); Forman, *Morse theory for cell complexes* (1998); Skoeldberg, *Morse theory
-   from an algebraic viewpoint* (2006); Harker, Mischaikow, Mrozek and Nanda, *Discrete Morse
-   theoretic algorithms for computing homology of complexes and maps* (2014).
+   -1, goes together with that face; where there is none, a cell without faces is called critical.
+   It is taken where the cells that are gone end: that leaves few critical cells and short paths
+   between them. Linear in the number of incidences, but for following these paths. Sources:
+   Mrozek and Batko, *Coreduction homology algorithm* (2009); Forman, *Morse theory for cell
+   complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,
+   Mischaikow, Mrozek and Nanda, *Discrete Morse theoretic algorithms for computing homology of
+   complexes and maps* (2014).
 2. *Elimination of unit pivots* in what is left, with Python's integers.
 3. *Smith forms and ranks* by python-flint of what has no unit left (Hatcher, *Algebraic topology*,
    section 2.2, for how homology is read off them).
@@ -110,10 +112,11 @@ class _Matching(NamedTuple):
 
 
 class _Front(NamedTuple):
-    """What a matching keeps while it grows: the number of faces left of each cell, and a queue.
+    """What a matching keeps while it grows: the number of faces left of each cell, and queues.
 
-    A cell comes into the queue when only one face of it is left, so once at most; ends[0] is the
-    place of the first that waits, ends[1] the place after the last.
+    A cell comes into queue[k - 1] when k faces of it are left, k = 1 or 2, so once at most.
+    ends[k - 1, 0] is the place of the first that waits, ends[k - 1, 1] that after the last. Shapes:
+    (cells,), (2, cells), (2, 2).
     """
 
     left: Cells
@@ -182,23 +185,23 @@ def _summed(faces: Rows, sign: NDArray[np.int8]) -> _Boundary:
 
 @compiled
 def _matched(boundary: _Boundary, above: Rows) -> _Matching:
-    """Match by coreductions: a cell with one face left and this face; else one of least dimension.
+    """Match by coreductions: a cell with one face left and this face; else take a critical cell.
 
-    That one has no faces left, and is critical. `above` holds the cofaces of every cell.
+    `above` holds the cofaces of every cell.
     """
     start, cells = boundary.start, len(boundary.start) - 1
     partner, time = np.full(cells, -1, np.int32), np.full(cells, -1, np.int32)
     goes, unit = np.empty(cells, np.int32), np.zeros(cells, np.int8)
     now, lowest = 0, 0
-    front = _Front(
-        (start[1:] - start[:-1]).astype(np.int32), np.empty(cells, np.int32), np.zeros(2, np.int64)
-    )
+    left = (start[1:] - start[:-1]).astype(np.int32)
+    front = _Front(left, np.empty((2, cells), np.int32), np.zeros((2, 2), np.int64))
     for cell in range(cells):
-        if front.left[cell] == 1:
-            front.queue[front.ends[1]] = cell
-            front.ends[1] += 1
+        if left[cell] == 1:
+            _wait(cell, front)
     while True:
         face, cell, value = _coreduction(boundary, time, front)
+        if face < 0:
+            face = _critical(boundary, time, front)
         if face < 0:
             while lowest < cells and time[lowest] >= 0:
                 lowest += 1
@@ -218,9 +221,9 @@ def _matched(boundary: _Boundary, above: Rows) -> _Matching:
 @compiled
 def _coreduction(boundary: _Boundary, time: Cells, front: _Front) -> tuple[int, int, int]:
     """Return the face and the cell to be matched next and their incidence; -1, -1, 0 if none."""
-    while front.ends[0] < front.ends[1]:
-        cell = front.queue[front.ends[0]]
-        front.ends[0] += 1
+    while front.ends[0, 0] < front.ends[0, 1]:
+        cell = front.queue[0, front.ends[0, 0]]
+        front.ends[0, 0] += 1
         if time[cell] < 0 and front.left[cell] == 1:
             i = boundary.start[cell]
             while time[boundary.face[i]] >= 0:
@@ -231,14 +234,38 @@ def _coreduction(boundary: _Boundary, time: Cells, front: _Front) -> tuple[int, 
 
 
 @compiled
+def _critical(boundary: _Boundary, time: Cells, front: _Front) -> int:
+    """Return a cell without faces after which a coface of it has one face left; -1 if none waits.
+
+    The coface is the one that has waited longest.
+    """
+    while front.ends[1, 0] < front.ends[1, 1]:
+        cell = front.queue[1, front.ends[1, 0]]
+        front.ends[1, 0] += 1
+        if time[cell] < 0 and front.left[cell] == 2:
+            for i in range(boundary.start[cell], boundary.start[cell + 1]):
+                face = boundary.face[i]
+                if time[face] < 0 and front.left[face] == 0:
+                    return int(face)
+    return -1
+
+
+@compiled
 def _take_away(cell: int, above: Rows, time: Cells, front: _Front) -> None:
-    """Count the cell no more as a face, and let those wait that have one face left."""
+    """Count the cell no more as a face, and let those wait that have one face left, or two."""
     for i in range(above.start[cell], above.start[cell + 1]):
-        coface = above.cell[i]
+        coface = int(above.cell[i])
         front.left[coface] -= 1
-        if front.left[coface] == 1 and time[coface] < 0:
-            front.queue[front.ends[1]] = coface
-            front.ends[1] += 1
+        if 1 <= front.left[coface] <= 2 and time[coface] < 0:
+            _wait(coface, front)
+
+
+@compiled
+def _wait(cell: int, front: _Front) -> None:
+    """Put the cell into the queue of those with as many faces left."""
+    which = front.left[cell] - 1
+    front.queue[which, front.ends[which, 1]] = cell
+    front.ends[which, 1] += 1
 
 
 def _flow(cell: int, boundary: _Boundary, matching: _Matching, flow: _Flow, limit: int) -> int:
