@@ -67,7 +67,8 @@ def measure(spec: str, repeat: int, *, with_links: bool) -> None:
     print(
         f"{spec:<24} {counted[0]:>9,} {cells:>11,} {len(counted) - 1:>4}"
         f" {counted[0] / median(walks):>12,.0f} {cells / median(builds):>12,.0f}"
-        f" {built.memory / cells:>7.1f} {total:>8.2f} {total / least:>7.1f} {links:>7} {obvious:>8}",
+        f" {built.memory / cells:>7.1f} {total:>8.2f} {total / least:>7.1f} {links:>7}"
+        f" {obvious:>8}",
         flush=True,
     )
 

@@ -17,7 +17,6 @@ from typing import Any
 import zenoh
 
 from cubepath.coordinator.gather import Gatherer
-from cubepath.protocol import sessions
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
@@ -97,20 +96,12 @@ def replay(
     if "report" not in kinds:
         raise InputError("kinds without report: without reports there is nothing to gather")
     with contextlib.ExitStack() as resources:
-        router, found = open_router() if endpoint is None else _open_router_at(endpoint)
+        router, found = open_router(endpoint)
         resources.callback(router.close)
         player = _Player(recording, found, resources)
         if announce is not None:
             announce(found, player.run)
         return player.play(kinds, rate, progress)
-
-
-def _open_router_at(endpoint: str) -> tuple[zenoh.Session, str]:
-    settings: dict[str, Any] = {"listen/endpoints": [endpoint], "connect/endpoints": []}
-    try:
-        return zenoh.open(sessions._config("router", **settings)), endpoint  # noqa: SLF001 # pyright: ignore[reportPrivateUsage]
-    except zenoh.ZError as error:
-        raise InputError(f"endpoint={endpoint}: cannot listen there: {error}") from None
 
 
 class _Player:

@@ -8,17 +8,19 @@ eclipse-zenoh 1.10.
 from __future__ import annotations
 
 import json
+import re
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 import zenoh
 
-from cubepath.protocol.errors import CubepathError
+from cubepath.protocol.errors import CubepathError, InputError
 
 _STALL_US_MAX = 60_000_000
 _PATIENCE_S_MAX = 10.0
 _POLL_S = 0.0005
+_ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^/\s:\[\]]+):[0-9]{1,5}")
 
 
 def _config(mode: str, **settings: object) -> zenoh.Config:
@@ -37,21 +39,31 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
     return config
 
 
-def open_router() -> tuple[zenoh.Session, str]:
-    """Open a router on a free loopback port; return it with its endpoint."""
+def open_router(endpoint: str | None = None) -> tuple[zenoh.Session, str]:
+    """Open a router at an endpoint, or a free loopback port; return it with its endpoint.
+
+    An endpoint is ``tcp/HOST:PORT``; InputError where it is none or cannot be listened at.
+    """
+    if endpoint is not None and not _ENDPOINT.fullmatch(endpoint):
+        raise InputError(f"endpoint={endpoint}: expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
     settings: Mapping[str, Any] = {
-        "listen/endpoints": ["tcp/127.0.0.1:0"],
+        "listen/endpoints": [endpoint or "tcp/127.0.0.1:0"],
         "connect/endpoints": [],
     }
-    session = zenoh.open(_config("router", **settings))
+    try:
+        session = zenoh.open(_config("router", **settings))
+    except zenoh.ZError:
+        raise InputError(f"endpoint={endpoint}: cannot listen there") from None
+    if endpoint is not None and not endpoint.endswith(":0"):
+        return session, endpoint
     # The port is the system's choice; the router's own admin space tells which.
     for reply in session.get(f"@/{session.info.zid()}/*"):
         if reply.ok is None:
             continue
         found = json.loads(reply.ok.payload.to_string())
-        for endpoint in found.get("locators", ()) if isinstance(found, dict) else ():
-            if "127.0.0.1" in endpoint:
-                return session, str(endpoint)
+        for locator in found.get("locators", ()) if isinstance(found, dict) else ():
+            if "127.0.0.1" in locator:
+                return session, str(locator)
     session.close()
     raise CubepathError("the zenoh router did not tell on which port it listens")
 
