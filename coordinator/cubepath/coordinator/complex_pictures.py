@@ -60,7 +60,8 @@ def layout(complex_: CubicalComplex, axes: int) -> Points:
     apart[apart < 0] = apart.max() + 2  # components side by side
     count = len(apart)
     centre = np.eye(count) - 1 / count
-    values, vectors = np.linalg.eigh(-centre @ apart @ centre / 2)
+    # Between the squared distance of a cube's corners (power 1) and of a flat sheet's (power 2).
+    values, vectors = np.linalg.eigh(-centre @ apart**1.5 @ centre / 2)
     order = np.argsort(values)[::-1][: 2 * axes]
     found = vectors[:, order] * np.sqrt(np.maximum(values[order], 0))
     # The sign of an eigenvector is anybody's choice: let the largest entry be positive.
@@ -120,7 +121,7 @@ def draw_complex(complex_: CubicalComplex, path: Path, title: str = "") -> None:
     axes.set_axis_off()
     axes.set_aspect("equal")
     if not flat:
-        axes.set_box_aspect(None, zoom=1.35)
+        axes.set_box_aspect(None, zoom=1.25)
     counts = ", ".join(
         f"{count} {name}"
         for count, name in zip(complex_.f_vector, _names(complex_.dimension), strict=True)
@@ -160,4 +161,4 @@ def _draw_solid(
     axes.add_collection3d(Poly3DCollection(squares, facecolors=colours, alpha=0.35, linewidths=0))
     axes.add_collection3d(Line3DCollection(points[edges], colors=_EDGE, linewidths=0.8))
     axes.scatter(*points.T, s=size, color=_VERTEX, depthshade=False)
-    axes.view_init(elev=28, azim=-58)
+    axes.view_init(elev=55, azim=-80)
