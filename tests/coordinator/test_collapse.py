@@ -129,6 +129,17 @@ def test_a_face_that_a_cube_has_twice_is_not_free() -> None:
     assert found.contractible
 
 
+def test_a_face_is_looked_at_again_when_its_cube_is_free_to_go() -> None:
+    """The tip of a cone lies on one edge only, but this can go only after the cone's square.
+
+    A loop at the edge's other end sees to it that nothing else takes the edge.
+    """
+    cone = cubical_complex([3, [[0, 1], [1, 2], [1, 2], [1, 1]], [[[0, 1], [0, 2]]]])
+    found = collapse(cone)
+    check(cone, found)
+    assert found.left == (1, 1, 0)
+
+
 def test_other_orders_are_tried_where_the_first_gets_stuck() -> None:
     """The dunce hat times an interval collapses (Zeeman), though not in the first order tried."""
     space = product(DUNCE_HAT, path(2))

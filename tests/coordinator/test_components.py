@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import networkx as nx
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,6 +13,7 @@ from cubepath.coordinator.cubical import CubicalComplex
 from spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
 
 
+@pytest.mark.slow
 @given(quotients())
 def test_components_are_those_of_the_graph(space: CubicalComplex) -> None:
     """Two vertices have the same number iff networkx has them in one component."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+import pytest
 from hypothesis import given
 
 from cubepath.coordinator.cubical import CubicalComplex
@@ -11,6 +12,7 @@ from cubepath.coordinator.incidence import cofaces, incidence
 from spaces import quotients
 
 
+@pytest.mark.slow
 @given(quotients())
 def test_rows_hold_what_the_complex_holds(space: CubicalComplex) -> None:
     """Every face is there with its sign, as often as it is one, and cofaces are the transpose."""

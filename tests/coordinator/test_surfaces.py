@@ -105,6 +105,7 @@ def glued_squares(draw: st.DrawFn) -> CubicalComplex:
     return glued(apart, [(1, *sides[i : i + 2]) for i in range(0, len(sides), 2)])
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(glued_squares())
 def test_squares_glued_side_to_side_are_a_closed_surface(space: CubicalComplex) -> None:
@@ -134,6 +135,7 @@ def test_two_points_of_a_surface_made_one_are_a_flaw(
     assert found.flaw == ("" if one == other else flaw)
 
 
+@pytest.mark.slow
 @given(quotients())
 def test_a_flaw_is_one(space: CubicalComplex) -> None:
     """On random complexes a surface has the mod 2 homology of one, and a flaw can be checked."""

@@ -67,7 +67,8 @@ def homology(complex_: CubicalComplex, progress: Progress | None = None) -> Homo
     """Return the homology of the complex; the empty complex has empty tuples.
 
     `progress` is told of numbers of cells that have been dealt with, which add up to the number of
-    cells. The same complex gives the same result with the same critical cells.
+    cells. The same complex gives the same result with the same critical cells. Memory, beside the
+    complex: about 20 bytes for each face of each cube, and 60 for each cube.
     """
     chains = _chains_of(complex_)
     while True:
