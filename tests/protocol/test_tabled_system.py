@@ -186,6 +186,7 @@ GOOD = slide("good", (1, 2))
         ([replace(GOOD, goes=())], {}, "good: 'goes' must take every site"),
         ([replace(GOOD, goes=((1, 3),))], {}, "good: 'goes' must take every site"),
         ([replace(GOOD, goes=((1, 2), (1, 2)))], {}, "good: 'goes' must take every site"),
+        ([GOOD], {"positions": {1: (0.0, float("nan"))}}, "position of 1: expected two numbers"),
         ([GOOD], {"drawing": "chords"}, "chord 1: expected a pair of points that have positions"),
         (
             [slide("flip", ((0, 2), (1, 3)))],

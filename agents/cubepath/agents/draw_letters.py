@@ -18,6 +18,7 @@ from cubepath.protocol.tabled_system import TabledSystem
 
 _ROW = 40
 """So many places without positions lie in one row."""
+_COLUMNS_MAX = 200
 _MARGIN = 0.6
 _SMALL, _READABLE = 0.36, 2
 """The size of a box for the letter that was, or is to be, and how long it may be to be written."""
@@ -32,6 +33,7 @@ def text(scene: Scene, system: TabledSystem, sites: Sequence[Site]) -> str:
     goal = scene.goal or frozenset()
     columns = sorted({x for x, _ in spots.values()})
     unit = min((right - left for left, right in pairwise(columns)), default=1.0)
+    unit = max(unit, (columns[-1] - columns[0]) / _COLUMNS_MAX)
     wide = max(len(letter) for letter in system.letters or ("o",)) + 2
     # Half steps, as of bricks, take half a word.
     step = wide if unit >= 1 else (wide + 1) // 2

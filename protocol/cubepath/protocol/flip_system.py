@@ -8,7 +8,7 @@ from itertools import combinations
 
 from cubepath.protocol.actions import Action
 from cubepath.protocol.catalogue import Move
-from cubepath.protocol.errors import InputError
+from cubepath.protocol.errors import ExcludedError, InputError
 from cubepath.protocol.planar import Edge, Point, PointSet, Quadrilateral
 from cubepath.protocol.sites import Site
 from cubepath.protocol.tabled_system import TabledSystem
@@ -58,7 +58,7 @@ class FlipSystem(TabledSystem):
             corners = self._corners(at)
             why = self.plane.why_no_flip(corners)
             if why is not None:
-                raise InputError(f"generator 'flip': quadrilateral {list(corners)} is {why}")
+                raise ExcludedError(f"generator 'flip': quadrilateral {list(corners)} is {why}")
             at = corners
         return super().action(generator, at)
 

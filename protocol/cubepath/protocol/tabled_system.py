@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache, partial
 from itertools import chain
+from math import isfinite
 
 from cubepath.protocol.actions import Action, commute
 from cubepath.protocol.catalogue import Move
-from cubepath.protocol.errors import InputError
+from cubepath.protocol.errors import ExcludedError, InputError
 from cubepath.protocol.sites import Site, in_order
 from cubepath.protocol.systems import FIRST_LABEL, KEPT, System
 
@@ -67,7 +68,7 @@ class TabledSystem(System):
             {site for move in self.listed for site in move.action.support} | self.filled
         )
         self.places = in_order({self.place_of(site) for site in sites})
-        self._check_chords()
+        self._check_positions()
         self._index = {place: number for number, place in enumerate(self.places)}
         self._sites_at: dict[Site, list[Site]] = {}
         for site in sites:
@@ -112,7 +113,10 @@ class TabledSystem(System):
             for site in action.trace:
                 self._writers.setdefault(site, {}).setdefault(place, []).append(each)
 
-    def _check_chords(self) -> None:
+    def _check_positions(self) -> None:
+        for place, position in self.positions.items():
+            if not all(map(isfinite, position)):
+                raise InputError(f"position of {place!r}: expected two numbers, found {position}")
         for place in self.places if self.drawing == "chords" else ():
             ends = place if isinstance(place, tuple) and len(place) == 2 else (None,)
             if not self.positions.keys() >= {*ends}:
@@ -176,7 +180,7 @@ class TabledSystem(System):
             if generator not in names:
                 known = ", ".join(str(name) for name in names)
                 raise InputError(f"unknown generator {generator!r}, expected one of {known}")
-            raise InputError(f"generator {generator!r}: there is no move at {at!r}")
+            raise ExcludedError(f"generator {generator!r}: there is no move at {at!r}")
         return found.action
 
     def sensed(self, place: Site) -> tuple[Site | None, ...]:
