@@ -79,9 +79,9 @@ def contractibility(complex_: CubicalComplex, homology: Homology) -> str:
 
 
 def _order(count: int, attempt: int) -> Cells:
-    """Return all cells in the order in which they are looked at first: twice as they are, then shuffled.
+    """Return all cells in the order in which they are looked at first: as they are, or shuffled.
 
-    That is sorted by a hash of the number (the finaliser of splitmix64), so the same on every machine.
+    Shuffled is sorted by a hash of the number, splitmix64's finaliser: the same on every machine.
     """
     if attempt < 2:
         return np.arange(count, dtype=np.int32)
