@@ -18,6 +18,7 @@ CLAIMS: list[Claim] = []
 _SYSTEMS = (
     "hex:n=3,base=1",
     "hex-open:n=2",
+    "hex-tunnel:n=4",
     "sliding:p=2,q=2",
     "arm:n=5",
     "arm-free:n=4",
