@@ -87,7 +87,7 @@ class Bits:
                 continue
             number = self._number_of(move.action)
             if number is not None:
-                sources = {source for source, _ in move.goes}
+                sources = frozenset(source for source, _ in move.goes)
                 end = 0 if sources == move.action.ends[0] & move.action.trace else 1
                 self._movers[bit].append((number, end))
 

@@ -8,10 +8,29 @@ code with @jit".
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import ParamSpec, TypeVar, cast
 
 from numba import njit
+
+
+def _forget_stale() -> None:
+    """Remove what was compiled before any module of this room was last changed.
+
+    numba looks at the module of a function alone, and would keep what calls a changed function of
+    another one.
+    """
+    room = Path(__file__).parent
+    changed = max(source.stat().st_mtime for source in room.glob("*.py"))
+    for kept in room.glob("__pycache__/*.nb[ic]"):
+        with contextlib.suppress(OSError):  # gone already, or not ours to remove
+            if kept.stat().st_mtime < changed:
+                kept.unlink()
+
+
+_forget_stale()
 
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
@@ -21,8 +40,7 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     """Return the function compiled in nopython mode, cached on disk, with its signature kept.
 
     What it takes and gives are numpy arrays, numbers, booleans and tuples of these; a compiled
-    function may call another, best one of its own module: what is on disk is made anew when that
-    module changes, not when one changes from which a function was compiled in. Integers are of 64
+    function may call another. Integers are of 64
     bits and wrap around without a word; nothing is checked against the ends of an array. Errors:
     numba's own ``TypingError`` at the first call where the body is outside what numba can compile.
     """
