@@ -71,19 +71,7 @@ def shorten(
     CheckError where the reports of a recording contradict each other.
     """
     began = time.perf_counter()
-    kind = _kind(path)
-    if system is not None and kind != "moves":
-        what = "recording" if kind == "recording" else "scenario"
-        raise InputError(
-            f"{path}: a {what}, which says itself what its system is: expected no --system"
-        )
-    if kind == "recording":
-        moves = _recorded(path)
-    elif kind == "scenario":
-        moves = _planned(path)
-    else:
-        scene = None if system is None else local_only(scene_from_spec(system), "shortening")
-        moves = read_moves(path, scene)
+    _, moves = moves_of(path, system)
     heap = Heap()
     placed: dict[Action, Placed] = {}
     for move in moves if progress is None else _told(moves, progress):
@@ -102,6 +90,25 @@ def shorten(
         cube_path=cubes,
         named=named,
     )
+
+
+def moves_of(path: Path, system: str | None = None) -> tuple[str, Iterator[PathMove]]:
+    """Return what a file is, "recording", "scenario" or "moves", and its moves in order.
+
+    Each move is checked when its turn comes; `shorten` says what is refused.
+    """
+    kind = _kind(path)
+    if system is not None and kind != "moves":
+        what = "recording" if kind == "recording" else "scenario"
+        raise InputError(
+            f"{path}: a {what}, which says itself what its system is: expected no --system"
+        )
+    if kind == "recording":
+        return kind, _recorded(path)
+    if kind == "scenario":
+        return kind, _planned(path)
+    scene = None if system is None else local_only(scene_from_spec(system), "shortening")
+    return kind, read_moves(path, scene)
 
 
 def _told(moves: Iterable[PathMove], progress: Progress) -> Iterator[PathMove]:
