@@ -1,4 +1,7 @@
-"""The heap of pieces: its cube path is admissible, normal, shortest, and the same for any order."""
+"""The heap of pieces: its cube path is admissible, normal, shortest, and the same for any order.
+
+All of it holds of the reference in Python and of the compiled heap.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import os
 import subprocess
 import sys
 import tracemalloc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from random import Random
 
 import pytest
@@ -15,13 +18,15 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from complexes import actions_at, commuting_sets
+from cubepath.coordinator import fast_heap as fast_heap_module
 from cubepath.coordinator import heap as heap_module
 from cubepath.coordinator.cubes import (
     end_state,
     is_normal,
     obvious_normal_form,
 )
-from cubepath.coordinator.heap import Heap, normal_cube_path
+from cubepath.coordinator.fast_heap import FastHeap
+from cubepath.coordinator.heap import Heap
 from cubepath.protocol.actions import Action, State
 from cubepath.protocol.systems import Scene
 from strategies import (
@@ -45,7 +50,15 @@ from strategies import (
 )
 
 Cubes = Sequence[Sequence[Action]]
+Make = Callable[[], Heap | FastHeap]
 abstract_words = st.one_of(words(), crowded_words())
+both_heaps = pytest.mark.parametrize("make", [Heap, FastHeap])
+
+
+def path_of(make: Make, word: Word) -> tuple[tuple[Action, ...], ...]:
+    heap = make()
+    heap.extend(word)
+    return heap.cube_path()
 
 
 def as_sets(cubes: Cubes) -> tuple[frozenset[Action], ...]:
@@ -57,50 +70,55 @@ def flat(cubes: Cubes) -> Word:
 
 
 @pytest.mark.slow
+@both_heaps
 @given(abstract_words)
 @settings(max_examples=200)
-def test_a_word_becomes_a_normal_cube_path_of_its_class(word: Word) -> None:
+def test_a_word_becomes_a_normal_cube_path_of_its_class(make: Make, word: Word) -> None:
     """The result is a normal cube path, homotopic to the input, with nothing left to cancel."""
-    cubes = normal_cube_path(word)
+    cubes = path_of(make, word)
     assert is_normal(cubes)
     assert class_key(flat(cubes)) == class_key(word)
     assert len(flat(cubes)) == len(reduced(word))
 
 
 @pytest.mark.slow
+@both_heaps
 @given(abstract_words)
 @settings(max_examples=200)
-def test_the_obvious_normal_form_is_the_same(word: Word) -> None:
+def test_the_obvious_normal_form_is_the_same(make: Make, word: Word) -> None:
     """An algorithm that shares nothing with the heap gives the same cubes as sets."""
-    assert as_sets(normal_cube_path(word)) == obvious_normal_form(word)
+    assert as_sets(path_of(make, word)) == obvious_normal_form(word)
 
 
 @pytest.mark.slow
+@both_heaps
 @given(abstract_words, st.data())
 @settings(max_examples=200)
 def test_any_order_that_respects_dependencies_gives_the_same(
-    word: Word, data: st.DataObject
+    make: Make, word: Word, data: st.DataObject
 ) -> None:
     """The cubes, and the order in each, do not depend on the order of commuting moves."""
-    assert normal_cube_path(data.draw(linear_extensions(word))) == normal_cube_path(word)
+    assert path_of(make, data.draw(linear_extensions(word))) == path_of(make, word)
 
 
 @pytest.mark.slow
+@both_heaps
 @given(st.data())
 @settings(max_examples=200)
-def test_detours_there_and_back_change_nothing(data: st.DataObject) -> None:
+def test_detours_there_and_back_change_nothing(make: Make, data: st.DataObject) -> None:
     """A word put in with its reverse, in between other moves that commute, leaves no trace."""
     letters = data.draw(alphabets())
     word = data.draw(lists_of(st.sampled_from(letters), max_size=16))
-    assert normal_cube_path(data.draw(detours(word, letters))) == normal_cube_path(word)
+    assert path_of(make, data.draw(detours(word, letters))) == path_of(make, word)
 
 
 @pytest.mark.slow
+@both_heaps
 @given(abstract_words)
 @settings(max_examples=200)
-def test_after_every_move_the_path_is_that_of_the_moves_so_far(word: Word) -> None:
+def test_after_every_move_the_path_is_that_of_the_moves_so_far(make: Make, word: Word) -> None:
     """Appending one at a time agrees with starting anew, in the path and in every count."""
-    heap = Heap()
+    heap = make()
     for count, action in enumerate(word, start=1):
         heap.append(action)
         cubes = heap.cube_path()
@@ -114,14 +132,17 @@ def test_after_every_move_the_path_is_that_of_the_moves_so_far(word: Word) -> No
 
 
 @pytest.mark.slow
+@both_heaps
 @pytest.mark.parametrize("spec", SCENES)
 @given(data=st.data())
 @settings(max_examples=100)
-def test_a_walk_of_a_system_becomes_its_normal_cube_path(spec: str, data: st.DataObject) -> None:
+def test_a_walk_of_a_system_becomes_its_normal_cube_path(
+    make: Make, spec: str, data: st.DataObject
+) -> None:
     """Same start, same end, all admissible, normal; the same for any order and with detours."""
     start = scene(spec).start_state
     word = data.draw(walks(spec))
-    cubes = normal_cube_path(word)
+    cubes = path_of(make, word)
     assert end_state(cubes, start) == end_state(word, start)
     assert is_normal(cubes)
     assert class_key(flat(cubes)) == class_key(word)
@@ -131,7 +152,7 @@ def test_a_walk_of_a_system_becomes_its_normal_cube_path(spec: str, data: st.Dat
         data.draw(walks_with_detours(spec, word)),
     ):
         assert end_state(other, start) == end_state(word, start)
-        assert normal_cube_path(other) == cubes
+        assert path_of(make, other) == cubes
 
 
 def test_the_generated_paths_do_cancel_and_do_run_in_parallel() -> None:
@@ -199,7 +220,7 @@ def test_no_cube_path_of_the_class_is_shorter(data: st.DataObject) -> None:
     """Among all cube paths in the letters, exhaustively, none of the class has fewer cubes."""
     letters = data.draw(alphabets(max_letters=4))
     word = data.draw(lists_of(st.sampled_from(letters), min_size=3, max_size=12))
-    length = len(normal_cube_path(word))
+    length = len(path_of(Heap, word))
     assume(0 < length <= 5)
     search = Search(None, letters)
     assert search.reaches(word, frozenset(), frozenset(), length)
@@ -215,44 +236,48 @@ def test_no_cube_path_of_a_system_is_shorter(spec: str, data: st.DataObject) -> 
     where = scene(spec)
     word = data.draw(walks(spec, min_size=3, max_size=8))
     end = end_state(word, where.start_state)
-    length = len(normal_cube_path(word))
+    length = len(path_of(Heap, word))
     assume(0 < length <= 4)
     search = Search(where, [])
     assert search.reaches(word, where.start_state, end, length)
     assert not search.reaches(word, where.start_state, end, length - 1)
 
 
-def test_equal_moves_cancel_across_any_distance() -> None:
+@both_heaps
+def test_equal_moves_cancel_across_any_distance(make: Make) -> None:
     """A step back cancels the step out though a thousand moves of others came in between."""
     others = [edge(f"b{n}", f"b{n + 1}") for n in range(1000)]
-    heap = Heap()
+    heap = make()
     heap.extend([edge("a0", "a1"), *others, edge("a0", "a1")])
     assert heap.reduced_moves == 1000
     assert heap.cube_path() == tuple((action,) for action in others)
 
 
-def test_a_reader_between_keeps_two_equal_moves_apart() -> None:
+@both_heaps
+def test_a_reader_between_keeps_two_equal_moves_apart(make: Make) -> None:
     """What only reads a site holds a writer there and back, but not other readers."""
     write, read, other = toggle("s"), toggle("a", reads=["s"]), toggle("b", reads=["s"])
-    assert normal_cube_path([write, read, write]) == ((write,), (read,), (write,))
-    assert normal_cube_path([read, other, read]) == ((other,),)
-    assert normal_cube_path([read, write, read]) == ((read,), (write,), (read,))
+    assert path_of(make, [write, read, write]) == ((write,), (read,), (write,))
+    assert path_of(make, [read, other, read]) == ((other,),)
+    assert path_of(make, [read, write, read]) == ((read,), (write,), (read,))
 
 
-def test_the_empty_path_has_no_cubes() -> None:
+@both_heaps
+def test_the_empty_path_has_no_cubes(make: Make) -> None:
     """No moves, and a path that comes to nothing, are the path of no cubes."""
-    heap = Heap()
+    heap = make()
     assert (heap.cubes, heap.max_cube_dimension, heap.cube_path()) == (0, 0, ())
     heap.extend([edge(0, 1), edge(0, 1)])
     assert (heap.moves, heap.cubes, heap.max_cube_dimension, heap.cube_path()) == (2, 0, 0, ())
     assert heap.level_of(edge(0, 1)) == 0
 
 
-def test_equal_moves_keep_their_own_labels() -> None:
+@both_heaps
+def test_equal_moves_keep_their_own_labels(make: Make) -> None:
     """Where equal actions come again under other ids, each cube shows the id that came there."""
     back = edge(1, 2)
     first, second = (Action([0, 1], [0, 1], [0], [1], label=label) for label in ("m1", "m3"))
-    assert [cube[0].label for cube in normal_cube_path([first, back, second])] == [
+    assert [cube[0].label for cube in path_of(make, [first, back, second])] == [
         "m1",
         "1-2",
         "m3",
@@ -275,11 +300,12 @@ def test_a_group_of_readers_knows_its_greatest_level(seed: int) -> None:
         assert len(group._added) <= 2 * len(left)  # pyright: ignore[reportPrivateUsage]
 
 
-def test_a_writer_falls_past_readers_that_are_gone() -> None:
+@both_heaps
+def test_a_writer_falls_past_readers_that_are_gone(make: Make) -> None:
     """Readers had levels 1, 2 and 3, the upper two are undone: the next writer has level 2."""
     one, two, three = (toggle(n, reads=["hub"]) for n in (1, 2, 3))
     below = [toggle(2), toggle(3), toggle(3, 13)]
-    heap = Heap()
+    heap = make()
     heap.extend([*below, one, two, three, two, three, toggle("hub")])
     assert heap.level_of(one) == 1
     assert heap.level_of(toggle("hub")) == 2
@@ -341,8 +367,12 @@ def test_a_move_costs_its_support_however_long_the_path() -> None:
 _SHOW = """
 from strategies import toggle
 from cubepath.coordinator.heap import normal_cube_path
+from cubepath.coordinator.fast_heap import FastHeap
 word = [toggle("a", "z"), toggle("m", "b"), toggle("c", reads="zm"), toggle(("q", 1), "q")]
-print([[action.label for action in cube] for cube in normal_cube_path(word * 3)])
+fast = FastHeap()
+fast.extend(word * 3)
+assert fast.cube_path() == normal_cube_path(word * 3)
+print([[action.label for action in cube] for cube in fast.cube_path()])
 """
 
 
@@ -367,7 +397,8 @@ def test_processes_agree_on_the_order_in_each_cube() -> None:
 
 
 def test_the_examples_in_the_docstrings_run() -> None:
-    """Every example in the module's docstrings gives what it says."""
-    results = doctest.testmod(heap_module)
-    assert results.attempted > 0
-    assert results.failed == 0
+    """Every example in the modules' docstrings gives what it says."""
+    for module in (heap_module, fast_heap_module):
+        results = doctest.testmod(module)
+        assert results.attempted > 0
+        assert results.failed == 0
