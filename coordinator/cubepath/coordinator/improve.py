@@ -81,11 +81,10 @@ def improve(
         raise InputError("an improvement needs seconds or iterations to know when to stop")
     if own_ends and not isinstance(system, GraphSystem):
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
-    deadline = None if seconds is None else time.monotonic() + seconds
-    # The order of the files is not that of the cubes: only what the normal form keeps counts.
     actions = list(path)
     best = _normal(actions, 0, 0)
     search = _Search(system, start, actions, best, own_ends=own_ends)
+    deadline = None if seconds is None else time.monotonic() + seconds
     random = Random(seed)  # noqa: S311 - nothing secret
     steps = found = 0
     while (

@@ -68,6 +68,9 @@ class Replanner:
         self._choices = (self._chain, self._held_up, self._around, self._any)
         self._settled()
         self.cost = self._cost()
+        # Compiled here: no step of a search that is timed should have to wait for it.
+        world = routes.World(self._near, self._held, self._ends, self._away)
+        routes.reroute(world, self._plan, np.empty((0, 3), dtype=np.int32), 0)
 
     @staticmethod
     def fits(system: object, cubes: int) -> bool:
