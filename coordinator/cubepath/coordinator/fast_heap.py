@@ -127,6 +127,18 @@ class FastHeap:
         # Moves in the heap whose label is not that of the first action that they equal.
         self._labelled: dict[int, Action] = {}
 
+    @staticmethod
+    def prepare() -> None:
+        """Load the compiled code, or make it, now: else the first question waits for it.
+
+        Seconds after an installation or a change, a seventh of one elsewise.
+        """
+        step = Action([1], [1], [1], [])
+        heap = FastHeap()
+        for path in ([step], [step] * 4):  # room made as needed, and at once
+            heap.extend(path)
+            heap._all()
+
     @property
     def moves(self) -> int:
         """Return the number of moves appended so far; O(1).

@@ -12,7 +12,7 @@ from hashlib import sha256
 
 import msgspec
 
-from cubepath.coordinator.heap import Heap
+from cubepath.coordinator.fast_heap import FastHeap
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.messages import Executed, Report, decode, site_of
@@ -63,7 +63,8 @@ class Gatherer:
     def __init__(self, scene: Scene, watch: Callable[[Step], None] | None = None) -> None:
         """Start at the start of the scene."""
         self.scene = scene
-        self.heap = Heap()
+        self.heap = FastHeap()
+        self.heap.prepare()  # not in the middle of a run
         self.sites: list[Site] = list(scene.start)
         self.steps: list[Step] = []
         self.failed: str | None = None
@@ -119,8 +120,7 @@ class Gatherer:
             placed = report.move
             executed.append(Executed(module, placed.generator, placed.at))
             actions.append(self.scene.system.action(placed.generator, site_of(placed.at)))
-        for action in actions:
-            self.heap.append(action)
+        self.heap.extend(actions)
         self._digest.add(number, executed)
         step = Step(number, tuple(executed), tuple(actions))
         self.steps.append(step)

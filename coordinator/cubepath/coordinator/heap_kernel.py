@@ -21,8 +21,7 @@ the argument is that of `cubepath.coordinator.heap.Heap`.
 *Space.* Four bytes for each site that a piece reads, twelve for each that it writes, eight for the
 piece, and at most four for the size of its level.
 
-Coordinator; touches nothing. All compiled code of the heap is in this one file, for numba looks at
-one file's date only when it takes machine code from its cache.
+Coordinator; touches nothing.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from cubepath.agents.pictures import INK, draw_on, frame, palette
-from cubepath.coordinator.heap import Heap
+from cubepath.coordinator.fast_heap import fates
 from cubepath.protocol.actions import Action, apply_in_place, end_at, misfit
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.sites import Site, in_order
@@ -133,18 +133,9 @@ def _cancelled(rounds: Iterable[Iterable[Action]]) -> set[tuple[int, Action]]:
 
     A move that cancels does so with the last one that equals it and is still there.
     """
-    heap = Heap()
-    there: dict[Action, list[int]] = {}
-    gone: set[tuple[int, Action]] = set()
-    for number, actions in enumerate(rounds, 1):
-        for action in actions:
-            before = heap.reduced_moves
-            heap.append(action)
-            if heap.reduced_moves > before:
-                there.setdefault(action, []).append(number)
-            else:
-                gone |= {(number, action), (there[action].pop(), action)}
-    return gone
+    path = [(number, action) for number, actions in enumerate(rounds, 1) for action in actions]
+    levels = fates(action for _, action in path).levels
+    return {path[place] for place in np.flatnonzero(levels == 0).tolist()}
 
 
 def _title(spec: str) -> str:
