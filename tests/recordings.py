@@ -6,6 +6,7 @@ import atexit
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import cache
+from itertools import count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -18,12 +19,19 @@ from cubepath.protocol.recording import Record, Recording, read_recording
 Where = Callable[[Any], object]
 Edit = Callable[[Any], Message | None]
 
+_numbers = count()
+
 
 @cache
 def _folder() -> Path:
     folder = TemporaryDirectory(prefix="cubepath-recordings-")
     atexit.register(folder.cleanup)
     return Path(folder.name)
+
+
+def new_path(suffix: str = ".mcap") -> Path:
+    """Return the path of a file that is not there yet, in a folder that goes with the session."""
+    return _folder() / f"{next(_numbers)}{suffix}"
 
 
 @cache
@@ -37,7 +45,7 @@ def recorded(
     rounds: int = 8,
 ) -> Recording:
     """Return the recording of a real run."""
-    path = _folder() / f"{len(list(_folder().iterdir()))}.mcap"
+    path = new_path()
     run(Plan(spec, rule, seed, hesitate, processes, rounds, path))
     return read_recording(path)
 

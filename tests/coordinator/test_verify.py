@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 import tamperings_of_results
-from cubepath.coordinator import evidence, rederive
+import tamperings_of_schedules
+from cubepath.coordinator import carried_out, evidence, rederive
 from cubepath.coordinator import verify as verify_module
 from cubepath.coordinator.gather import gathered
 from cubepath.coordinator.verify import CHECKS, recover, verify
@@ -62,7 +63,8 @@ def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[st
 
 def test_every_check_can_fail() -> None:
     """No check is there for show: for each there is a tampering that it is about."""
-    assert tamperings_of_results.__doc__  # imported for the tamperings that it adds
+    for module in (tamperings_of_results, tamperings_of_schedules):
+        assert module.__doc__  # imported for the tamperings that it adds
     assert {checks[0] for _, checks in (each.values for each in TAMPERINGS)} == set(CHECKS)
 
 
@@ -239,13 +241,19 @@ def test_the_document_has_the_keys_that_are_promised() -> None:
 
 def test_verifying_shares_no_code_with_the_run() -> None:
     """Neither gatherer nor heap nor agents, and of the actions only `Action` and `commute`."""
-    for module in (evidence, rederive, verify_module):
+    for module in (carried_out, evidence, rederive, verify_module):
         tree = ast.parse(Path(module.__file__ or "").read_text())
         for node in ast.walk(tree):
             if not isinstance(node, ast.ImportFrom) or node.module is None:
                 continue
             assert node.module.split(".")[1:2] != ["agents"]
-            assert node.module.rpartition(".")[2] not in ("gather", "heap", "printed", "run")
+            assert node.module.rpartition(".")[2] not in (
+                "gather",
+                "heap",
+                "printed",
+                "run",
+                "schedule",
+            )
             if node.module == "cubepath.protocol.actions":
                 assert {name.name for name in node.names} <= {"Action", "commute"}
             if node.module == "cubepath.coordinator.cubes":

@@ -14,7 +14,7 @@ import tempfile
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from queue import Empty, SimpleQueue
 from types import TracebackType
 from typing import IO, Literal, Self
@@ -26,7 +26,8 @@ from cubepath.agents.process import TOLD, Host, Orders
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.files import scene_to_toml
 from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
-from cubepath.protocol.messages import Act, Go, Message, Ready, Reset, decode, encode
+from cubepath.protocol.messages import Act, Go, Message, Placed, Ready, Reset, decode, encode
+from cubepath.protocol.schedules import OwnMoves
 from cubepath.protocol.sessions import open_client, open_router, put, subscribe, wait_for_subscriber
 from cubepath.protocol.systems import Scene
 
@@ -60,10 +61,14 @@ class Fleet:
         hesitate: float = 0.0,
         processes: int = 2,
         talk: int = 0,
+        schedule: Mapping[int, OwnMoves] | None = None,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, on a session too.
+
+        With a `schedule` each module makes its own moves of it, in their rounds, and follows the
+        rule after `end_schedule`.
 
         With `sink` None the fleet listens to nothing but `Ready`. `check` is called while waiting
         and may raise to end the run between two messages.
@@ -79,6 +84,7 @@ class Fleet:
         self._seed = seed
         self._hesitate = hesitate
         self._talk = talk
+        self._schedule = schedule
         self._sink = sink
         self._check = check
         self._expect: tuple[int, str] = (0, "join")
@@ -135,6 +141,7 @@ class Fleet:
                 seed=self._seed,
                 hesitate=self._hesitate,
                 talk=self._talk,
+                schedule=self._own(modules),
             )
             if self.processes:
                 self._spawn(orders)
@@ -143,6 +150,11 @@ class Fleet:
                 self._thread.start()
         self._wait(0, "join")
         self._joined = True
+
+    def _own(self, modules: list[int]) -> dict[int, dict[int, Placed]] | None:
+        if self._schedule is None:
+            return None
+        return {module: dict(self._schedule.get(module, {})) for module in modules}
 
     def _host(self, orders: Orders) -> None:
         try:
@@ -186,6 +198,10 @@ class Fleet:
             self._phase("claim")
             self._phase("settle")
             yield self.round
+
+    def end_schedule(self) -> None:
+        """Between two rounds: let all modules follow their rule from the next one on."""
+        self._say(Go(self.round, "over"))
 
     def begin_round(self) -> None:
         """Begin the next round: every module says that it is here."""

@@ -61,11 +61,16 @@ class ModuleCore:
         self._system = system
         self._goals = frozenset(goals)
         self._seed = seed
-        self._talk = talk
-        self._said: NoteNumbers = (0,) * talk
+        self.follow(talk)
         self._phase = "report"
         self._stash: list[Message] = []
         self._clear()
+
+    def follow(self, talk: int) -> None:
+        """Follow another rule from the next round on, one with notes of this length."""
+        self._talk = talk
+        self._said: NoteNumbers = (0,) * talk
+        self._first_choice = self.round + 1
 
     def _clear(self) -> None:
         self._heard: list[Heard] = []
@@ -92,7 +97,8 @@ class ModuleCore:
         self._phase = "sense"
         self._clear()
         found: list[Message] = [Here(round_number, self.module, self.site)]
-        if self._talk and round_number > 1:  # before the first choice there is nothing to say
+        # Before the rule's first choice there is nothing to say.
+        if self._talk and round_number > self._first_choice:
             found.append(Note(round_number, self.module, self.site, list(self._said)))
         stash, self._stash = self._stash, []
         for message in stash:

@@ -5,7 +5,7 @@ Room: agents. The same pilot flies a module in the environment and in a process 
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 
 import numpy as np
@@ -91,9 +91,18 @@ def _blamed_on(who: str) -> Generator[None]:
 
 
 def pilots_for(
-    scene: Scene, rule: RuleType, *, seed: int, hesitate: float, modules: list[int] | None = None
+    scene: Scene,
+    rule: RuleType,
+    *,
+    seed: int,
+    hesitate: float,
+    modules: list[int] | None = None,
+    sites: Mapping[int, Site] | None = None,
 ) -> dict[int, Pilot]:
-    """Return a pilot for each of the modules (all when left out)."""
+    """Return a pilot for each of the modules (all when left out).
+
+    `sites` is where they stand, at the start of the scene when left out.
+    """
     count = len(scene.start)
     return {
         module: Pilot(
@@ -101,7 +110,7 @@ def pilots_for(
             system=scene.system,
             module=module,
             modules=count,
-            start=scene.start[module],
+            start=scene.start[module] if sites is None else sites[module],
             goals=scene.goals[module] if scene.goals else (),
             seed=seed,
             hesitate=hesitate,

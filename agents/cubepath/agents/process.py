@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import chain
 from queue import SimpleQueue
 
@@ -22,6 +22,7 @@ from cubepath.agents.module import ModuleCore
 from cubepath.agents.pilot import Pilot, pilots_for
 from cubepath.agents.rule import RuleType
 from cubepath.agents.rules import rule_named
+from cubepath.agents.schedule_rule import scheduled
 from cubepath.agents.view import Observation
 from cubepath.protocol.errors import CubepathError
 from cubepath.protocol.files import scene_from_toml
@@ -31,6 +32,7 @@ from cubepath.protocol.messages import (
     Go,
     Message,
     Observed,
+    Placed,
     Ready,
     Reset,
     decode,
@@ -60,6 +62,8 @@ class Orders(msgspec.Struct, frozen=True):
     seed: int
     hesitate: float
     talk: int
+    schedule: dict[int, dict[int, Placed]] | None = None
+    """By module its own moves of a schedule, by round; the rule follows when that is over."""
 
 
 class Host:
@@ -71,10 +75,8 @@ class Host:
         self._scene = scene_from_toml(orders.scene, "the orders")
         self._system = self._scene.system
         self._rule: RuleType | None = None
-        self._talk = orders.talk
         if orders.rule != OUTSIDE:
             self._rule = rule_named(orders.rule, self._system)
-            self._talk = self._rule.talk(len(self._scene.start))
         self._pilots: dict[int, Pilot] = {}
         self._cores: dict[int, ModuleCore] = {}
         self._queue: SimpleQueue[tuple[int | None, bytes]] = SimpleQueue()
@@ -105,10 +107,12 @@ class Host:
         orders, scene = self._orders, self._scene
         self._settling = False
         self._acts.clear()
-        if self._rule is not None:
-            self._pilots = pilots_for(
-                scene, self._rule, seed=seed, hesitate=orders.hesitate, modules=orders.modules
-            )
+        self._seed = seed
+        rule, talk = self._rule, orders.talk
+        if orders.schedule is not None:
+            rule = scheduled(orders.schedule)
+        if rule is not None:
+            talk = self._fly(rule)
         self._cores = {
             module: ModuleCore(
                 scene.system,
@@ -116,13 +120,34 @@ class Host:
                 site=scene.start[module],
                 goals=scene.goals[module] if scene.goals else (),
                 seed=seed,
-                talk=self._talk,
+                talk=talk,
             )
             for module in orders.modules
         }
         for module, core in self._cores.items():
             self._listen(module, core.place)
         self._say(Ready(0, orders.process, "join"))
+
+    def _fly(self, rule: RuleType, sites: Mapping[int, Site] | None = None) -> int:
+        """Give every module a pilot of this rule; return the length of its notes."""
+        orders, scene = self._orders, self._scene
+        self._pilots = pilots_for(
+            scene,
+            rule,
+            seed=self._seed,
+            hesitate=orders.hesitate,
+            modules=orders.modules,
+            sites=sites,
+        )
+        return rule.talk(len(scene.start))
+
+    def _end_schedule(self) -> None:
+        """Let every module follow its rule from where it stands."""
+        if self._rule is None or self._orders.schedule is None:
+            return  # there is none
+        talk = self._fly(self._rule, {module: core.site for module, core in self._cores.items()})
+        for core in self._cores.values():
+            core.follow(talk)
 
     def _enqueue(self, module: int | None) -> Callable[[zenoh.Sample], None]:
         def enqueue(sample: zenoh.Sample) -> None:
@@ -156,31 +181,38 @@ class Host:
         elif isinstance(message, Reset):
             self._join(message.seed)
         elif isinstance(message, Go):
-            return self._go(message)
+            self._go(message)
+            return message.phase != "stop"
         return True
 
-    def _go(self, go: Go) -> bool:
+    def _go(self, go: Go) -> None:
         match go.phase:
             case "sense":
                 for core in self._cores.values():
                     self._say(*core.sense(go.round))
                 self._say(Ready(go.round, self._orders.process, "sense"))
-            case "claim" if self._rule is not None:
-                for module, core in self._cores.items():
-                    choice = self._pilots[module].act(core.observation())
-                    self._say(*core.claim(choice.action, choice.note, choice.failed))
-                self._say(Ready(go.round, self._orders.process, "claim"))
             case "claim":
-                for module, core in self._cores.items():
-                    self._say(_observed(go.round, module, core.observation()))
+                self._choose(go.round)
             case "settle":
                 for core in self._cores.values():
                     self._say(*core.settle())
                 self._settling = True
                 self._conclude()
+            case "over":
+                self._end_schedule()
             case "stop":
-                return False
-        return True
+                pass  # the loop ends
+
+    def _choose(self, round_number: int) -> None:
+        """Let pilots claim; modules that are flown from outside say what they observe."""
+        for module, core in self._cores.items():
+            if not self._pilots:
+                self._say(_observed(round_number, module, core.observation()))
+                continue
+            choice = self._pilots[module].act(core.observation())
+            self._say(*core.claim(choice.action, choice.note, choice.failed))
+        if self._pilots:
+            self._say(Ready(round_number, self._orders.process, "claim"))
 
     def _claim_from_outside(self) -> None:
         if self._acts.keys() < self._cores.keys():

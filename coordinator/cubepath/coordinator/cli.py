@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from cubepath.coordinator.cli_beyond import add_beyond_options, beyond_rows, look_beyond
 from cubepath.coordinator.cli_complex import add_complex_commands
 from cubepath.coordinator.console import (
     BAD_INPUT,
@@ -73,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         return added
 
     run = command("run", _run, "run modules in processes, record them, shorten their path")
-    run.add_argument("system", nargs="?", default="hex", metavar="SYSTEM", help=SYSTEM_HELP)
+    run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
     run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
     run.add_argument("--seed", type=int, default=0, help="seed of every random choice (default 0)")
     run.add_argument(
@@ -94,7 +95,19 @@ def _parser() -> argparse.ArgumentParser:
         "--max-rounds",
         type=int,
         metavar="N",
-        help="end after N rounds (default 1000)",
+        help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
+    )
+    run.add_argument(
+        "--schedule",
+        type=Path,
+        metavar="CUBES",
+        help="carry out a cubes file or the schedule of a recording, one cube a round; SYSTEM can"
+        " then be another scene than that of the recording",
+    )
+    run.add_argument(
+        "--repair",
+        action="store_true",
+        help="where a cube of the schedule no longer applies, go on with the rule from there",
     )
     run.add_argument("--log", type=Path, help="recording to write (default: a new file in logs/)")
 
@@ -108,6 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     shorten.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
     )
+    add_beyond_options(shorten)
 
     verify = command("verify", _verify, "check a recording, from the start state on")
     verify.add_argument("log", type=Path, metavar="LOG")
@@ -152,7 +166,7 @@ def _version() -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.run import MAX_ROUNDS, Plan, run  # noqa: PLC0415 - only what a command needs
+    from cubepath.coordinator.run import Plan, run  # noqa: PLC0415 - only what a command needs
 
     plan = Plan(
         system=options.system,
@@ -160,8 +174,10 @@ def _run(options: argparse.Namespace) -> int:
         seed=options.seed,
         hesitate=options.hesitate,
         processes=options.processes,
-        max_rounds=MAX_ROUNDS if options.max_rounds is None else options.max_rounds,
+        max_rounds=options.max_rounds,
         log=options.log,
+        schedule=options.schedule,
+        repair=options.repair,
     )
     with progress_bar(None, "run", " rounds") as bar:
 
@@ -186,6 +202,10 @@ def _run(options: argparse.Namespace) -> int:
         ("messages", outcome.messages),
         ("log", outcome.log),
     ]
+    if outcome.schedule_cubes is not None:
+        stopped = outcome.schedule_stopped
+        how = "" if stopped is None else f", stopped at round {stopped.round}: {stopped.reason}"
+        rows.insert(1, ("schedule", f"{outcome.schedule_cubes} cubes{how}"))
     answer(options, outcome.document(), table(rows))
     if outcome.error is not None:
         complain(outcome.error)
@@ -251,18 +271,21 @@ def _shorten(options: argparse.Namespace) -> int:
         raise InputError(f"{output}: is the input, expected another file for the cubes")
     with progress_bar(None, "shorten", " moves") as bar:
         found = shorten(options.input, system=options.system, progress=bar.update)
+    known = look_beyond(options, found)
     if options.output is not None:
-        write_cubes(options.output, found.named)
+        write_cubes(options.output, found.named if known is None else known.named)
     rows: list[tuple[str, object]] = [
         ("moves", found.moves),
         ("reduced moves", found.reduced_moves),
         ("cubes", found.cubes),
         ("largest cube", found.max_cube_dimension),
+        *beyond_rows(known),
         ("time", f"{found.seconds:.2f} s"),
     ]
     if options.output is not None:
         rows.append(("written to", options.output))
-    answer(options, found.document(), table(rows))
+    document = found.document() | ({} if known is None else known.document())
+    answer(options, document, table(rows))
     return DONE
 
 

@@ -15,8 +15,9 @@ import msgspec
 from cubepath.coordinator.fast_heap import FastHeap
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.messages import Executed, Report, decode, site_of
+from cubepath.protocol.messages import Executed, Placed, Report, decode, site_of
 from cubepath.protocol.recording import Recording
+from cubepath.protocol.schedules import Cubes
 from cubepath.protocol.sites import Site
 from cubepath.protocol.systems import Scene
 
@@ -25,11 +26,15 @@ _encode = msgspec.json.Encoder().encode
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One round of the edge path: the moves executed in it, in increasing order of movers."""
+    """One round of the edge path: the moves executed in it, in increasing order of movers.
+
+    `failures` are the modules that gave up in it, in increasing order, and why.
+    """
 
     round: int
     executed: tuple[Executed, ...]
     actions: tuple[Action, ...]
+    failures: tuple[tuple[int, str], ...] = ()
 
 
 class PathDigest:
@@ -67,7 +72,6 @@ class Gatherer:
         self.heap.prepare()  # not in the middle of a run
         self.sites: list[Site] = list(scene.start)
         self.steps: list[Step] = []
-        self.failed: str | None = None
         self._digest = PathDigest()
         self._watch = watch
         self._waiting: dict[int, dict[int, Report]] = {}
@@ -88,9 +92,25 @@ class Gatherer:
         return self.scene.reached(self.sites)
 
     @property
+    def failed(self) -> str | None:
+        """Return who gave up in the last round, and why; None where nobody did."""
+        for module, reason in self.steps[-1].failures if self.steps else ():
+            return f"module_{module}: {reason}"
+        return None
+
+    @property
     def begun(self) -> int:
         """Return the last round that any report has come for."""
         return max(self._waiting, default=self.rounds)
+
+    def schedule(self) -> Cubes:
+        """Return the normal cube path, each move by its generator and its place."""
+        placed = {
+            action: Placed(executed.generator, executed.at)
+            for step in self.steps
+            for executed, action in zip(step.executed, step.actions, strict=True)
+        }
+        return tuple(tuple(placed[action] for action in cube) for cube in self.heap.cube_path())
 
     def receive(self, report: Report) -> None:
         """Take in a report; CheckError where two differ or one is of no module of this run."""
@@ -110,11 +130,12 @@ class Gatherer:
     def _release(self, reports: dict[int, Report]) -> None:
         number = self.rounds + 1
         executed, actions = [], []
+        failures: list[tuple[int, str]] = []
         for module in sorted(reports):
             report = reports[module]
             self.sites[module] = site_of(report.site)
-            if report.failed is not None and self.failed is None:
-                self.failed = f"module_{module}: {report.failed}"
+            if report.failed is not None:
+                failures.append((module, report.failed))
             if report.move is None:
                 continue
             placed = report.move
@@ -122,7 +143,7 @@ class Gatherer:
             actions.append(self.scene.system.action(placed.generator, site_of(placed.at)))
         self.heap.extend(actions)
         self._digest.add(number, executed)
-        step = Step(number, tuple(executed), tuple(actions))
+        step = Step(number, tuple(executed), tuple(actions), tuple(failures))
         self.steps.append(step)
         if self._watch is not None:
             self._watch(step)

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
+import msgspec
+
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.messages import Edges, Summary, decode
 from cubepath.protocol.recording import FORMAT, Recording
@@ -58,6 +60,7 @@ def info(recording: Recording) -> dict[str, Any]:
         "rounds": rounds,
         "moves": moves,
         **{key: getattr(summary, key, None) for key in _NUMBERS},
+        **_schedule(summary),
         "ended": None if summary is None else summary.ended,
         "error": None if summary is None else summary.error,
         "messages": len(recording.records),
@@ -100,6 +103,14 @@ def _result(recording: Recording) -> tuple[Summary | None, int, int]:
     return None, len(edges), sum(edges.values())
 
 
+def _schedule(summary: Summary | None) -> dict[str, Any]:
+    """Return how many cubes the schedule has that was carried out, and where it stopped."""
+    if summary is None or summary.schedule_cubes is None:
+        return {}
+    stopped: Any = msgspec.to_builtins(summary.schedule_stopped)
+    return {"schedule_cubes": summary.schedule_cubes, "schedule_stopped": stopped}
+
+
 def _kinds(recording: Recording) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = {}
     for record in recording.records:
@@ -138,6 +149,10 @@ def render(document: Mapping[str, Any]) -> str:
             ("goal", "reached" if document["goal_reached"] else "not reached"),
             ("path digest", document["path_digest"]),
         ]
+    if "schedule_cubes" in document:
+        stopped = document["schedule_stopped"]
+        how = "" if stopped is None else f", stopped at round {stopped['round']}"
+        rows.append(("carried out", f"{document['schedule_cubes']} cubes{how}"))
     rows += [
         ("began", document["began"] or "unknown"),
         ("took", f"{document['seconds']:.3f} s"),

@@ -19,15 +19,34 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Literal
 
+import msgspec
+
 from cubepath.agents.fleet import Fleet
 from cubepath.agents.rules import rule_named
+from cubepath.agents.schedule_rule import NAME as SCHEDULE
 from cubepath.coordinator.gather import Gatherer, Step
-from cubepath.protocol.actions import Action
+from cubepath.coordinator.schedule import (
+    Carrying,
+    Course,
+    course_of,
+    read_schedule,
+    told,
+    with_end,
+)
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.keys import topic_of
-from cubepath.protocol.messages import Cube, Edges, Placed, Report, Summary, decode, encode
+from cubepath.protocol.messages import (
+    Cube,
+    Edges,
+    Report,
+    Stopped,
+    Summary,
+    decode,
+    encode,
+)
 from cubepath.protocol.recording import RecordingWriter
 from cubepath.protocol.scenes import FAMILIES, scene_from_spec
+from cubepath.protocol.schedules import schedule_to_jsonl
 from cubepath.protocol.systems import Scene, local_only
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
@@ -41,20 +60,32 @@ class Interrupted(Exception):  # noqa: N818 - it is no error, it is what the per
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run; `rule` None is the rule that reaches the goal of the system's family."""
+    """What to run; `rule` None is the rule that reaches the goal of the system's family.
 
-    system: str = "hex"
+    With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None is then
+    the system of the recording, elsewise "hex". Where it stops the run ends, or with `repair` the
+    modules follow the rule from there. `max_rounds` None is enough for the schedule, and
+    `MAX_ROUNDS` for the rule.
+    """
+
+    system: str | None = None
     rule: str | None = None
     seed: int = 0
     hesitate: float = 0.0
     processes: int = 4
-    max_rounds: int = MAX_ROUNDS
+    max_rounds: int | None = None
     log: Path | None = None
+    schedule: Path | None = None
+    repair: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run did; the first fourteen fields are the keys of ``cubepath run --json``."""
+    """What a run did; the first fourteen fields are the keys of ``cubepath run --json``.
+
+    There are two keys more where a schedule was carried out: how many cubes it has, and where it
+    stopped, None if it did not.
+    """
 
     log: str
     system: str
@@ -73,11 +104,18 @@ class Outcome:
     ended: Ended
     error: str | None
     messages: int
+    schedule_cubes: int | None = None
+    schedule_stopped: Stopped | None = None
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
-        extra = ("ended", "error", "messages")
-        return {key: getattr(self, key) for key in self.__slots__ if key not in extra}
+        extra = {"ended", "error", "messages"}
+        if self.schedule_cubes is None:
+            extra |= {"schedule_cubes", "schedule_stopped"}
+        found: dict[str, Any] = msgspec.to_builtins(
+            {key: getattr(self, key) for key in self.__slots__ if key not in extra}
+        )
+        return found
 
 
 Watch = Callable[[Gatherer], None]
@@ -90,26 +128,73 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     that dies, a rule that gives up, a full disk, an interrupt) is told in the outcome. `watch` is
     called after each round.
     """
-    scene, rule = scene_of_plan(plan)
-    path = plan.log or Path("logs") / _file_name(scene, rule, plan.seed)
-    with RecordingWriter(path, scene, _parameters(plan, scene, rule)) as writer:
-        return _Run(plan, scene, rule, writer).play(watch)
+    task = task_of(plan)
+    path = plan.log or Path("logs") / _file_name(task, plan.seed)
+    course = task.course
+    schedule = None if course is None else schedule_to_jsonl(course.cubes)
+    with RecordingWriter(path, task.scene, _parameters(plan, task), schedule) as writer:
+        return _Run(plan, task, writer).play(watch)
 
 
-def scene_of_plan(plan: Plan) -> tuple[Scene, str]:
-    """Return the plan's scene and rule, checked; InputError names what cannot be run."""
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A plan, checked: what is run where, under which rule, and for how many rounds at most.
+
+    With a `course` the modules follow that first, and the rule only where a schedule is repaired.
+    """
+
+    scene: Scene
+    rule: str
+    max_rounds: int
+    course: Course | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name of the rule that modules begin with."""
+        return self.rule if self.course is None else SCHEDULE
+
+
+def task_of(plan: Plan) -> Task:
+    """Return what a plan comes to; InputError names what cannot be run."""
     if not 0.0 <= plan.hesitate < 1.0:
         raise InputError(f"hesitate={plan.hesitate}: expected at least 0 and less than 1")
     for key, number in (("seed", plan.seed), ("processes", plan.processes)):
         if number < 0:
             raise InputError(f"{key}={number}: expected 0 or more")
-    if plan.max_rounds < 0:
+    if plan.max_rounds is not None and plan.max_rounds < 0:
         raise InputError(f"max-rounds={plan.max_rounds}: expected 0 or more")
-    scene = local_only(scene_from_spec(plan.system), "runs")
+    if plan.schedule is not None:
+        return _task_of_schedule(plan, plan.schedule)
+    if plan.repair:
+        raise InputError("repair: there is no schedule that could need it")
+    scene = local_only(scene_from_spec(plan.system or "hex"), "runs")
+    most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
+    return Task(scene, _rule_of(plan, scene), most)
+
+
+def _task_of_schedule(plan: Plan, path: Path) -> Task:
+    if plan.hesitate:
+        raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
+    if plan.rule is not None and not plan.repair:
+        raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
+    schedule = read_schedule(path)
+    scene = schedule.scene
+    if plan.system is not None or scene is None:
+        scene = scene_from_spec(plan.system or "hex")
+    scene = local_only(scene, "runs")
+    course = course_of(schedule, scene)
+    cubes = len(course.cubes)
+    most = cubes + (MAX_ROUNDS if plan.repair else 0)
+    if plan.max_rounds is not None:
+        most = plan.max_rounds if plan.repair else min(plan.max_rounds, cubes)
+    return Task(with_end(scene, schedule, course), _rule_of(plan, scene), most, course)
+
+
+def _rule_of(plan: Plan, scene: Scene) -> str:
     family = FAMILIES.get(scene.family)
     rule = plan.rule or (family.rule if family is not None else "random")
     rule_named(rule, scene.system)
-    return scene, rule
+    return rule
 
 
 @contextmanager
@@ -146,12 +231,12 @@ class _Run:
     Cubes and summary, the coordinator's own results, are written at the end.
     """
 
-    def __init__(self, plan: Plan, scene: Scene, rule: str, writer: RecordingWriter) -> None:
+    def __init__(self, plan: Plan, task: Task, writer: RecordingWriter) -> None:
         self._plan = plan
-        self._scene = scene
-        self._rule = rule
+        self._task = task
         self._writer = writer
-        self._gatherer = Gatherer(scene, self._step)
+        self._gatherer = Gatherer(task.scene, self._step)
+        self._carrying = None if task.course is None else Carrying(task.course)
         self._began = time.monotonic()
 
     def play(self, watch: Watch | None) -> Outcome:
@@ -160,7 +245,7 @@ class _Run:
         except Interrupted:
             ended, error = "interrupted", "interrupted"
         except CubepathError as problem:
-            ended, error = "failed", str(problem)
+            ended, error = "failed", self._with_stop(str(problem))
         try:
             self._finish(ended, error)
             self._writer.close()
@@ -168,32 +253,58 @@ class _Run:
             ended, error = "failed", error or str(problem)
         return self._outcome(ended, error)
 
+    @property
+    def _stopped(self) -> Stopped | None:
+        return None if self._carrying is None else self._carrying.stopped
+
+    def _with_stop(self, error: str) -> str:
+        return error if self._stopped is None else f"{told(self._stopped)}; then {error}"
+
     def _rounds(self, watch: Watch | None) -> tuple[Ended, str | None]:
-        plan, gatherer = self._plan, self._gatherer
-        if gatherer.reached:
+        plan, task, gatherer, course = self._plan, self._task, self._gatherer, self._task.course
+        if gatherer.reached and (course is None or not course.cubes):
             return "goal", None
         with (
             _interrupts() as check,
             Fleet(
-                self._scene,
-                self._rule,
+                task.scene,
+                task.rule,
                 seed=plan.seed,
                 hesitate=plan.hesitate,
                 processes=plan.processes,
+                schedule=None if course is None else course.own,
                 sink=self._wire,
                 check=check,
             ) as fleet,
         ):
-            for number in fleet.rounds(plan.max_rounds):
+            ended = self._ended(fleet)
+            if ended is not None:
+                return ended
+            for number in fleet.rounds(task.max_rounds):
                 if gatherer.rounds != number:
                     return "failed", f"round {number} ended, but not all modules have reported it"
                 if watch is not None:
                     watch(gatherer)
-                if gatherer.failed is not None:
-                    return "failed", gatherer.failed
-                if gatherer.reached:
-                    return "goal", None
+                ended = self._ended(fleet)
+                if ended is not None:
+                    return ended
         return "max-rounds", None
+
+    def _ended(self, fleet: Fleet) -> tuple[Ended, str | None] | None:
+        """Return how the run has ended, if it has, after a round or before the first."""
+        gatherer, carrying = self._gatherer, self._carrying
+        if carrying is not None and not carrying.over:
+            carrying.look(gatherer)
+            if not carrying.over:
+                return None  # whatever it passes on its way
+            if carrying.stopped is not None and not self._plan.repair:
+                return "failed", told(carrying.stopped)
+            if not gatherer.reached and self._plan.repair:
+                fleet.end_schedule()
+                return None
+        elif gatherer.failed is not None:
+            return "failed", self._with_stop(gatherer.failed)
+        return ("goal", None) if gatherer.reached else None
 
     def _wire(self, topic: str, data: bytes, wall_ns: int) -> None:
         try:
@@ -217,9 +328,8 @@ class _Run:
 
     def _finish(self, ended: Ended, error: str | None) -> None:
         gatherer = self._gatherer
-        placed = _placed(gatherer.steps)
-        for index, cube in enumerate(gatherer.heap.cube_path(), 1):
-            self._say(Cube(gatherer.rounds, index, [placed[action] for action in cube]))
+        for index, cube in enumerate(gatherer.schedule(), 1):
+            self._say(Cube(gatherer.rounds, index, list(cube)))
         heap = gatherer.heap
         self._say(
             Summary(
@@ -233,17 +343,23 @@ class _Run:
                 max_cube_dimension=heap.max_cube_dimension,
                 goal_reached=gatherer.reached,
                 path_digest=gatherer.digest,
+                schedule_cubes=self._schedule_cubes,
+                schedule_stopped=self._stopped,
             )
         )
 
+    @property
+    def _schedule_cubes(self) -> int | None:
+        return None if self._task.course is None else len(self._task.course.cubes)
+
     def _outcome(self, ended: Ended, error: str | None) -> Outcome:
-        plan, gatherer = self._plan, self._gatherer
+        plan, gatherer, scene = self._plan, self._gatherer, self._task.scene
         heap = gatherer.heap
-        modules = len(self._scene.start)
+        modules = len(scene.start)
         return Outcome(
             log=str(self._writer.path),
-            system=self._scene.spec,
-            rule=self._rule,
+            system=scene.spec,
+            rule=self._task.name,
             seed=plan.seed,
             modules=modules,
             processes=min(plan.processes, modules),
@@ -258,32 +374,31 @@ class _Run:
             ended=ended,
             error=error,
             messages=self._writer.messages,
+            schedule_cubes=self._schedule_cubes,
+            schedule_stopped=self._stopped,
         )
 
 
-def _placed(steps: list[Step]) -> dict[Action, Placed]:
-    return {
-        action: Placed(executed.generator, executed.at)
-        for step in steps
-        for executed, action in zip(step.executed, step.actions, strict=True)
-    }
-
-
-def _file_name(scene: Scene, rule: str, seed: int) -> str:
+def _file_name(task: Task, seed: int) -> str:
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-    return f"{scene.family or 'system'}-{rule}-{seed}-{now}.mcap"
+    return f"{task.scene.family or 'system'}-{task.name}-{seed}-{now}.mcap"
 
 
-def _parameters(plan: Plan, scene: Scene, rule: str) -> dict[str, str]:
+def _parameters(plan: Plan, task: Task) -> dict[str, str]:
+    scene = task.scene
+    schedule = {} if plan.schedule is None else {"schedule": str(plan.schedule)}
+    if plan.repair:
+        schedule["repair"] = task.rule
     return {
         "system": scene.spec,
         "family": scene.family,
-        "rule": rule,
+        "rule": task.name,
         "seed": str(plan.seed),
         "hesitate": str(plan.hesitate),
         "processes": str(min(plan.processes, len(scene.start))),
         "modules": str(len(scene.start)),
-        "max_rounds": str(plan.max_rounds),
+        "max_rounds": str(task.max_rounds),
+        **schedule,
         "python": sys.version.split()[0],
         "platform": f"{platform.system()} {platform.machine()}",
         **{

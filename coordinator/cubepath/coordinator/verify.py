@@ -16,6 +16,7 @@ from typing import Any
 
 import msgspec
 
+from cubepath.coordinator.carried_out import check_schedule
 from cubepath.coordinator.cubes import is_cube, is_normal, obvious_normal_form
 from cubepath.coordinator.evidence import Evidence, Fail, evidence_of, site_in
 from cubepath.coordinator.rederive import Rederivation, make, why_not
@@ -38,6 +39,7 @@ CHECKS = {
     "claims": "a claim is executed iff every claim that outranks and conflicts with it is lost",
     "deliveries": "what a module heard was said to it, from within its sensing radius",
     "hearing": "no module missed what was said to it",
+    "schedule": "the rounds are the cubes of the schedule, if there is one, up to where it stopped",
     "edges": "the coordinator's edges are the moves reported",
     "normal": "no action of a cube is in the cube before or commutes with all of it",
     "ends": "the cubes are admissible from the start on, and end where the moves end",
@@ -126,6 +128,7 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
         derived.round(number, evidence.rounds[number])
         if progress is not None:
             progress(1)
+    check_schedule(recording, evidence, fail)
     derived.check_edges(evidence)
     normal_form = obvious_normal_form(derived.actions)
     digest = _digest(derived)

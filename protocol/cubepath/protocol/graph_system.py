@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 
 from cubepath.protocol.actions import Action
 from cubepath.protocol.catalogue import Move
-from cubepath.protocol.errors import InputError
+from cubepath.protocol.errors import ExcludedError, InputError
 from cubepath.protocol.sites import Site, in_order
 from cubepath.protocol.systems import FIRST_LABEL, KEPT, MODULE, System, region_of
 
@@ -151,7 +151,7 @@ class GraphSystem(System):
             raise InputError(f"generator edge: 'at' has {size} entries, found {at!r}")
         one, other = at[0], at[1]
         if one not in self._near or other not in self._near[one]:
-            raise InputError(f"generator edge: {[one, other]!r} is no edge of the graph")
+            raise ExcludedError(f"generator edge: {[one, other]!r} is no edge of the graph")
         label = None if self.labels is None else at[2]
         if label is not None and not (type(label) is int and 0 <= label < (self.labels or 0)):
             raise InputError(f"generator edge: label {label!r} is not below {self.labels}")

@@ -7,7 +7,7 @@ from functools import lru_cache, partial
 
 from cubepath.protocol.actions import Action, commute
 from cubepath.protocol.catalogue import Catalogue, Cell, Move
-from cubepath.protocol.errors import InputError
+from cubepath.protocol.errors import ExcludedError, InputError
 from cubepath.protocol.sites import Site, in_order
 from cubepath.protocol.systems import KEPT, System, region_of
 
@@ -77,6 +77,13 @@ class LatticeSystem(System):
             self.workspace is None or action.support <= self.workspace
         )
 
+    def _why_unfit(self, action: Action) -> str:
+        blocked = in_order(action.trace & self.obstacles)
+        if blocked:
+            return f"it would move an obstacle, {blocked[0]!r}"
+        outside = in_order(action.support - (self.workspace or frozenset()))
+        return f"it would leave the workspace, to which {outside[0]!r} does not belong"
+
     def action(self, generator: str, at: Site) -> Action:
         """Return the generator translated by `at`; InputError if it is not an action here."""
         found = self.catalogue.by_name.get(generator)
@@ -90,7 +97,7 @@ class LatticeSystem(System):
             raise InputError(f"generator {generator!r}: 'at' is {dimension} integers, found {at!r}")
         action = found.place(self.catalogue.lattice, at)
         if not self._fits(action):
-            raise InputError(f"{action.label}: it would move an obstacle or leave the workspace")
+            raise ExcludedError(f"{action.label}: {self._why_unfit(action)}")
         return action
 
     def sensed(self, place: Site) -> tuple[Site | None, ...]:

@@ -88,10 +88,14 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
 
 
 class Go(msgspec.Struct, frozen=True, tag_field="kind", tag="go"):
-    """All processes may begin a phase of a round; or, with phase "stop", end."""
+    """All processes may begin a phase of a round; or, with phase "stop", end.
+
+    With phase "over" the schedule that modules carried out ends with this round (0: before the
+    first): from the next on they follow their rule, each from where it stands.
+    """
 
     round: int
-    phase: Literal["sense", "claim", "settle", "stop"]
+    phase: Literal["sense", "claim", "settle", "over", "stop"]
 
 
 class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
@@ -151,10 +155,25 @@ class Cube(msgspec.Struct, frozen=True, tag_field="kind", tag="cube"):
     moves: list[Placed]
 
 
-class Summary(msgspec.Struct, frozen=True, tag_field="kind", tag="summary"):
+class Stopped(msgspec.Struct, frozen=True):
+    """Where a schedule stopped: a cube that did not apply, and what was wrong with it.
+
+    `module` is who could not make its `move` in that round; None where no module was there to do
+    it, so that this round of the schedule was not begun.
+    """
+
+    round: int
+    module: int | None
+    move: Placed
+    reason: str
+
+
+class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="summary"):
     """How a run ended and what came of it.
 
-    `ended` is "goal", "max-rounds", "failed" (a rule gave up or a process died) or "interrupted".
+    `ended` is "goal", "max-rounds", "failed" (a rule gave up, a schedule stopped, or a process
+    died) or "interrupted". Of a run that carried out a schedule it tells how many cubes that had,
+    and where it stopped, if it did.
     """
 
     round: int
@@ -167,6 +186,8 @@ class Summary(msgspec.Struct, frozen=True, tag_field="kind", tag="summary"):
     max_cube_dimension: int
     goal_reached: bool
     path_digest: str
+    schedule_cubes: int | None = None
+    schedule_stopped: Stopped | None = None
 
 
 Message: TypeAlias = (

@@ -3,8 +3,9 @@
 Every message stands in it with the very bytes that were on the wire, on the topic KIND/SENDER,
 with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds,
 sequence the order of writing. The parameters and versions of the run are a metadata record, the
-scene is the attachment `scene.toml`. Chunks carry CRCs and are flushed every few messages, so a
-process that is killed loses at most those since the last flush.
+scene is the attachment `scene.toml`, a schedule that was carried out `schedule.jsonl`. Chunks
+carry CRCs and are flushed every few messages, so a process that is killed loses at most those
+since the last flush.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from cubepath.protocol.systems import Scene
 
 FORMAT = "cubepath-recording-1"
 SCENE = "scene.toml"
+SCHEDULE = "schedule.jsonl"
 FLUSH_EVERY = 50
 """Messages between two flushes: a kill loses fewer than this, and what was still in a queue."""
 _METADATA = "cubepath"
@@ -40,8 +42,17 @@ class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
 class RecordingWriter:
     """Writes a run to an MCAP file; use as a context manager, which closes the file properly."""
 
-    def __init__(self, path: Path, scene: Scene, parameters: Mapping[str, str]) -> None:
-        """Create the file with the scene and the parameters; InputError where it cannot be."""
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        parameters: Mapping[str, str],
+        schedule: bytes | None = None,
+    ) -> None:
+        """Create the file with the scene and the parameters; InputError where it cannot be.
+
+        `schedule` is the text of the schedule that the run carries out.
+        """
         self.path = path
         self.messages = 0
         text = scene_to_toml(scene)  # before the file is made: not every scene can be written
@@ -60,24 +71,25 @@ class RecordingWriter:
         self._schemas: dict[str, int] = {}
         self._broken = False
         try:
-            self._guard(lambda: self._begin(text, parameters))
+            self._guard(lambda: self._begin(text, parameters, schedule))
         except RecordingFull:
             self.close()
             raise
 
-    def _begin(self, scene: str, parameters: Mapping[str, str]) -> None:
+    def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
         self._writer.start(profile="cubepath", library="cubepath")
         self._writer.add_metadata(
             _METADATA, {**parameters, "format": FORMAT, "checksum": _checksum(parameters)}
         )
-        self._writer.add_attachment(
-            create_time=0,
-            log_time=0,
-            name=SCENE,
-            media_type="application/toml",
-            data=scene.encode(),
-        )
+        self._attach(SCENE, "application/toml", scene.encode())
+        if schedule is not None:
+            self._attach(SCHEDULE, "application/jsonl", schedule)
         self._writer.flush()
+
+    def _attach(self, name: str, media_type: str, data: bytes) -> None:
+        self._writer.add_attachment(
+            create_time=0, log_time=0, name=name, media_type=media_type, data=data
+        )
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._broken:
@@ -166,6 +178,8 @@ class Recording:
     scene: Scene
     records: tuple[Record, ...]
     problems: tuple[str, ...]
+    schedule: bytes | None = None
+    """The text of the schedule that was carried out, if one was."""
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
         """Yield the messages of these kinds in order."""
@@ -194,7 +208,8 @@ def read_recording(path: Path) -> Recording:
         problems.append(f"{lost} messages belong to channels that are lost")
     if not problems:
         problems += _gap(records)
-    return Recording(path, parameters, scene, records, tuple(problems))
+    schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
+    return Recording(path, parameters, scene, records, tuple(problems), next(schedules, None))
 
 
 def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, str]:
@@ -272,7 +287,8 @@ def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | N
         same = False  # one of the two is not there
     if same:
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
-    with RecordingWriter(out, recording.scene, {**recording.parameters, **(notes or {})}) as writer:
+    parameters = {**recording.parameters, **(notes or {})}
+    with RecordingWriter(out, recording.scene, parameters, recording.schedule) as writer:
         for record in recording.records:
             writer.write(
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
