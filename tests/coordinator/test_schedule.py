@@ -384,6 +384,17 @@ def test_a_mended_schedule_of_random_moves_has_its_own_goals() -> None:
 
 
 @pytest.mark.slow
+def test_a_scene_that_tells_nobody_its_goal_can_be_repaired() -> None:
+    """Each module knows its own end from the schedule."""
+    first = original(*VEHICLES)
+    scene = replace(without_place(first.scene, a_place_on_the_way(first, 2)), goals=())
+    outcome, second = carry_out(first.path, written(scene), repair=True)
+    assert outcome.goal_reached
+    assert second.scene.goals == tuple((end,) for end in gathered(first).sites)
+    assert_whole(second)
+
+
+@pytest.mark.slow
 def test_another_rule_can_be_asked_for() -> None:
     """`--rule` is what repairs; at random, it only goes on as long as it may."""
     first = original(*VEHICLES)
@@ -543,6 +554,20 @@ def test_bad_usage_is_refused(plan: dict[str, object], message: str, tmp_path: P
     assert message in str(refused.value)
     assert "\n" not in str(refused.value)
     assert not log.exists()
+
+
+def test_a_listed_move_that_is_gone_stops_before_its_cube(tmp_path: Path) -> None:
+    """Of a system that is a list of moves nothing more is known than the list."""
+    path = tmp_path / "cubes.jsonl"
+    first = recorded("words", "random", seed=6, rounds=9)
+    move = next(move for cube in gathered(first).schedule() for move in cube)
+    write_cubes(path, [[move], [Placed(move.generator, [99])]])
+    outcome, recording = carry_out(path, "words")
+    stopped = outcome.schedule_stopped
+    assert stopped is not None
+    assert (stopped.round, stopped.module, outcome.rounds) == (2, None, 1)
+    assert "there is no move at (99,)" in stopped.reason
+    assert_whole(recording)
 
 
 def test_a_damaged_recording_is_no_schedule(tmp_path: Path) -> None:

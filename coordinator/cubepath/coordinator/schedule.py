@@ -210,7 +210,7 @@ def with_end(scene: Scene, schedule: Schedule, course: Course) -> Scene:
     course ends. Where that is not known, or is no state of this scene, the scene keeps its own.
     """
     ends = _ends_of(schedule, scene, course)
-    if ends is None or frozenset(ends) == scene.goal:
+    if ends is None or (frozenset(ends) == scene.goal and scene.goals):
         return scene
     try:
         return replace(scene, goal=frozenset(ends), goals=_known_goals(scene, ends))
