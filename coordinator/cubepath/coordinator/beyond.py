@@ -127,7 +127,7 @@ def _listed(path: Path, moves: Iterable[PathMove]) -> Task:
 
 def beyond(
     task: Task,
-    found: Shortened,
+    found: Shortened | None = None,
     *,
     seconds: float | None = None,
     iterations: int | None = None,
@@ -140,16 +140,18 @@ def beyond(
 
     The exhaustive search looks at no more than about `max_states` states; where it ends, it decides
     `optimal`. The improved path is checked by code of its own, from the start state on, before it
-    is returned: CheckError if it is not a legal normal cube path to the same end. InputError as
-    `improve`.
+    is returned: CheckError if it is not a legal normal cube path to the same end. `found` is what
+    shortening made of the path, where that is known, and gives the moves their names; without it
+    there are none. InputError as `improve`.
     """
     asked = seconds is not None or iterations is not None
+    normal = normal_cube_path(task.path) if found is None else found.cube_path
     system, start, goal = _as_labelled(task)
-    only = None if system is None or not found.cubes else only_class(system, start)
-    bound = lower_bound(system, start, goal, within=found.cubes)
-    least, why = (found.cubes, "the only class") if only else (bound.cubes, bound.why)
-    best, shorter = found.cube_path, False
-    if asked and least < found.cubes:
+    only = None if system is None or not normal else only_class(system, start)
+    bound = lower_bound(system, start, goal, within=len(normal))
+    least, why = (len(normal), "the only class") if only else (bound.cubes, bound.why)
+    best, shorter = normal, False
+    if asked and least < len(normal):
         best = improve(
             task.path,
             task.start,
@@ -186,7 +188,7 @@ def beyond(
         only_class=only,
         why=why,
         cube_path=best,
-        named=found.named if best == found.cube_path else _named(task, found, best),
+        named=() if found is None else _named(task, found, best),
     )
 
 
@@ -244,6 +246,8 @@ def _check(task: Task, cubes: CubePath) -> None:
 
 
 def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[MoveName, ...], ...]:
+    if cubes == found.cube_path:
+        return found.named
     known: dict[Action, MoveName] = {
         action: name
         for path, names in zip(found.cube_path, found.named, strict=True)
