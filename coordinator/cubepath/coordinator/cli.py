@@ -113,15 +113,36 @@ def _parser() -> argparse.ArgumentParser:
 
     shorten = command("shorten", _shorten, "shorten a path to its normal cube path")
     shorten.add_argument(
-        "input", type=Path, metavar="INPUT", help="a recording, a moves file or a scenario (JSON)"
+        "input",
+        type=Path,
+        metavar="INPUT",
+        help="a recording, a moves file (JSON Lines or .npz) or a scenario (JSON)",
     )
     shorten.add_argument(
-        "-o", "--output", type=Path, metavar="CUBES.jsonl", help="write the cubes to this file"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="CUBES.jsonl",
+        help="write the cubes to this file: JSON Lines, or the binary form where it ends in .npz",
     )
     shorten.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
     )
     add_beyond_options(shorten)
+
+    convert = command("convert", _convert, "write a path in another form: JSON Lines or .npz")
+    convert.add_argument(
+        "input",
+        type=Path,
+        metavar="INPUT",
+        help="a recording, a moves file or a scenario; or cubes as .npz",
+    )
+    convert.add_argument(
+        "output", type=Path, metavar="OUTPUT", help="JSON Lines, or .npz where it ends so"
+    )
+    convert.add_argument(
+        "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
+    )
 
     verify = command("verify", _verify, "check a recording, from the start state on")
     verify.add_argument("log", type=Path, metavar="LOG")
@@ -265,15 +286,22 @@ def _rules(options: argparse.Namespace) -> int:
 def _shorten(options: argparse.Namespace) -> int:
     from cubepath.coordinator.shorten import shorten  # noqa: PLC0415
     from cubepath.protocol.moves import write_cubes  # noqa: PLC0415
+    from cubepath.protocol.path_arrays import write_cubes_npz  # noqa: PLC0415
 
     output: Path | None = options.output
     if output is not None and output.exists() and output.samefile(options.input):
         raise InputError(f"{output}: is the input, expected another file for the cubes")
+    if output is not None and output.suffix == ".npz" and options.improve is not None:
+        raise InputError(
+            f"{output}: holds moves of the input alone, expected a .jsonl file with --improve"
+        )
     with progress_bar(None, "shorten", " moves") as bar:
         found = shorten(options.input, system=options.system, progress=bar.update)
     known = look_beyond(options, found)
-    if options.output is not None:
-        write_cubes(options.output, found.named if known is None else known.named)
+    if output is not None and output.suffix != ".npz":
+        write_cubes(output, found.named if known is None else known.named)
+    elif output is not None:
+        write_cubes_npz(output, found.path, found.left)
     rows: list[tuple[str, object]] = [
         ("moves", found.moves),
         ("reduced moves", found.reduced_moves),
@@ -286,6 +314,16 @@ def _shorten(options: argparse.Namespace) -> int:
         rows.append(("written to", options.output))
     document = found.document() | ({} if known is None else known.document())
     answer(options, document, table(rows))
+    return DONE
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.convert import convert  # noqa: PLC0415
+
+    with progress_bar(None, "convert", " moves") as bar:
+        found = convert(options.input, options.output, system=options.system, progress=bar.update)
+    document = {"what": found.what, "count": found.count, "output": str(options.output)}
+    answer(options, document, f"{found.count} {found.what} written to {options.output}")
     return DONE
 
 

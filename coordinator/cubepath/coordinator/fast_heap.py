@@ -13,6 +13,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cubepath.coordinator.heap_kernel import Numbers
 from cubepath.coordinator.numbered_heap import (
@@ -45,10 +46,10 @@ class Changes(NamedTuple):
 class Numbering:
     """Numbers sites and actions in the order in which they are met; equal ones are one."""
 
-    def __init__(self) -> None:
-        """Begin with nothing."""
-        self.actions: list[Action] = []
-        self._number: dict[Action, int] = {}
+    def __init__(self, actions: Iterable[Action] = ()) -> None:
+        """Begin with these actions, which must be distinct."""
+        self.actions: list[Action] = list(actions)
+        self._number = {action: number for number, action in enumerate(self.actions)}
         self._sites: dict[Site, int] = {}
         self._done = 0
 
@@ -96,6 +97,24 @@ def fates(actions: Iterable[Action]) -> NormalForm:
     numbering = Numbering()
     numbers = np.array([numbering.number(action) for action in actions], dtype=np.int32)
     return normal_form(numbers, numbering.table() or ActionTable(*_rows([]), *_rows([])))
+
+
+def in_cubes(
+    pieces: NumberedPieces, actions: Sequence[Action]
+) -> tuple[NumberedPieces, NDArray[np.int64]]:
+    """Return the pieces cube by cube, and where each cube begins, shape (cubes + 1,).
+
+    In a cube they stand in the canonical order of the least sites of their traces, which are
+    disjoint: the order depends on the content of the cube alone, not on the input or the process.
+    """
+    present = np.unique(pieces.actions)
+    least = [in_order(actions[number].trace)[0] for number in present.tolist()]
+    rank = {site: place for place, site in enumerate(in_order(set(least)))}
+    ranks = np.zeros(len(actions), dtype=np.int64)
+    ranks[present] = [rank[site] for site in least]
+    order = np.lexsort((ranks[pieces.actions], pieces.levels))
+    starts = np.cumsum(np.bincount(pieces.levels, minlength=1), dtype=np.int64)
+    return NumberedPieces(*(part[order] for part in pieces)), starts
 
 
 class FastHeap:
@@ -191,23 +210,13 @@ class FastHeap:
         The actions of a cube stand in the canonical order of the least sites of their traces: the
         order depends on the content of the cube alone, not on the input or the process.
         """
-        heap = self._all()
-        pieces = heap.pieces()
         actions, labelled = self._numbering.actions, self._labelled
-        ranks = np.zeros(len(actions), dtype=np.int64)
-        present = np.unique(pieces.actions)
-        least = {number: in_order(actions[number].trace)[0] for number in present.tolist()}
-        rank = {site: place for place, site in enumerate(in_order(set(least.values())))}
-        ranks[present] = [rank[site] for site in least.values()]
-        order = np.lexsort((ranks[pieces.actions], pieces.levels))
+        pieces, starts = in_cubes(self._all().pieces(), actions)
         path = [
             labelled.get(move) or actions[number]
-            for number, move in zip(
-                pieces.actions[order].tolist(), pieces.moves[order].tolist(), strict=True
-            )
+            for number, move in zip(pieces.actions.tolist(), pieces.moves.tolist(), strict=True)
         ]
-        stops = np.cumsum(np.bincount(pieces.levels, minlength=1)).tolist()
-        return tuple(tuple(path[begin:end]) for begin, end in pairwise(stops))
+        return tuple(tuple(path[begin:end]) for begin, end in pairwise(starts.tolist()))
 
     def changes(self) -> Changes:
         """Return how the cube path differs from when this was asked last; at first, all of it.

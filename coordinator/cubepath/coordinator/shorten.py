@@ -1,47 +1,56 @@
 """Shortening a path from a file: a recording, a moves file, or a scenario with its moves.
 
 Room: coordinator. What the file says is checked as far as it can be before anything is made of
-it; the normal cube path itself is `cubepath.coordinator.heap`.
+it; the normal cube path itself is `cubepath.coordinator.numbered_heap`.
 """
 
 from __future__ import annotations
 
 import re
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
+import numpy as np
 
+from cubepath.coordinator.admissible import first_misfit
+from cubepath.coordinator.fast_heap import Numbering, in_cubes
 from cubepath.coordinator.gather import gathered
-from cubepath.coordinator.heap import Heap
-from cubepath.protocol.actions import Action, apply_in_place
+from cubepath.coordinator.numbered_heap import NumberedHeap
+from cubepath.protocol.actions import Action, State, apply_in_place, misfit
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.graphs import scenario_from_json
 from cubepath.protocol.messages import Placed
-from cubepath.protocol.moves import MoveName, PathMove, id_of, read_moves
+from cubepath.protocol.moves import MoveName, PathMove, read_moves
+from cubepath.protocol.path_arrays import MAGIC, NumberedCubes, read_moves_npz
+from cubepath.protocol.paths import (
+    IrregularError,
+    NumberedPath,
+    Progress,
+    number_moves,
+    read_path,
+)
 from cubepath.protocol.recording import read_recording
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site, in_order
-from cubepath.protocol.systems import local_only
+from cubepath.protocol.systems import Scene, local_only
 
-Progress = Callable[[int], object]
-"""Called now and then with how many moves have come in since the last call."""
-
+_T = TypeVar("_T")
 _MAGIC = b"\x89MCAP0\r\n"
 _STARTS = re.compile(rb'"starts"\s*:')
-_MOVES_A_TICK = 1000
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Shortened:
     """The normal cube path of a path, and the figures that ``cubepath shorten --json`` gives.
 
-    `named` is the cube path with each move as a cubes file has it: as the input names it.
+    `path` is the path that came in, and `left` are its moves that are left, cube by cube.
     """
 
     moves: int
@@ -49,8 +58,23 @@ class Shortened:
     cubes: int
     max_cube_dimension: int
     seconds: float
-    cube_path: tuple[tuple[Action, ...], ...]
-    named: tuple[tuple[MoveName, ...], ...]
+    path: NumberedPath
+    left: NumberedCubes
+
+    @cached_property
+    def cube_path(self) -> tuple[tuple[Action, ...], ...]:
+        """The cubes as actions."""
+        actions, numbers = self.path.actions, self.path.numbers[self.left.moves]
+        return self._cubes([actions[number] for number in numbers.tolist()])
+
+    @cached_property
+    def named(self) -> tuple[tuple[MoveName, ...], ...]:
+        """The cubes with each move as a cubes file has it: as the input names it."""
+        return self._cubes([self.path.name(move) for move in self.left.moves.tolist()])
+
+    def _cubes(self, each: Sequence[_T]) -> tuple[tuple[_T, ...], ...]:
+        starts = self.left.starts.tolist()
+        return tuple(tuple(each[begin:end]) for begin, end in pairwise(starts))
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
@@ -63,33 +87,67 @@ def shorten(
 ) -> Shortened:
     """Return the normal cube path of the path in a file; what the file is, its content tells.
 
-    A recording begins with the magic of MCAP, a scenario is a JSON object with "starts", and all
-    else is a moves file, whose generators are those of `system`. An empty file is a path of no
-    moves, and that a path of no cubes.
+    A recording begins with the magic of MCAP, a binary moves file with that of .npz, a scenario is
+    a JSON object with "starts", and all else is a moves file, whose generators are those of
+    `system`. An empty file is a path of no moves, and that a path of no cubes.
 
     InputError where the file cannot be read, is damaged, or holds a move that is not admissible;
     CheckError where the reports of a recording contradict each other.
     """
     began = time.perf_counter()
-    _, moves = moves_of(path, system)
-    heap = Heap()
-    placed: dict[Action, Placed] = {}
-    for move in moves if progress is None else _told(moves, progress):
-        heap.append(move.action)
-        if isinstance(move.name, Placed):
-            placed.setdefault(move.action, move.name)
-    cubes = heap.cube_path()
-    # Equal actions may have different ids: each piece that is left bears its own as its label.
-    named = tuple(tuple(placed.get(action) or id_of(action) for action in cube) for cube in cubes)
+    found = path_of(path, system, progress)
+    table = Numbering(found.actions).table()
+    heap = NumberedHeap()
+    if table is not None:
+        heap.add_actions(table)
+        heap.append(found.numbers)
+    pieces, starts = in_cubes(heap.pieces(), found.actions)
     return Shortened(
         moves=heap.moves,
         reduced_moves=heap.reduced_moves,
         cubes=heap.cubes,
         max_cube_dimension=heap.max_cube_dimension,
         seconds=round(time.perf_counter() - began, 3),
-        cube_path=cubes,
-        named=named,
+        path=found,
+        left=NumberedCubes(starts, pieces.moves.astype(np.int64)),
     )
+
+
+def path_of(
+    path: Path, system: str | None = None, progress: Progress | None = None
+) -> NumberedPath:
+    """Return the path in a file, every move of it checked; `shorten` says what is refused."""
+    kind = _kind(path, system)
+    if kind == "recording":
+        return number_moves(_recorded(path), progress)
+    if kind == "scenario":
+        return number_moves(_planned(path), progress)
+    scene = _scene(system)
+    start = None if scene is None else scene.start_state
+    if kind == "arrays":
+        found = _arrays(path, start)
+        if progress is not None:
+            progress(len(found.numbers))
+        return found
+    told = 0
+
+    def tell(count: int) -> None:
+        nonlocal told
+        told += count
+        if progress is not None:
+            progress(count)
+
+    try:
+        found = read_path(path, scene, tell)
+    except IrregularError:
+        pass
+    else:
+        if first_misfit(found, start) is None:
+            return found
+    # Read line by line, it says what is wrong and where; or nothing is, and it is unusual.
+    found = number_moves(read_moves(path, scene))
+    tell(len(found.numbers) - told)
+    return found
 
 
 def moves_of(path: Path, system: str | None = None) -> tuple[str, Iterator[PathMove]]:
@@ -97,32 +155,48 @@ def moves_of(path: Path, system: str | None = None) -> tuple[str, Iterator[PathM
 
     Each move is checked when its turn comes; `shorten` says what is refused.
     """
-    kind = _kind(path)
-    if system is not None and kind != "moves":
-        what = "recording" if kind == "recording" else "scenario"
-        raise InputError(
-            f"{path}: a {what}, which says itself what its system is: expected no --system"
-        )
+    kind = _kind(path, system)
     if kind == "recording":
         return kind, _recorded(path)
     if kind == "scenario":
         return kind, _planned(path)
-    scene = None if system is None else local_only(scene_from_spec(system), "shortening")
+    scene = _scene(system)
+    if kind == "arrays":
+        return "moves", _arrays(path, None if scene is None else scene.start_state).moves()
     return kind, read_moves(path, scene)
 
 
-def _told(moves: Iterable[PathMove], progress: Progress) -> Iterator[PathMove]:
-    rest = iter(moves)
-    while some := list(islice(rest, _MOVES_A_TICK)):
-        yield from some
-        progress(len(some))
+def _scene(system: str | None) -> Scene | None:
+    return None if system is None else local_only(scene_from_spec(system), "shortening")
 
 
-def _kind(path: Path) -> str:
-    """Return "recording", "scenario" or "moves", by content."""
+def _arrays(path: Path, start: State | None) -> NumberedPath:
+    """Return the path in a binary moves file; InputError names the first bad move."""
+    found = read_moves_npz(path)
+    wrong = first_misfit(found, start)
+    if wrong is not None:
+        reason = misfit(found.actions[found.numbers[wrong.move]], wrong.state)
+        raise InputError(f"{path}: moves[{wrong.move}]: {reason}")
+    return found
+
+
+def _kind(path: Path, system: str | None) -> str:
+    """Return what a file is; InputError where it says what its system is and one is given."""
+    kind = _content(path)
+    if system is not None and kind in {"recording", "scenario"}:
+        raise InputError(
+            f"{path}: a {kind}, which says itself what its system is: expected no --system"
+        )
+    return kind
+
+
+def _content(path: Path) -> str:
+    """Return "recording", "arrays", "scenario" or "moves", by content."""
     try:
         with path.open("rb") as stream:
             head = stream.read(len(_MAGIC))
+            if head.startswith(MAGIC):
+                return "arrays"
             # Of a recording that was cut off at once, what is left is the magic's beginning.
             if head and _MAGIC.startswith(head):
                 return "recording"
@@ -163,13 +237,14 @@ def _recorded(path: Path) -> Iterator[PathMove]:
     state = set(recording.scene.start_state)
     for step in gatherer.steps:
         for executed, action in zip(step.executed, step.actions, strict=True):
+            before = action.support & state
             try:
                 apply_in_place(action, state)
             except InputError as error:
                 raise InputError(
                     f"{path}: round {step.round}, module_{executed.module}: {error}"
                 ) from None
-            yield PathMove(action, Placed(executed.generator, executed.at))
+            yield PathMove(action, Placed(executed.generator, executed.at), before)
 
 
 def _planned(path: Path) -> Iterator[PathMove]:
@@ -195,7 +270,7 @@ def _planned(path: Path) -> Iterator[PathMove]:
         # The system of one edge says what its action is; that of a large grid takes long to make.
         action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
         actions[ends] = action
-        yield PathMove(action, Placed("edge", ends))
+        yield PathMove(action, Placed("edge", ends), frozenset({source}))
 
 
 def _expect(holds: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence

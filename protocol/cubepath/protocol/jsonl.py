@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 import msgspec
 
@@ -58,6 +58,17 @@ def write_lines(path: Path, lines: Iterable[object]) -> None:
 
     InputError where it cannot be written; errors of `lines` itself go through.
     """
+    with written_whole(path) as stream:
+        for line in lines:
+            stream.write(_encode(line) + b"\n")
+
+
+@contextlib.contextmanager
+def written_whole(path: Path) -> Generator[BinaryIO]:
+    """Open a file for writing that is complete afterwards, or as it was before.
+
+    InputError where it cannot be written; errors of the body itself go through.
+    """
     part: Path | None = None
     try:
         # Through links to the file itself. What is no file (a pipe, /dev/null) is written in place.
@@ -65,8 +76,7 @@ def write_lines(path: Path, lines: Iterable[object]) -> None:
         if not target.exists() or target.is_file():
             part = target.with_name(f".{target.name}.{os.getpid()}.part")
         with (part or target).open("wb") as stream:
-            for line in lines:
-                stream.write(_encode(line) + b"\n")
+            yield stream
         if part is not None:
             part.replace(target)
     except (OSError, RuntimeError) as error:  # the second for a loop of links, up to Python 3.12

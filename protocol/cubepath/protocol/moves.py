@@ -116,6 +116,31 @@ def write_moves(path: Path, moves: Iterable[PathMove]) -> None:
     write_lines(path, (_move_line(move) for move in moves))
 
 
+def contents_line(
+    name: MoveName,
+    support: Iterable[Site],
+    trace: Iterable[Site],
+    states: tuple[Iterable[Site], Iterable[Site]] | None,
+) -> ContentsLine:
+    """Return a self-contained line, sites in canonical order; `states` are before and after."""
+    if isinstance(name, Placed):
+        raise InputError(f"move {name} has a generator and no id, expected an id")
+    both = (None, None) if states is None else tuple(list(in_order(each)) for each in states)
+    return ContentsLine(name, list(in_order(support)), list(in_order(trace)), *both)
+
+
+def named_action(name: str | int, support: Iterable[Site], trace: Iterable[Site]) -> Action:
+    """Return the action of a move of which only support and trace are known; see `read_moves`."""
+    site = (_NAME, name)
+    label = _encode(name).decode()
+    return Action([*support, site], [*trace, site], (), (site,), label=label)
+
+
+def known_of_named(name: MoveName, sites: Iterable[Site]) -> frozenset[Site]:
+    """Return the sites of a `named_action` without the one that stands for its name."""
+    return frozenset(sites) - {(_NAME, name)}
+
+
 def read_cubes(path: Path) -> Iterator[tuple[MoveName, ...]]:
     """Yield the cubes of a cubes file, each as the names of its moves; InputError as `read_moves`.
 
@@ -232,10 +257,8 @@ class _Reader:
 
     def _by_name(self, line: ContentsLine, number: int) -> PathMove:
         trace = self._sites.read(line.trace)
-        name = (_NAME, line.id)
-        support = [*self._sites.read(line.support), name]
-        label = _encode(line.id).decode()
-        action = Action(support, [*trace, name], (), (name,), label=label)
+        action = named_action(line.id, self._sites.read(line.support), trace)
+        label = action.label
         first = self._first.setdefault(line.id, number)
         if first == number:
             self._named[line.id] = action
@@ -356,13 +379,10 @@ def _move_line(move: PathMove) -> GeneratorLine | ContentsLine:
     if isinstance(move.name, Placed):
         return GeneratorLine(move.name.generator, move.name.at)
     action = move.action
-    name = (_NAME, move.name)
-    support, trace = (list(in_order(sites - {name})) for sites in (action.support, action.trace))
+    support, trace = (known_of_named(move.name, part) for part in (action.support, action.trace))
     if move.before is None:
-        return ContentsLine(move.name, support, trace)
+        return contents_line(move.name, support, trace, None)
     if action.free or action.guards:
         raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
     after = action.ends[1] if move.before == action.ends[0] else action.ends[0]
-    return ContentsLine(
-        move.name, support, trace, list(in_order(move.before)), list(in_order(after))
-    )
+    return contents_line(move.name, support, trace, (move.before, after))
