@@ -151,7 +151,17 @@ def beyond(
     bound = lower_bound(system, start, goal, within=len(normal))
     least, why = (len(normal), "the only class") if only else (bound.cubes, bound.why)
     best, shorter = normal, False
-    if asked and least < len(normal):
+    if least < len(normal):
+        steps = Steps(system, task.path if system is None else ())
+        ends = steps.encode(start), steps.encode(goal)
+        exact = optimum(steps, *ends, max_states=max_states, most=len(normal) - 1)
+        if exact.at_least > least:
+            least, why = exact.at_least, "exhaustive search"
+        if exact.cubes is not None:
+            least, why = len(exact.cubes), "exhaustive search"
+            shorter = not asked
+            best = _of_optimum(task, steps, exact) if asked else best
+    if asked and least < len(best):
         best = improve(
             task.path,
             task.start,
@@ -164,21 +174,6 @@ def beyond(
             watch=watch,
             tick=tick,
         ).cube_path
-    if least < len(best):
-        steps = Steps(system, task.path if system is None else ())
-        exact = optimum(
-            steps,
-            steps.encode(start),
-            steps.encode(goal),
-            max_states=max_states,
-            most=len(best) - 1,
-        )
-        if exact.at_least > least:
-            least, why = exact.at_least, "exhaustive search"
-        if exact.cubes is not None:
-            least, why = len(exact.cubes), "exhaustive search"
-            shorter = not asked
-            best = _of_optimum(task, steps, exact) if asked else best
     if asked:
         _check(task, best)
     return Beyond(

@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from random import Random
+from typing import NamedTuple
 
 from cubepath.coordinator.heap import Heap
 from cubepath.coordinator.replan import Replanner
@@ -97,9 +98,10 @@ def improve(
         proposal = search.step(random)
         if tick is not None:
             tick(steps)
-        if proposal is None:
+        # To build the moves of a large plan takes longer than many steps.
+        if proposal is None or proposal.cost >= (best.cubes, best.moves):
             continue
-        new = _normal(proposal, steps, found + 1)
+        new = _normal(proposal.actions(), steps, found + 1)
         if (new.cubes, new.moves) < (best.cubes, best.moves):
             found += 1
             best = new
@@ -112,6 +114,13 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
     heap = Heap()
     heap.extend(path)
     return Improved(heap.cube_path(), steps, found)
+
+
+class _Proposal(NamedTuple):
+    """A path that a search has come to: its cubes and moves, and how to get it."""
+
+    cost: tuple[int, int]
+    actions: Callable[[], list[Action]]
 
 
 class _Search:
@@ -146,7 +155,7 @@ class _Search:
             self._fresh = True
         self.possible = self._windows is not None or self._vehicles is not None
 
-    def step(self, random: Random) -> list[Action] | None:
+    def step(self, random: Random) -> _Proposal | None:
         """Let one of the searches take a step; return the path if that made it better."""
         windows, vehicles = self._windows, self._vehicles
         if windows is not None and (vehicles is None or random.random() < _IDLE):
@@ -156,13 +165,13 @@ class _Search:
                 return None
             if vehicles is not None and windows.cost[0] < vehicles.rounds:
                 self._vehicles = self._replanner(windows.actions())
-            return windows.actions()
+            return _Proposal(windows.cost, windows.actions)
         if vehicles is None or not vehicles.step(random):
             return None
         if windows is not None and self._steps is not None and vehicles.rounds < windows.cost[0]:
             best = _normal(vehicles.actions(), 0, 0)
             self._windows = Windows(self._steps, self._start, best.cube_path)
-        return vehicles.actions()
+        return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
 
     def _replanner(self, path: Sequence[Action]) -> Replanner | None:
         if not isinstance(self._system, GraphSystem):

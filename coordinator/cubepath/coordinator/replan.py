@@ -120,12 +120,20 @@ class Replanner:
     def actions(self) -> list[Action]:
         """Return the moves of the plan, round by round."""
         found: list[Action] = []
+        known: dict[tuple[int, int, int | None], Action] = {}
         vertices, edge = self._system.vertices, self._system.action
+        rows = self._plan.tolist()
         for after in range(1, self.rounds + 1):
-            for vehicle in np.flatnonzero(self._plan[:, after] != self._plan[:, after - 1]):
-                ends = [vertices[self._plan[vehicle, when]] for when in (after - 1, after)]
+            for vehicle, row in enumerate(rows):
+                here, there = sorted(row[after - 1 : after + 1])
+                if here == there:
+                    continue
                 label = self._labels[vehicle] if self._labels else None
-                found.append(edge("edge", (*ends, *([] if label is None else [label]))))
+                key = here, there, label
+                if key not in known:
+                    ends = (vertices[here], vertices[there])
+                    known[key] = edge("edge", ends if label is None else (*ends, label))
+                found.append(known[key])
         return found
 
     def step(self, random: Random) -> bool:
