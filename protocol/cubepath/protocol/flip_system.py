@@ -27,7 +27,7 @@ class FlipSystem(TabledSystem):
     def __init__(self, points: Iterable[Point]) -> None:
         """Find all flips; InputError says what is wrong with the points."""
         self.plane = PointSet(points)
-        moves = [_flip(quadrilateral) for quadrilateral in self.plane.quadrilaterals]
+        moves = [flip_of(quadrilateral) for quadrilateral in self.plane.quadrilaterals]
         if not moves:
             raise InputError("no quadrilateral is convex and empty, so no diagonal can flip")
         moving = {site for move in moves for site in move.action.trace}
@@ -94,7 +94,8 @@ class FlipSystem(TabledSystem):
             raise InputError(f"{len(edges)} diagonals, a triangulation of these points has {due}")
 
 
-def _flip(quadrilateral: Quadrilateral) -> Move:
+def flip_of(quadrilateral: Quadrilateral) -> Move:
+    """Return the flip in a quadrilateral, named by its corners."""
     one, other = quadrilateral.diagonals
     sides, at = quadrilateral.sides, quadrilateral.corners
     support = {*sides, one, other}

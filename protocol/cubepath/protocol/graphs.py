@@ -8,6 +8,8 @@ the project's own sample data (obstacles, starts, goals, moves).
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -153,6 +155,34 @@ def graph_from_map(path: Path) -> Graph:
     return grid_graph(free)
 
 
+def graph_round(
+    where: str, named: Iterable[tuple[int, int]], obstacles: AbstractSet[tuple[int, int]]
+) -> Graph:
+    """Return the free cells of the box of all that is named, and one cell more on each side.
+
+    `named` is not empty; InputError, with `where`, for a box that is too large.
+    """
+    cells = list(named)
+    low = min(x for x, _ in cells) - 1, min(y for _, y in cells) - 1
+    high = max(x for x, _ in cells) + 1, max(y for _, y in cells) + 1
+    return _box(where, low, high, obstacles)
+
+
+def _box(
+    where: str,
+    low: tuple[int, int],
+    high: tuple[int, int],
+    obstacles: AbstractSet[tuple[int, int]],
+) -> Graph:
+    (left, bottom), (right, top) = low, high
+    size = (right - left + 1) * (top - bottom + 1)
+    if not 0 < size <= _CELLS_MAX:
+        raise InputError(f"{where}: a grid of {size} cells, expected 1 to {_CELLS_MAX}")
+    return grid_graph(
+        {(x, y) for x in range(left, right + 1) for y in range(bottom, top + 1)} - obstacles
+    )
+
+
 class _ScenarioFile(msgspec.Struct):
     starts: list[tuple[int, int]]
     goals: list[tuple[int, int]]
@@ -172,24 +202,20 @@ def scenario_from_json(path: Path) -> Scenario:
         found = msgspec.json.decode(read_text(path), type=_ScenarioFile)
     except msgspec.DecodeError as error:
         raise InputError(f"{path}: {error}") from None
-    obstacles = set(found.obstacles)
+    obstacles = frozenset(found.obstacles)
     if found.grid is not None:
-        (left, bottom), (right, top) = (0, 0), (found.grid[0] - 1, found.grid[1] - 1)
+        graph = _box(str(path), (0, 0), (found.grid[0] - 1, found.grid[1] - 1), obstacles)
     else:
         named = [
             *found.starts,
             *found.goals,
-            *obstacles,
+            *found.obstacles,
             *(c for move in found.moves for c in move),
         ]
         if not named:
             raise InputError(f"{path}: no vehicle and no grid")
-        left, right = min(x for x, _ in named) - 1, max(x for x, _ in named) + 1
-        bottom, top = min(y for _, y in named) - 1, max(y for _, y in named) + 1
-    size = (right - left + 1) * (top - bottom + 1)
-    if not 0 < size <= _CELLS_MAX:
-        raise InputError(f"{path}: a grid of {size} cells, expected 1 to {_CELLS_MAX}")
-    free = {(x, y) for x in range(left, right + 1) for y in range(bottom, top + 1)} - obstacles
+        graph = graph_round(str(path), named, obstacles)
+    free = set(graph.vertices)
     if len(found.starts) != len(found.goals):
         raise InputError(f"{path}: {len(found.starts)} starts and {len(found.goals)} goals")
     for what, cells in (("start", found.starts), ("goal", found.goals)):
@@ -201,7 +227,7 @@ def scenario_from_json(path: Path) -> Scenario:
                 raise InputError(f"{path}: {what} {number} at {list(cell)} is taken twice")
             seen.add(cell)
     return Scenario(
-        graph=grid_graph(free),
+        graph=graph,
         starts=tuple(found.starts),
         goals=tuple(found.goals),
         moves=tuple(found.moves),
