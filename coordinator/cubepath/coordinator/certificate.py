@@ -72,14 +72,19 @@ class Link(NamedTuple):
 def link(before: Action, action: Action) -> Link:
     """Return the first site, in canonical order, over which two actions do not commute.
 
-    ValueError where they do. A site that both write is taken before all others.
+    A site that both write is taken before all others. ValueError where they commute.
     """
     both = before.trace & action.trace
-    met = both or (before.trace & action.support) | (before.support & action.trace)
+    met = in_order(both or (before.trace & action.support) | (before.support & action.trace))
     if not met:
         raise ValueError(f"{before!r} and {action!r} commute")
-    site = in_order(met)[0]
+    site = next((site for site in met if not _stands_for_a_name(site)), met[0])
     return Link(site, site in before.trace, site in action.trace)
+
+
+def _stands_for_a_name(site: Site) -> bool:
+    """Tell whether a site is none of the file, but tells moves known by their ids apart."""
+    return isinstance(site, tuple) and len(site) == 2 and site[0] == "\0id"
 
 
 def end_of(path: Iterable[Action], start: State) -> frozenset[Site]:

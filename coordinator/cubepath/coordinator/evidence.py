@@ -10,9 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
+from cubepath.protocol.certificates import Certificate
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.keys import topic_of
 from cubepath.protocol.messages import (
+    Certified,
     Claim,
     Cube,
     Edges,
@@ -51,6 +53,7 @@ class Evidence:
     rounds: dict[int, Round] = field(default_factory=dict)
     edges: dict[int, Edges] = field(default_factory=dict)
     cubes: dict[int, Cube] = field(default_factory=dict)
+    certificate: Certificate | None = None
     summary: Summary | None = None
     complete_rounds: int = 0
     """The rounds from the first on that every module has reported."""
@@ -111,6 +114,10 @@ def _sort(found: Evidence, message: Message, modules: int, fail: Fail) -> None:
         case Cube(index=index):
             if found.cubes.setdefault(index, message) != message:
                 fail("complete", f"cube {index} comes twice, and differs")
+        case Certified(certificate=certificate):
+            if found.certificate not in (None, certificate):
+                fail("certificate", "the certificate comes twice, and differs")
+            found.certificate = certificate
         case Summary():
             if found.summary not in (None, message):
                 fail("complete", "the summary comes twice, and differs")

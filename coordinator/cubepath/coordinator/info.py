@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.messages import Edges, Summary, decode
+from cubepath.protocol.messages import Certified, Edges, Summary, decode
 from cubepath.protocol.recording import FORMAT, Recording
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
@@ -61,6 +61,7 @@ def info(recording: Recording) -> dict[str, Any]:
         "moves": moves,
         **{key: getattr(summary, key, None) for key in _NUMBERS},
         **_schedule(summary),
+        **_certificate(recording),
         "ended": None if summary is None else summary.ended,
         "error": None if summary is None else summary.error,
         "messages": len(recording.records),
@@ -111,6 +112,19 @@ def _schedule(summary: Summary | None) -> dict[str, Any]:
     return {"schedule_cubes": summary.schedule_cubes, "schedule_stopped": stopped}
 
 
+def _certificate(recording: Recording) -> dict[str, Any]:
+    """Return how many pairs of moves cancelled, and how long the chain is that proves the cubes."""
+    for record in recording.of_kind("certificate"):
+        try:
+            message = decode(record.data)
+        except InputError:
+            continue  # for `cubepath verify` to tell
+        if isinstance(message, Certified):
+            found = message.certificate
+            return {"certificate": {"cancelled": len(found.cancelled), "chain": len(found.chain)}}
+    return {}
+
+
 def _kinds(recording: Recording) -> dict[str, dict[str, int]]:
     found: dict[str, dict[str, int]] = {}
     for record in recording.records:
@@ -153,6 +167,11 @@ def render(document: Mapping[str, Any]) -> str:
         stopped = document["schedule_stopped"]
         how = "" if stopped is None else f", stopped at round {stopped['round']}"
         rows.append(("carried out", f"{document['schedule_cubes']} cubes{how}"))
+    if "certificate" in document:
+        told = document["certificate"]
+        rows.append(
+            ("certificate", f"{told['cancelled']} pairs cancelled, a chain of {told['chain']}")
+        )
     rows += [
         ("began", document["began"] or "unknown"),
         ("took", f"{document['seconds']:.3f} s"),

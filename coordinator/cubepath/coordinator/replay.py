@@ -16,11 +16,13 @@ from typing import Any
 
 import zenoh
 
+from cubepath.coordinator.certificate_checks import look_into
 from cubepath.coordinator.gather import Gatherer
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.keys import everything, key_of, topic_in, topic_key
 from cubepath.protocol.messages import (
+    Certified,
     Cube,
     Edges,
     Message,
@@ -234,6 +236,7 @@ class _Player:
             return
         yield from self._other_cubes(cubes)
         yield from self._other_numbers(summary)
+        yield from self._not_proved()
 
     def _other_cubes(self, recorded: dict[int, Cube]) -> Iterator[str]:
         found = self._gatherer.heap.cube_path()
@@ -246,6 +249,17 @@ class _Player:
     def _actions(self, cube: Cube) -> frozenset[Action]:
         system = self._recording.scene.system
         return frozenset(system.action(move.generator, site_of(move.at)) for move in cube.moves)
+
+    def _not_proved(self) -> Iterator[str]:
+        path = [action for step in self._gatherer.steps for action in step.actions]
+        start = self._recording.scene.start_state
+        for record in self._recording.of_kind("certificate"):
+            message = _message(self._recording, record)
+            if not isinstance(message, Certified):
+                continue
+            for check, why in look_into(message.certificate, path, start).items():
+                if why is not None:
+                    yield f"the certificate does not prove what was gathered: {check}: {why}"
 
     def _other_numbers(self, summary: Summary) -> Iterator[str]:
         gatherer = self._gatherer

@@ -24,6 +24,7 @@ import msgspec
 from cubepath.agents.fleet import Fleet
 from cubepath.agents.rules import rule_named
 from cubepath.agents.schedule_rule import NAME as SCHEDULE
+from cubepath.coordinator.certificate import certificate_of, end_of
 from cubepath.coordinator.gather import Gatherer, Step
 from cubepath.coordinator.schedule import (
     Carrying,
@@ -36,6 +37,7 @@ from cubepath.coordinator.schedule import (
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.keys import topic_of
 from cubepath.protocol.messages import (
+    Certified,
     Cube,
     Edges,
     Report,
@@ -228,7 +230,7 @@ def _interrupts() -> Generator[Callable[[], None]]:
 class _Run:
     """A run under way: wire messages go on record as they come, edges by round.
 
-    Cubes and summary, the coordinator's own results, are written at the end.
+    Cubes, certificate and summary, the coordinator's own results, are written at the end.
     """
 
     def __init__(self, plan: Plan, task: Task, writer: RecordingWriter) -> None:
@@ -318,7 +320,7 @@ class _Run:
     def _step(self, step: Step) -> None:
         self._say(Edges(step.round, list(step.executed)))
 
-    def _say(self, message: Edges | Cube | Summary) -> None:
+    def _say(self, message: Edges | Cube | Certified | Summary) -> None:
         self._writer.write(
             topic_of(message),
             encode(message),
@@ -330,6 +332,9 @@ class _Run:
         gatherer = self._gatherer
         for index, cube in enumerate(gatherer.schedule(), 1):
             self._say(Cube(gatherer.rounds, index, list(cube)))
+        path = [action for step in gatherer.steps for action in step.actions]
+        end = end_of(path, self._task.scene.start_state)
+        self._say(Certified(gatherer.rounds, certificate_of(path, end)))
         heap = gatherer.heap
         self._say(
             Summary(

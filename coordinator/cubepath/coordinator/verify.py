@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from cubepath.coordinator.carried_out import check_schedule
+from cubepath.coordinator.certificate_checks import check_certificate
 from cubepath.coordinator.cubes import is_cube, is_normal, obvious_normal_form
 from cubepath.coordinator.evidence import Evidence, Fail, evidence_of, site_in
 from cubepath.coordinator.rederive import Rederivation, make, why_not
@@ -44,6 +45,7 @@ CHECKS = {
     "normal": "no action of a cube is in the cube before or commutes with all of it",
     "ends": "the cubes are admissible from the start on, and end where the moves end",
     "class": "the cubes are the normal form of the moves: the same homotopy class",
+    "certificate": "the certificate, if there is one, proves that none in the class is shorter",
     "summary": "the numbers and the digest of the summary are those of the moves",
 }
 """The checks by name, with what holds when they pass."""
@@ -133,6 +135,7 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
     normal_form = obvious_normal_form(derived.actions)
     digest = _digest(derived)
     _check_cubes(recording.scene, evidence, derived, normal_form, fail)
+    check_certificate(recording.scene, evidence, derived.actions, fail)
     if evidence.summary is not None:
         expected = {
             "round": evidence.complete_rounds,

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cubepath.protocol.messages import (
+    Certified,
     Claim,
     Cube,
     Edges,
@@ -54,7 +55,7 @@ def addressees(system: System, message: Message) -> tuple[Site, ...] | None:
 def sender(message: Message) -> str:
     """Return the name of who says a message."""
     match message:
-        case Go() | Reset() | Edges() | Cube() | Summary():
+        case Go() | Reset() | Edges() | Cube() | Certified() | Summary():
             return "coordinator"
         case Ready(process=process):
             return f"process_{process}"

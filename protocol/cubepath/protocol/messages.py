@@ -11,6 +11,7 @@ from typing import Any, Literal, TypeAlias
 
 import msgspec
 
+from cubepath.protocol.certificates import Certificate
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.sites import Site, site_from_json
 
@@ -155,6 +156,13 @@ class Cube(msgspec.Struct, frozen=True, tag_field="kind", tag="cube"):
     moves: list[Placed]
 
 
+class Certified(msgspec.Struct, frozen=True, tag_field="kind", tag="certificate"):
+    """Proof that no schedule in the homotopy class of the run has fewer cubes than its own."""
+
+    round: int
+    certificate: Certificate
+
+
 class Stopped(msgspec.Struct, frozen=True):
     """Where a schedule stopped: a cube that did not apply, and what was wrong with it.
 
@@ -203,6 +211,7 @@ Message: TypeAlias = (
     | Act
     | Edges
     | Cube
+    | Certified
     | Summary
 )
 KINDS: dict[str, type[Message]] = {
@@ -218,6 +227,7 @@ KINDS: dict[str, type[Message]] = {
     "act": Act,
     "edges": Edges,
     "cube": Cube,
+    "certificate": Certified,
     "summary": Summary,
 }
 
