@@ -15,9 +15,32 @@ from cubepath.coordinator.steps import Steps, bits_of
 from cubepath.protocol.flip_system import FlipSystem
 from cubepath.protocol.planar import Edge
 from cubepath.protocol.sites import Site
+from cubepath.protocol.systems import System
 
 _MARGIN = 2
 """Sites that are so much farther than all modules of the start need no exact distance."""
+
+
+class Ways:
+    """From which site a module can come to which, each asked once; None where that is not known."""
+
+    def __init__(self, system: System | None) -> None:
+        """Ask the system."""
+        found = None if system is None else neighbours_of(system)
+        self._near = None if found is None else found[0]
+        self._known: dict[Site, tuple[Site, ...]] = {}
+
+    @property
+    def known(self) -> bool:
+        """Tell whether there is anything to ask."""
+        return self._near is not None
+
+    def near(self, site: Site) -> tuple[Site, ...]:
+        """Return the sites that are one step away."""
+        found = self._known.get(site)
+        if found is None and self._near is not None:
+            found = self._known[site] = tuple(self._near(site))
+        return found or ()
 
 
 class Potential:
@@ -28,12 +51,13 @@ class Potential:
     the nearest site of the goal, along the ways of modules; where these are not known 1 off it.
     """
 
-    def __init__(self, steps: Steps, start: int, goal: int) -> None:
+    def __init__(self, steps: Steps, start: int, goal: int, ways: Ways | None = None) -> None:
         """Measure the sites up to where the modules of `start` are, and a little beyond."""
+        self.start, self.goal = start, goal
         self._steps = steps
         self._of_bit: dict[int, int] = {}
         self._changes: dict[int, tuple[int, int]] = {}
-        self._at = _measure(steps, start, goal)
+        self._at = _measure(steps, start, goal, Ways(steps.system) if ways is None else ways)
 
     def of(self, state: int) -> int:
         """Return the sum over the sites that are on."""
@@ -57,17 +81,15 @@ class Potential:
         return known[1] if known[0] == before else -known[1]
 
 
-def _measure(steps: Steps, start: int, goal: int) -> Callable[[Site], int]:
+def _measure(steps: Steps, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
     goals = steps.decode(goal)
     system = steps.system
     if isinstance(system, FlipSystem):
         cross = system.plane.cross
         edges = [edge for site in goals for edge in _edge(site)]
         return lambda site: sum(cross(one, edge) for one in _edge(site) for edge in edges)
-    found = None if system is None else neighbours_of(system)
-    if found is None:
+    if not ways.known:
         return lambda site: int(site not in goals)
-    near, _ = found
     known = dict.fromkeys(goals, 0)
     waiting = set(steps.decode(start)) - goals
     layer: Iterable[Site] = list(known)
@@ -76,7 +98,7 @@ def _measure(steps: Steps, start: int, goal: int) -> Callable[[Site], int]:
         distance += 1
         following: dict[Site, None] = {}
         for here in layer:
-            for there in near(here):
+            for there in ways.near(here):
                 if there not in known:
                     known[there] = distance
                     following[there] = None

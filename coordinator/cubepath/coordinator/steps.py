@@ -106,12 +106,12 @@ class Steps:
             rows = self._rows[bit]
             if rows is None:
                 rows = self._meet(bit)
-            for row in rows:
-                if state & row.need == row.shown and not _unheld(row, state):
-                    found[row.number] = None
-        for row in self._anywhere:
-            if state & row.need == row.shown and not _unheld(row, state):
-                found[row.number] = None
+            for number, need, shown, guards in rows:
+                if state & need == shown and not (guards and _unheld(guards, state)):
+                    found[number] = None
+        for number, need, shown, guards in self._anywhere:
+            if state & need == shown and not (guards and _unheld(guards, state)):
+                found[number] = None
         if still:
             return [number for number in found if not self.trace[number] & still]
         return list(found)
@@ -193,8 +193,8 @@ class Steps:
         return found
 
 
-def _unheld(row: _Row, state: int) -> bool:
-    return any(state & site and not state & neighbour for site, neighbour in row.guards)
+def _unheld(guards: tuple[tuple[int, int], ...], state: int) -> bool:
+    return any(state & site and not state & neighbour for site, neighbour in guards)
 
 
 def bits_of(state: int) -> list[int]:

@@ -18,7 +18,7 @@ from random import Random
 
 from cubepath.coordinator.heap import Heap
 from cubepath.coordinator.optimum import optimum
-from cubepath.coordinator.potentials import Potential
+from cubepath.coordinator.potentials import Potential, Ways
 from cubepath.coordinator.steps import Steps
 from cubepath.protocol.actions import Action, State
 
@@ -27,9 +27,12 @@ Cost = tuple[int, int]
 Path = list[tuple[int, ...]]
 """Cubes, as the numbers of their moves."""
 
-_STATES = (200, 1_000, 5_000)
+_STATES = (200, 1_000, 5_000, 20_000)
 """How many states a window's exhaustive search may look at."""
-_BEAM = (4, 12, 40)
+_BEAM = (4, 12, 40, 120)
+"""How many states a beam keeps."""
+_OFTEN = (12, 6, 3, 1)
+"""How often each of these is chosen."""
 _PATIENCE = 6
 """So many rounds a beam may go without coming nearer."""
 _CHOICES = 4
@@ -42,6 +45,7 @@ class Windows:
     def __init__(self, steps: Steps, start: State, cubes: Sequence[Sequence[Action]]) -> None:
         """Take a normal cube path, as legal; what it does in vain between equal states is cut."""
         self._steps = steps
+        self._ways = Ways(steps.system)
         self._first = steps.encode(start)
         self._take([steps.number(action) for cube in cubes for action in cube])
         self._cut()
@@ -167,26 +171,27 @@ class Windows:
         if begin == end:
             return ()
         if random.random() < 0.5:
-            states = random.choice(_STATES)
+            states = random.choices(_STATES, _OFTEN)[0]
             found = optimum(self._steps, begin, end, max_states=states, most=most, still=still)
             return found.cubes
-        if random.random() < 0.5:
-            return beam(self._steps, begin, end, most, random=random, still=still)
-        back = beam(self._steps, end, begin, most, random=random, still=still)
-        return None if back is None else back[::-1]
+        back = random.random() < 0.5
+        ends = (end, begin) if back else (begin, end)
+        potential = Potential(self._steps, *ends, self._ways)
+        path = beam(self._steps, potential, most, random=random, still=still)
+        return path[::-1] if back and path is not None else path
 
 
 def beam(
-    steps: Steps, begin: int, end: int, most: int, *, random: Random, still: int = 0
+    steps: Steps, potential: Potential, most: int, *, random: Random, still: int = 0
 ) -> Path | None:
-    """Search for a cube path of at most `most` cubes, keeping the states that seem nearest.
+    """Search for a cube path of at most `most` cubes between the ends of a potential.
 
-    From each state that is kept, some cubes are tried that a random preference for moves towards
-    the goal builds; no state is kept twice. None where the goal is not met.
+    Those states are kept that seem nearest to the goal. From each some cubes are tried, built by a
+    random preference for moves towards it; no state is kept twice. None where it is not met.
     """
-    width = random.choice(_BEAM)
+    width = random.choices(_BEAM, _OFTEN)[0]
     noise = random.choice((0.5, 3.0, 8.0))
-    potential = Potential(steps, begin, end)
+    begin, end = potential.start, potential.goal
     parents: dict[int, tuple[int, tuple[int, ...]]] = {begin: (begin, ())}
     kept = [(potential.of(begin), begin)]
     best, since = kept[0][0], 0
