@@ -1,6 +1,7 @@
-"""How long shortening takes: the heap of pieces beside the paper's TimeGeodesic as printed.
+"""How long shortening takes: the compiled heap, its reference, and TimeGeodesic as printed.
 
-With cubepath installed: ``python tests/bench/bench_shorten.py [--quick] [--budget SECONDS]``.
+With cubepath installed: ``python tests/bench/bench_shorten.py [--quick] [--budget SECONDS]``. All
+three take the moves as objects; what the compiled heap does with numbers is in `bench_scale.py`.
 
 Times are processor times, of one thread. The floor is one pass over the same supports that touches
 each site once in a dict: no algorithm that looks at every site of every move can do without it.
@@ -19,12 +20,15 @@ from functools import partial
 from random import Random
 from statistics import median
 
+from cubepath.coordinator.fast_heap import FastHeap
 from cubepath.coordinator.heap import Heap
 from cubepath.coordinator.printed import CubePath, TimeGeodesic
 from cubepath.protocol.actions import Action, admissible, apply_in_place
 from cubepath.protocol.catalogue import Move
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site
+
+Make = Callable[[], Heap | FastHeap]
 
 SEGMENTS = "segments"
 """The paper's worst case for TimeGeodesic: two vehicles go straight on, one after the other."""
@@ -94,9 +98,9 @@ def floor(word: Iterable[Action]) -> dict[Site, int]:
     return touched
 
 
-def shorten(word: Iterable[Action]) -> Heap:
+def shorten(word: Iterable[Action], make: Make = Heap) -> Heap | FastHeap:
     """Shorten the path, the cube path included."""
-    heap = Heap()
+    heap = make()
     heap.extend(word)
     heap.cube_path()
     return heap
@@ -132,16 +136,16 @@ Paths = Callable[[int], Sequence[Action]]
 """Gives the edge path of so many moves."""
 
 
-def heap_rows(paths: Paths, sizes: Iterable[int], repeats: int) -> None:
-    """Time the heap at every size."""
+def heap_rows(paths: Paths, sizes: Iterable[int], repeats: int, name: str, make: Make) -> None:
+    """Time a heap at every size."""
     before: tuple[int, float] | None = None
     for size in sizes:
         moves = paths(size)
-        heap = shorten(moves)
-        took = seconds(partial(shorten, moves), repeats)
+        heap = shorten(moves, make)
+        took = seconds(partial(shorten, moves, make), repeats)
         least = seconds(partial(floor, moves), repeats)
         show(
-            "heap",
+            name,
             size,
             heap.reduced_moves,
             heap.cubes,
@@ -217,7 +221,9 @@ def main() -> None:
         support = sum(len(action.support) for action in word) / len(word)
         print(f"{spec}: {what}, {support:.0f} sites a support, {len(set(word))} actions")
         show(*_HEAD)
-        heap_rows(paths, sizes, repeats=1 if given.quick else 3)
+        repeats = 1 if given.quick else 3
+        heap_rows(paths, sizes, repeats, "compiled", FastHeap)
+        heap_rows(paths, sizes, repeats, "heap", Heap)
         printed_rows(paths, [size for size in PRINTED_SIZES if size <= sizes[-1]], budget_s)
         print()
 

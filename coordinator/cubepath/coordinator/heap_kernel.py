@@ -169,11 +169,11 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
                 cubes -= 1
             reduced -= 1
             if told:
-                levels[move - first] = -last
-                partners[move - first] = partner
+                levels[at(move - first)] = -last
+                partners[at(move - first)] = partner
                 if partner >= first:
-                    levels[partner - first] = 0
-                    partners[partner - first] = move
+                    levels[at(partner - first)] = 0
+                    partners[at(partner - first)] = move
         else:
             for index in range(begins, reads):
                 site = at(sites[at(index)])
@@ -215,8 +215,8 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
             cubes = max(cubes, level)
             reduced += 1
             if told:
-                levels[move - first] = level
-                partners[move - first] = -1
+                levels[at(move - first)] = level
+                partners[at(move - first)] = -1
         move += 1
         place += 1
     totals[MOVES] = move
@@ -392,16 +392,15 @@ def pack(
 
 
 @compiled
-def demand(heap: Arrays, numbers: Numbers, slots: Totals, pieces: Totals) -> None:
-    """Add to the room of every column and every action what the moves of these numbers can take.
+def demand(heap: Arrays, counts: Totals, slots: Totals) -> None:
+    """Add to the room of every column what so many moves of every action can take.
 
-    `slots` has the shape (sites,) and `pieces` (actions,).
+    `counts` has the shape (actions,) and `slots` (sites,).
     """
     actions, sites = heap.actions, heap.sites
-    for number in numbers:
-        pieces[number] += PIECE
+    for number in range(len(counts)):
         reads = actions[number, READS]
         for index in range(actions[number, FIRST], reads):
-            slots[sites[index]] += FRAME
+            slots[sites[index]] += FRAME * counts[number]
         for index in range(reads, actions[number, STOP]):
-            slots[sites[index]] += 1
+            slots[sites[index]] += counts[number]

@@ -207,8 +207,9 @@ class NumberedHeap:
 
     def _reserve(self, numbers: Numbers) -> None:
         slots, pieces = _used(self._columns()), _used(self._rows())
-        kernel.demand(self._heap, numbers, slots, pieces)
-        self._lay_out(slots, pieces, spare=0)
+        counts = np.bincount(numbers, minlength=self._actions)
+        kernel.demand(self._heap, counts, slots)
+        self._lay_out(slots, pieces + kernel.PIECE * counts, spare=0)
 
     def _pack(self) -> None:
         """Lay all blocks side by side, none much larger than its use, and twice as much room."""
