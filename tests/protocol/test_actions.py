@@ -42,6 +42,17 @@ def test_contents_decide_equality(other: Action) -> None:
     assert other != STEP
 
 
+def test_another_label_is_the_same_action() -> None:
+    """With all that it knows, and the first keeps its own."""
+    action = Action({"a", "b", "c"}, {"a"}, {"a"}, set(), free={"b"}, guards={("b", "c")})
+    other = action.labelled("other")
+    assert other == action
+    assert (action.label, other.label) == ("", "other")
+    assert {name: getattr(other, name) for name in Action.__slots__ if name != "label"} == {
+        name: getattr(action, name) for name in Action.__slots__ if name != "label"
+    }
+
+
 def test_an_action_is_its_own_inverse() -> None:
     """Applying an action twice gives the state back."""
     assert apply(STEP, {"a", "z"}) == {"b", "z"}

@@ -62,6 +62,14 @@ class Action:
         self.ends = (second, first) if swap else (first, second)
         self._hash = hash((self.support, self.trace, self.ends, self.free, self.guards))
 
+    def labelled(self, label: str) -> Action:
+        """Return an equal action with this label, without asking again whether it is one."""
+        found = Action.__new__(Action)
+        for name in Action.__slots__:
+            setattr(found, name, getattr(self, name))
+        found.label = label
+        return found
+
     def __eq__(self, other: object) -> bool:
         if self is other:
             return True

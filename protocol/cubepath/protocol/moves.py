@@ -206,6 +206,8 @@ class _Reader:
         self._known = _Known(None if scene is None else scene.start_state)
         self._sites = _Sites()
         self._placed: dict[tuple[str, Site], Action] = {}
+        # By the sites as they stand in a line: to build an action costs more than all the rest.
+        self._contents: dict[tuple[tuple[Site, ...], ...], Action] = {}
         # By id: the line where it came first, and the action where the id names one.
         self._first: dict[str | int, int] = {}
         self._named: dict[str | int, Action] = {}
@@ -282,16 +284,18 @@ class _Reader:
     ) -> PathMove:
         read = self._sites.read
         label = _encode(line.id).decode()
-        action = Action(
-            read(line.support), read(line.trace), read(before), read(after), label=label
-        )
+        parts = [tuple(read(sites)) for sites in (line.support, line.trace, before, after)]
+        known = self._contents.get(key := tuple(parts))
+        if known is None:
+            known = self._contents[key] = Action(*parts, label=label)
+        action = known if known.label == label else known.labelled(label)
         first = self._first.setdefault(line.id, number)
         if line.id in self._named:
             raise InputError(
                 f'id {label} has no "before" and "after" in line {first}, where it names the'
                 " action: expected another id"
             )
-        shown = frozenset(read(before))
+        shown = frozenset(parts[2])
         self._known.learn(action.support, shown)
         state = self._known.on
         end = end_at(action, state)

@@ -78,7 +78,7 @@ class NumberedPath:
             if not isinstance(name, Placed):
                 label = _encode(name).decode()
                 if label != action.label:
-                    action = _relabelled(action, label)
+                    action = action.labelled(label)
             yield PathMove(action, name, action.ends[end] if end >= 0 else None)
 
 
@@ -336,14 +336,3 @@ def _portions(stream: BinaryIO) -> Iterator[list[bytes]]:
 def _is_by_generator(line: bytes) -> bool:
     found = msgspec.json.decode(line)
     return isinstance(found, dict) and ("generator" in found or "at" in found)
-
-
-def _relabelled(action: Action, label: str) -> Action:
-    return Action(
-        action.support,
-        action.trace,
-        *action.ends,
-        free=action.free,
-        guards=action.guards,
-        label=label,
-    )
