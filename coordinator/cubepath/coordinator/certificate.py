@@ -9,7 +9,7 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
 from cubepath.coordinator.fast_heap import fates
@@ -69,22 +69,17 @@ class Link(NamedTuple):
     writes: bool
 
 
-def link(before: Action, action: Action) -> Link:
+def link(before: Action, action: Action, beside: Collection[Site] = ()) -> Link:
     """Return the first site, in canonical order, over which two actions do not commute.
 
-    A site that both write is taken before all others. ValueError where they commute.
+    A site that both write is taken before all others, and sites `beside` are not looked at.
+    ValueError where they commute.
     """
-    both = before.trace & action.trace
+    both = (before.trace & action.trace).difference(beside)
     met = in_order(both or (before.trace & action.support) | (before.support & action.trace))
     if not met:
         raise ValueError(f"{before!r} and {action!r} commute")
-    site = next((site for site in met if not _stands_for_a_name(site)), met[0])
-    return Link(site, site in before.trace, site in action.trace)
-
-
-def _stands_for_a_name(site: Site) -> bool:
-    """Tell whether a site is none of the file, but tells moves known by their ids apart."""
-    return isinstance(site, tuple) and len(site) == 2 and site[0] == "\0id"
+    return Link(met[0], met[0] in before.trace, met[0] in action.trace)
 
 
 def end_of(path: Iterable[Action], start: State) -> frozenset[Site]:
