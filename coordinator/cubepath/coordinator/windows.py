@@ -33,6 +33,10 @@ _BEAM = (4, 12, 40, 120)
 """How many states a beam keeps."""
 _OFTEN = (12, 6, 3, 1)
 """How often each of these is chosen."""
+_BANDS = (1, 4, 32)
+"""How many bands of cubes are compared before one is taken."""
+_TAILS = (0.7, 1.2, 2.0)
+"""How wide they are: exponents of Pareto's distribution, few are very wide."""
 _PATIENCE = 6
 """So many rounds a beam may go without coming nearer."""
 _CHOICES = 4
@@ -123,8 +127,9 @@ class Windows:
         cubes = len(self._path)
         found = (0, cubes)
         best = -1.0
-        for _ in range(random.choice((1, 2, 6))):
-            width = min(cubes, 2 + int(random.paretovariate(0.7)))
+        tail = random.choice(_TAILS)
+        for _ in range(random.choice(_BANDS)):
+            width = min(cubes, 2 + int(random.paretovariate(tail)))
             first = random.randrange(cubes - width + 1)
             changed = (self._states[first] ^ self._states[first + width]).bit_count()
             value = (width + 1) / (changed + 1)
