@@ -66,7 +66,7 @@ def test_commands_of_the_page_give_what_it_says(
         elif block.name.startswith("-> "):
             assert (folder / block.name.removeprefix("-> ")).read_text() == block.text
             expected += 1
-    assert expected == 7
+    assert expected == 9
 
 
 def test_python_of_the_page_runs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -172,6 +172,7 @@ def test_an_empty_path_is_a_path_of_no_cubes(tmp_path: Path, system: str | None)
         "reduced_moves",
         "cubes",
         "max_cube_dimension",
+        "planner_rounds",
         "seconds",
     ]
 

@@ -20,12 +20,12 @@ from cubepath.coordinator.heap import normal_cube_path
 from cubepath.coordinator.improve import CubePath, Improved, improve
 from cubepath.coordinator.only_class import only_class
 from cubepath.coordinator.optimum import MAX_STATES, Optimum, optimum
-from cubepath.coordinator.shorten import Shortened, moves_of
+from cubepath.coordinator.shorten import Shortened, moves_of, plan_of
 from cubepath.coordinator.steps import Steps
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import CheckError, InputError
 from cubepath.protocol.graph_system import GraphSystem
-from cubepath.protocol.graphs import scenario_from_json
+from cubepath.protocol.imports.formats import NOTHING_SAID, Said
 from cubepath.protocol.messages import Placed
 from cubepath.protocol.moves import MoveName, PathMove, id_of
 from cubepath.protocol.recording import read_recording
@@ -79,24 +79,24 @@ class Beyond:
         return {key: getattr(self, key) for key in keys}
 
 
-def task_of(path: Path, found: Shortened, system: str | None = None) -> Task:
+def task_of(
+    path: Path, found: Shortened, system: str | None = None, said: Said = NOTHING_SAID
+) -> Task:
     """Return the task of the path in a file that was shortened.
 
-    A scenario's vehicles have goals of their own, so each is to end where it does. InputError for
+    A plan's vehicles have goals of their own, so each is to end where it does. InputError for
     moves of which only support and trace are known, and for moves that the system does not have:
     nobody knows then what else there is to do.
     """
-    kind, moves = moves_of(path, system)
     actions = tuple(action for cube in found.cube_path for action in cube)
+    plan = plan_of(path, system, said)
+    if plan is not None:
+        scene = plan.scene()
+        return Task(actions, scene.start_state, scene.system, own_ends=plan.own_ends)
+    kind, moves = moves_of(path, system)
     if kind == "recording":
         scene = read_recording(path).scene
         return Task(actions, scene.start_state, scene.system)
-    if kind == "scenario":
-        scenario = scenario_from_json(path)
-        graph = GraphSystem(
-            scenario.graph.vertices, scenario.graph.edges, compass=scenario.graph.compass
-        )
-        return Task(actions, frozenset(scenario.starts), graph, own_ends=True)
     if system is None:
         return _listed(path, moves)
     scene = scene_from_spec(system)

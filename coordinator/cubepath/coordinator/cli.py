@@ -16,6 +16,7 @@ from typing import Any
 
 from cubepath.coordinator.cli_beyond import add_beyond_options, beyond_rows, look_beyond
 from cubepath.coordinator.cli_complex import add_complex_commands
+from cubepath.coordinator.cli_plans import INPUT_HELP, add_plan_options, plan_rows, said
 from cubepath.coordinator.console import (
     BAD_INPUT,
     DONE,
@@ -112,12 +113,7 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--log", type=Path, help="recording to write (default: a new file in logs/)")
 
     shorten = command("shorten", _shorten, "shorten a path to its normal cube path")
-    shorten.add_argument(
-        "input",
-        type=Path,
-        metavar="INPUT",
-        help="a recording, a moves file (JSON Lines or .npz) or a scenario (JSON)",
-    )
+    shorten.add_argument("input", type=Path, metavar="INPUT", help=INPUT_HELP)
     shorten.add_argument(
         "-o",
         "--output",
@@ -128,6 +124,7 @@ def _parser() -> argparse.ArgumentParser:
     shorten.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
     )
+    add_plan_options(shorten)
     add_beyond_options(shorten)
 
     convert = command("convert", _convert, "write a path in another form: JSON Lines or .npz")
@@ -135,7 +132,7 @@ def _parser() -> argparse.ArgumentParser:
         "input",
         type=Path,
         metavar="INPUT",
-        help="a recording, a moves file or a scenario; or cubes as .npz",
+        help=f"{INPUT_HELP}; or cubes as .npz",
     )
     convert.add_argument(
         "output", type=Path, metavar="OUTPUT", help="JSON Lines, or .npz where it ends so"
@@ -143,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
     )
+    add_plan_options(convert)
 
     verify = command("verify", _verify, "check a recording, from the start state on")
     verify.add_argument("log", type=Path, metavar="LOG")
@@ -296,7 +294,9 @@ def _shorten(options: argparse.Namespace) -> int:
             f"{output}: holds moves of the input alone, expected a .jsonl file with --improve"
         )
     with progress_bar(None, "shorten", " moves") as bar:
-        found = shorten(options.input, system=options.system, progress=bar.update)
+        found = shorten(
+            options.input, system=options.system, progress=bar.update, said=said(options)
+        )
     known = look_beyond(options, found)
     if output is not None and output.suffix != ".npz":
         write_cubes(output, found.named if known is None else known.named)
@@ -307,6 +307,7 @@ def _shorten(options: argparse.Namespace) -> int:
         ("reduced moves", found.reduced_moves),
         ("cubes", found.cubes),
         ("largest cube", found.max_cube_dimension),
+        *plan_rows(found),
         *beyond_rows(known),
         ("time", f"{found.seconds:.2f} s"),
     ]
@@ -321,7 +322,13 @@ def _convert(options: argparse.Namespace) -> int:
     from cubepath.coordinator.convert import convert  # noqa: PLC0415
 
     with progress_bar(None, "convert", " moves") as bar:
-        found = convert(options.input, options.output, system=options.system, progress=bar.update)
+        found = convert(
+            options.input,
+            options.output,
+            system=options.system,
+            progress=bar.update,
+            said=said(options),
+        )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
     answer(options, document, f"{found.count} {found.what} written to {options.output}")
     return DONE

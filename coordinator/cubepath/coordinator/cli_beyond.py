@@ -9,6 +9,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
+from cubepath.coordinator.cli_plans import said
 from cubepath.coordinator.console import progress_bar
 from cubepath.protocol.errors import InputError
 
@@ -58,7 +59,7 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     most: int = MAX_STATES if options.max_states is None else options.max_states
     if most < 0:
         raise InputError(f"--max-states {most}: expected 0 or more")
-    task = task_of(options.input, found, options.system)
+    task = task_of(options.input, found, options.system, said(options))
     with progress_bar(None, "improve", " steps") as bar:
 
         def watch(better: Improved) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from cubepath.coordinator.shorten import path_of
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.imports.formats import NOTHING_SAID, Said
 from cubepath.protocol.moves import write_cubes
 from cubepath.protocol.path_arrays import (
     MAGIC,
@@ -34,6 +35,7 @@ def convert(
     *,
     system: str | None = None,
     progress: Progress | None = None,
+    said: Said = NOTHING_SAID,
 ) -> Converted:
     """Write a path, or the cubes of a binary cubes file, in the form that the target's name tells.
 
@@ -52,7 +54,7 @@ def convert(
         cubes = read_cubes_npz(source)
         write_cubes(target, cubes)
         return Converted("cubes", len(cubes))
-    path = path_of(source, system, progress)
+    path = path_of(source, system, progress, said)
     if binary:
         write_moves_npz(target, path)
     else:

@@ -1,4 +1,4 @@
-"""Shortening a path from a file: a recording, a moves file, or a scenario with its moves.
+"""Shortening a path from a file: a recording, a moves file, a scenario, or another program's plan.
 
 Room: coordinator. What the file says is checked as far as it can be before anything is made of
 it; the normal cube path itself is `cubepath.coordinator.numbered_heap`.
@@ -25,7 +25,10 @@ from cubepath.coordinator.numbered_heap import NumberedHeap
 from cubepath.protocol.actions import Action, State, apply_in_place, misfit
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.graph_system import GraphSystem
-from cubepath.protocol.graphs import scenario_from_json
+from cubepath.protocol.graphs import Scenario, scenario_from_json
+from cubepath.protocol.imports.formats import NOTHING_SAID, Said, read_plan
+from cubepath.protocol.imports.imported import Imported
+from cubepath.protocol.imports.vehicles import vehicles_scene
 from cubepath.protocol.messages import Placed
 from cubepath.protocol.moves import MoveName, PathMove, read_moves
 from cubepath.protocol.path_arrays import MAGIC, NumberedCubes, read_moves_npz
@@ -51,6 +54,7 @@ class Shortened:
     """The normal cube path of a path, and the figures that ``cubepath shorten --json`` gives.
 
     `path` is the path that came in, and `left` are its moves that are left, cube by cube.
+    `planner_rounds` is how many rounds the planner of a plan counts itself, None where nobody says.
     """
 
     moves: int
@@ -60,6 +64,7 @@ class Shortened:
     seconds: float
     path: NumberedPath
     left: NumberedCubes
+    planner_rounds: int | None = None
 
     @cached_property
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
@@ -78,24 +83,37 @@ class Shortened:
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
-        keys = ("moves", "reduced_moves", "cubes", "max_cube_dimension", "seconds")
+        keys = (
+            "moves",
+            "reduced_moves",
+            "cubes",
+            "max_cube_dimension",
+            "planner_rounds",
+            "seconds",
+        )
         return {key: getattr(self, key) for key in keys}
 
 
 def shorten(
-    path: Path, *, system: str | None = None, progress: Progress | None = None
+    path: Path,
+    *,
+    system: str | None = None,
+    progress: Progress | None = None,
+    said: Said = NOTHING_SAID,
 ) -> Shortened:
     """Return the normal cube path of the path in a file; what the file is, its content tells.
 
     A recording begins with the magic of MCAP, a binary moves file with that of .npz, a scenario is
-    a JSON object with "starts", and all else is a moves file, whose generators are those of
-    `system`. An empty file is a path of no moves, and that a path of no cubes.
+    a JSON object with "starts"; plans of other programs are told by `said`, or by what
+    `cubepath.protocol.imports.formats` looks for. All else is a moves file, whose generators are
+    those of `system`. An empty file is a path of no moves, and that a path of no cubes.
 
     InputError where the file cannot be read, is damaged, or holds a move that is not admissible;
     CheckError where the reports of a recording contradict each other.
     """
     began = time.perf_counter()
-    found = path_of(path, system, progress)
+    plan = plan_of(path, system, said)
+    found = path_of(path, system, progress) if plan is None else number_moves(plan.moves, progress)
     table = Numbering(found.actions).table()
     heap = NumberedHeap()
     if table is not None:
@@ -110,18 +128,39 @@ def shorten(
         seconds=round(time.perf_counter() - began, 3),
         path=found,
         left=NumberedCubes(starts, pieces.moves.astype(np.int64)),
+        planner_rounds=None if plan is None else plan.rounds,
     )
 
 
+def plan_of(path: Path, system: str | None, said: Said) -> Imported | None:
+    """Return the plan in a file, a scenario's too; None for recordings and moves files.
+
+    InputError as `shorten`; also where a plan's files are named beside what is none.
+    """
+    kind = _content(path)
+    if kind not in {"recording", "arrays"} or said.format is not None:
+        found = read_plan(path, said.format, beside=said.beside, system=system)
+        if found is not None:
+            return found
+    if said.beside:
+        what = "binary moves file" if kind == "arrays" else kind.replace("moves", "moves file")
+        raise InputError(f"{path}: a {what}, which needs no other file: expected no --with")
+    return _scenario(path) if _kind(path, system) == "scenario" else None
+
+
 def path_of(
-    path: Path, system: str | None = None, progress: Progress | None = None
+    path: Path,
+    system: str | None = None,
+    progress: Progress | None = None,
+    said: Said = NOTHING_SAID,
 ) -> NumberedPath:
     """Return the path in a file, every move of it checked; `shorten` says what is refused."""
+    plan = plan_of(path, system, said)
+    if plan is not None:
+        return number_moves(plan.moves, progress)
     kind = _kind(path, system)
     if kind == "recording":
         return number_moves(_recorded(path), progress)
-    if kind == "scenario":
-        return number_moves(_planned(path), progress)
     scene = _scene(system)
     start = None if scene is None else scene.start_state
     if kind == "arrays":
@@ -150,16 +189,19 @@ def path_of(
     return found
 
 
-def moves_of(path: Path, system: str | None = None) -> tuple[str, Iterator[PathMove]]:
-    """Return what a file is, "recording", "scenario" or "moves", and its moves in order.
+def moves_of(
+    path: Path, system: str | None = None, said: Said = NOTHING_SAID
+) -> tuple[str, Iterator[PathMove]]:
+    """Return what a file is, "recording", "plan" or "moves", and its moves in order.
 
     Each move is checked when its turn comes; `shorten` says what is refused.
     """
+    plan = plan_of(path, system, said)
+    if plan is not None:
+        return "plan", plan.moves
     kind = _kind(path, system)
     if kind == "recording":
         return kind, _recorded(path)
-    if kind == "scenario":
-        return kind, _planned(path)
     scene = _scene(system)
     if kind == "arrays":
         return "moves", _arrays(path, None if scene is None else scene.start_state).moves()
@@ -247,9 +289,18 @@ def _recorded(path: Path) -> Iterator[PathMove]:
             yield PathMove(action, Placed(executed.generator, executed.at), before)
 
 
-def _planned(path: Path) -> Iterator[PathMove]:
-    """Yield the moves of a scenario's vehicles, each checked on the grid from the starts on."""
+def _scenario(path: Path) -> Imported:
     scenario = scenario_from_json(path)
+    return Imported(
+        _planned(path, scenario),
+        scenario.peer_makespan,
+        lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
+        own_ends=True,
+    )
+
+
+def _planned(path: Path, scenario: Scenario) -> Iterator[PathMove]:
+    """Yield the moves of a scenario's vehicles, each checked on the grid from the starts on."""
     taken, free = set(scenario.starts), set(scenario.graph.vertices)
     edges = set(scenario.graph.edges)
     actions: dict[tuple[Site, ...], Action] = {}

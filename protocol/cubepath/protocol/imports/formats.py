@@ -16,6 +16,7 @@ from cubepath.protocol.imports.cgshop2026 import looks_like_cgshop2026, read_cgs
 from cubepath.protocol.imports.imported import Imported, Request
 from cubepath.protocol.imports.mapf import (
     looks_like_agents,
+    looks_like_lists,
     looks_like_log,
     read_agents,
     read_lists,
@@ -76,7 +77,7 @@ FORMATS: dict[str, Format] = {
                 "by": ("agent", "agent for a list for each agent, step for one for each timestep"),
                 "order": ("", f"{_ORDER}; xy when left out"),
             },
-            lambda head: head.lstrip()[:1] == b"[",
+            looks_like_lists,
             read_lists,
         ),
         Format(

@@ -88,6 +88,11 @@ def looks_like_agents(head: bytes) -> bool:
     return re.match(rb"\s*[Aa]gent\s+[0-9]+\s*:", head) is not None
 
 
+def looks_like_lists(head: bytes) -> bool:
+    """Tell whether a text begins as a list of lists does, or is an empty list."""
+    return re.match(rb"\s*\[\s*(\[|\]\s*$)", head) is not None and b"->" not in head
+
+
 def read_log(request: Request) -> Imported:
     """Read a log of pibt2 or LaCAM; InputError as `Imported` says."""
     return _imported(request, _log(request.path), "xy")

@@ -69,7 +69,7 @@ def looks_like_plain(head: bytes) -> bool:
     for line in head.splitlines():
         words = line.partition(b"#")[0].strip()
         if words:
-            return b"->" in words and words[:1] not in b"{[" and b":" not in words
+            return b"->" in words and not words.startswith(b"{") and b":" not in words
     return False
 
 

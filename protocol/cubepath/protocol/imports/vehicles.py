@@ -123,7 +123,7 @@ class Vehicles:
 
 
 def vehicles_scene(
-    spec: str, graph: Graph, starts: Sequence[Cell], goals: Sequence[Cell] | None
+    spec: str, graph: Graph, starts: Sequence[Site], goals: Sequence[Site] | None
 ) -> Scene:
     """Return the scene of unlabelled vehicles on a graph; `goals` None where none are known."""
     return Scene(
