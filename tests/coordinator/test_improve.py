@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -100,6 +103,42 @@ def test_the_same_seed_finds_the_same_path(spec: str) -> None:
         improve(walk, where.start_state, where.system, iterations=12, seed=4) for _ in range(2)
     )
     assert one == other
+
+
+HASHED = """
+from cubepath.coordinator.improve import improve
+from cubepath.coordinator.steps import Steps
+from cubepath.protocol.scenes import scene_from_spec
+from random import Random
+
+for spec in ("words:presentation=free2", "arms", "agv:graph=grid4x4,n=4"):
+    scene = scene_from_spec(spec)
+    steps, random, path = Steps(scene.system), Random(1), []
+    state = steps.encode(scene.start_state)
+    for _ in range(120):
+        number = random.choice(steps.possible(state))
+        state ^= steps.toggle[number]
+        path.append(steps.actions[number])
+    found = improve(path, scene.start_state, scene.system, iterations=12, seed=2)
+    print([[action.label for action in cube] for cube in found.cube_path])
+"""
+
+
+@pytest.mark.slow
+def test_hashes_of_strings_decide_nothing() -> None:
+    """Two interpreters that hash differently find the same path."""
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", HASHED],
+            check=True,
+            capture_output=True,
+            text=True,
+            env=os.environ | {"PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in ("1", "2")
+    ]
+    assert said[0] == said[1]
+    assert said[0].count("[[") == 3
 
 
 def round_the_cycle(where: Scene, vehicles: int, steps: int) -> list[Action]:

@@ -21,7 +21,7 @@ from cubepath.coordinator.improve import CubePath, Improved, improve
 from cubepath.coordinator.only_class import only_class
 from cubepath.coordinator.optimum import MAX_STATES, Optimum, optimum
 from cubepath.coordinator.shorten import Shortened, moves_of, plan_of
-from cubepath.coordinator.steps import Steps
+from cubepath.coordinator.steps import Steps, maskable
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import CheckError, InputError
 from cubepath.protocol.graph_system import GraphSystem
@@ -147,11 +147,12 @@ def beyond(
     asked = seconds is not None or iterations is not None
     normal = normal_cube_path(task.path) if found is None else found.cube_path
     system, start, goal = _as_labelled(task)
-    only = None if system is None or not normal else only_class(system, start)
+    small = maskable(system)
+    only = only_class(system, start) if system is not None and normal and small else None
     bound = lower_bound(system, start, goal, within=len(normal))
     least, why = (len(normal), "the only class") if only else (bound.cubes, bound.why)
     best, shorter = normal, False
-    if least < len(normal):
+    if least < len(normal) and small:
         steps = Steps(system, task.path if system is None else ())
         ends = steps.encode(start), steps.encode(goal)
         exact = optimum(steps, *ends, max_states=max_states, most=len(normal) - 1)

@@ -144,13 +144,13 @@ class _Search:
         self.possible = bool(best.cube_path)
         if not self.possible:
             return
-        if isinstance(system, GraphSystem) and Replanner.fits(system, best.cubes):
+        if isinstance(system, GraphSystem) and Replanner.fits(system, len(start), best.cubes):
             self._vehicles = Replanner(system, start, best.cube_path, own_ends=own_ends)
         sites = (
             len(system.vertices) * (system.labels or 1) if isinstance(system, GraphSystem) else 0
         )
         if not own_ends and sites <= _SITES_MAX:
-            self._steps = Steps(system, path)
+            self._steps = Steps(system, path if system is None else ())
             self._windows = Windows(self._steps, start, best.cube_path)
             self._fresh = True
         self.possible = self._windows is not None or self._vehicles is not None

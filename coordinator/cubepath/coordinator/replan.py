@@ -24,8 +24,8 @@ from cubepath.protocol.actions import Action, State
 from cubepath.protocol.graph_system import GraphSystem
 from cubepath.protocol.sites import Site, in_order
 
-CELLS_MAX = 50_000_000
-"""Vertices times rounds that are kept in memory at most."""
+CELLS_MAX = 10_000_000
+"""Vertices times rounds, and vertices times vehicles, that are kept in memory at most."""
 _FORGET = 0.9
 """How much a neighbourhood's weight keeps of what it was worth before."""
 _BY_WAY, _BY_ARRIVAL = 0.4, 0.3
@@ -78,9 +78,9 @@ class Replanner:
         routes.reroute(world, self._plan, np.empty((0, 3), dtype=np.int32), 0)
 
     @staticmethod
-    def fits(system: object, cubes: int) -> bool:
+    def fits(system: GraphSystem, vehicles: int, cubes: int) -> bool:
         """Tell whether a plan on this system, of so many rounds, can be kept in memory."""
-        return isinstance(system, GraphSystem) and len(system.vertices) * (cubes + 1) <= CELLS_MAX
+        return len(system.vertices) * max(vehicles, cubes + 1) <= CELLS_MAX
 
     def _followed(self, start: State, cubes: Sequence[Sequence[Action]]) -> Numbers:
         system = self._system

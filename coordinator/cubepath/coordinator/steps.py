@@ -26,6 +26,15 @@ class _Row(NamedTuple):
     guards: tuple[tuple[int, int], ...]
 
 
+LABELS_MAX = 64
+"""With more labels the supports of vehicles are too large for masks: see `maskable`."""
+
+
+def maskable(system: System | None) -> bool:
+    """Tell whether states of the system are small enough to be whole numbers."""
+    return system is None or (system.labels or 0) <= LABELS_MAX
+
+
 class Steps:
     """The moves of a system, or of a finite list of actions, on states that are whole numbers.
 
