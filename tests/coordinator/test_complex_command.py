@@ -112,6 +112,52 @@ def test_a_complex_goes_to_json(tmp_path: Path, capsys: Capture) -> None:
     assert len(found["faces"][1][0]) == 2
 
 
+def test_every_edge_can_be_made_again_from_the_file(tmp_path: Path, capsys: Capture) -> None:
+    """The state at an edge's base shows end 0 but for free sites, and end 1 makes the other."""
+    path = tmp_path / "slides.json"
+    answer(capsys, "sliding:p=1,q=2", "-o", str(path))
+    found = json.loads(path.read_text())
+    states = [{json.dumps(site) for site in state} for state in found["states"]]
+    for cube, faces in zip(found["cubes"][0], found["faces"][0], strict=True):
+        action = found["actions"][cube["actions"][0]]
+        support, free = ({json.dumps(site) for site in action[key]} for key in ("support", "free"))
+        ends = [{json.dumps(site) for site in end} for end in action["ends"]]
+        state = states[cube["base"]]
+        assert state & (support - free) == ends[0]
+        assert all(
+            json.dumps(a) not in state or json.dumps(b) in state for a, b in action["guards"]
+        )
+        assert faces[0] == [cube["base"], states.index(state - ends[0] | ends[1])]
+
+
+def test_where_nothing_can_be_written_nothing_is_computed(tmp_path: Path, capsys: Capture) -> None:
+    """A folder that is not there is told before the work begins; a part is not written."""
+    assert main(["complex", "arm:n=4", "-o", str(tmp_path / "no" / "arm.json")]) == 2
+    seen = capsys.readouterr()
+    assert seen.out == ""
+    assert "cannot be written" in seen.err
+    path = tmp_path / "part.json"
+    assert main(["complex", "hex:n=4", "--max-states", "9", "-o", str(path)]) == 1
+    assert "part.json was not written" in capsys.readouterr().err
+    assert not path.exists()
+
+
+def test_too_many_shapes_are_told_as_too_many_states(capsys: Capture) -> None:
+    """One JSON document all the same."""
+    found = answer(capsys, "hex:n=5", "--shape", "--max-states", "20", code=1)
+    assert found["complete"] is False
+    assert found["complex"] == "shape complex"
+
+
+@pytest.mark.parametrize("number", ["0", "-3", "x", "1.5"])
+def test_a_limit_is_a_whole_number(number: str, capsys: Capture) -> None:
+    """Usage errors name what was expected."""
+    with pytest.raises(SystemExit) as stopped:
+        main(["complex", "arm", f"--max-states={number}"])
+    assert stopped.value.code == 2
+    assert f"expected a whole number of at least 1, found {number}" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", ["arm:n=4", "agv:graph=P4,n=1", "agv:graph=grid2x2,n=4"])
 @pytest.mark.parametrize("suffix", [".png", ".svg"])

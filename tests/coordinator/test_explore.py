@@ -13,14 +13,22 @@ import complexes
 from cubepath.coordinator.bits import Bits, commutes, row_of
 from cubepath.coordinator.cubical import CubicalComplex
 from cubepath.coordinator.explore import explore
+from cubepath.coordinator.links import check_links
+from cubepath.coordinator.shapes import shape_complex
 from cubepath.coordinator.state_complex import bytes_for, f_vector, state_complex
-from cubepath.protocol.actions import apply, commute
+from cubepath.protocol.actions import Action, apply, commute
+from cubepath.protocol.catalogue import SQUARES, Catalogue, Generator, Move
 from cubepath.protocol.errors import CheckError
+from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import scene_from_spec
+from cubepath.protocol.sites import Site
+from cubepath.protocol.systems import Scene
+from cubepath.protocol.tabled_system import TabledSystem
 
 SMALL = [
     "hex:n=3,base=1",
     "hex-open:n=2",
+    "hex-tunnel:n=4",
     "hex-connected:n=3",
     "sliding:p=2,q=1",
     "sliding:p=1,q=1,n=3",
@@ -99,12 +107,119 @@ def test_the_same_scene_gives_the_same_numbers() -> None:
 
 
 def test_the_limit_stops_it_and_is_told() -> None:
-    """An endless system stops soon after the limit; its complex is refused."""
-    explored = explore(scene_from_spec("hex:n=6"), max_states=500)
+    """An endless system stops soon after the limit; its complex and counts are refused."""
+    explored = explore(scene_from_spec("hex:n=6"), max_states=5000)
     assert not explored.complete
-    assert 500 <= len(explored.states) < 10_000
-    with pytest.raises(CheckError, match="hex:n=6: only a part was explored"):
-        state_complex(explored)
+    assert 5000 < len(explored.states) < 6000
+    for refused in (state_complex, f_vector):
+        with pytest.raises(CheckError, match="hex:n=6: only a part was explored"):
+            refused(explored)
+
+
+@pytest.mark.parametrize("spec", ["arm:n=7", "hex-connected:n=3"])
+def test_exactly_as_many_states_as_allowed_are_no_reason_to_stop(spec: str) -> None:
+    """Also where many of the states that were looked at are forbidden by a global rule."""
+    scene = scene_from_spec(spec)
+    count = len(explore(scene).states)
+    assert explore(scene, max_states=count).complete
+    assert not explore(scene, max_states=count // 2).complete
+
+
+def listed(*moves: Move, start: list[Site], fixed: list[Site] | None = None) -> Scene:
+    system = TabledSystem(moves, fixed=fixed or [], drawing="letters", positions={})
+    return Scene("listed", "", system, tuple(start))
+
+
+def move(
+    name: str,
+    support: list[Site],
+    one: Site,
+    other: Site,
+    *,
+    reads: list[Site] | None = None,
+    free: list[Site] | None = None,
+    guards: list[tuple[Site, Site]] | None = None,
+) -> Move:
+    on = reads or []
+    action = Action(
+        [*support, one, other], [one, other], [one, *on], [other, *on],
+        free=free or [], guards=guards or [], label=name,
+    )  # fmt: skip
+    return Move(action, name, one, ((one, other),))
+
+
+def test_equal_actions_under_two_names_are_one_edge() -> None:
+    """Listed there and back, or as two generators of a lattice: a square, and one edge."""
+    scene = listed(
+        move("g", [], "a", "b"),
+        move("h", [], "b", "a"),
+        move("g2", [], "c", "d"),
+        start=["a", "c"],
+    )
+    built = state_complex(explore(scene))
+    assert built.complex.f_vector == (4, 4, 1)
+    built.complex.check()
+    both = [
+        Generator(name, (here, there), (here, there), (here,), (there,), ((here, there),))
+        for name, here, there in (("right", (0, 0), (1, 0)), ("left", (0, 0), (-1, 0)))
+    ]
+    catalogue = Catalogue(SQUARES, tuple(both))
+    walled = Scene("two", "", LatticeSystem(catalogue, workspace=[(0, 0), (1, 0)]), ((0, 0),))
+    assert f_vector(explore(walled)) == (2, 1)
+    free = Scene("free", "", LatticeSystem(catalogue), ((0, 0),))
+    assert shape_complex(free).complex.f_vector == (1, 1)
+
+
+def test_a_guard_on_an_obstacle_is_a_need() -> None:
+    """An obstacle that is on and guarded by a site that must be off: the action never applies."""
+    scene = listed(
+        move("never", ["f", "g"], "a", "b", free=["f"], guards=[("f", "g")]),
+        move("x", [], "g", "h"),
+        start=["a", "g"],
+        fixed=["f"],
+    )
+    assert f_vector(explore(scene)) == (2, 1)
+    assert list(f_vector(explore(scene))) == complexes.f_vector(scene)
+    needing = listed(
+        move("if", ["f", "g"], "a", "b", free=["f", "g"], guards=[("f", "g")]),
+        move("x", [], "g", "h"),
+        start=["a", "g"],
+        fixed=["f"],
+    )
+    assert list(f_vector(explore(needing))) == complexes.f_vector(needing) == [4, 3]
+
+
+@st.composite
+def listed_scenes(draw: st.DrawFn) -> Scene:
+    """Draw a few moves on a few sites, with what they read, free sites, guards and obstacles."""
+    sites: list[Site] = [0, 1, 2, 3, 4, 5]
+    fixed = draw(st.lists(st.sampled_from(sites), max_size=1))
+    places = [site for site in sites if site not in fixed]
+    moves = []
+    for number in range(draw(st.integers(1, 6))):
+        one, other = draw(st.permutations(places))[:2]
+        rest = [site for site in sites if site not in (one, other)]
+        near = draw(st.lists(st.sampled_from(rest), unique=True, max_size=3))
+        free = draw(st.lists(st.sampled_from(near), unique=True, max_size=2)) if near else []
+        reads = [site for site in near if site not in free and draw(st.booleans())]
+        guards = [(free[0], free[1])] if len(free) == 2 and draw(st.booleans()) else []
+        moves.append(move(f"m{number}", near, one, other, reads=reads, free=free, guards=guards))
+    start = draw(st.lists(st.sampled_from(places), unique=True, min_size=1, max_size=4))
+    known = {site for each in moves for site in each.action.support}
+    on = [site for site in start if site in known]
+    return listed(*moves, start=on or [next(iter(moves[0].action.ends[0] - set(fixed)))], fixed=[
+        site for site in fixed if site in known
+    ])  # fmt: skip
+
+
+@settings(deadline=None, max_examples=150)
+@given(listed_scenes())
+def test_any_listed_system_is_explored_as_it_is_defined(scene: Scene) -> None:
+    """Free sites, guards, obstacles, doubled actions: as enumerated the obvious way, and NPC."""
+    built = state_complex(explore(scene))
+    assert list(built.complex.f_vector) == complexes.f_vector(scene)
+    built.complex.check()
+    assert check_links(built.complex).npc
 
 
 def test_progress_is_told() -> None:

@@ -10,6 +10,7 @@ from cubepath.coordinator.macros import lift, macro
 from cubepath.coordinator.shapes import lattice_of, normal_place, shape_complex
 from cubepath.protocol.actions import apply_in_place
 from cubepath.protocol.errors import CheckError, InputError
+from cubepath.protocol.families.connected_hexagons import ConnectedHexagons
 from cubepath.protocol.families.hexagons import hex_catalogue
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import scene_from_spec
@@ -102,9 +103,27 @@ def test_what_leaves_the_workspace_is_refused() -> None:
 
 
 def test_modules_are_counted() -> None:
-    """A macro between aggregates of unlike size is refused."""
+    """A macro between aggregates of unlike size, or of nothing, is refused."""
     with pytest.raises(InputError, match="from 3 modules to 2"):
         macro(HEXAGONS, LINE, LINE[:2])
+    with pytest.raises(InputError, match="from 0 modules to 0"):
+        macro(HEXAGONS, [], [])
+
+
+@pytest.mark.parametrize("at", [(1,), (1, 2, 3), (0.5, 0)])
+def test_a_place_is_as_many_integers_as_the_lattice_has_dimensions(at: tuple[int, ...]) -> None:
+    """Anything else is refused as such."""
+    with pytest.raises(InputError, match="a place is 2 integers"):
+        lift(HEXAGONS, macro(HEXAGONS, LINE, TRIANGLE), at)
+
+
+def test_a_system_that_is_not_local_has_no_macros() -> None:
+    """A rule for the whole would have to be asked at every place."""
+    system = ConnectedHexagons(hex_catalogue(keeps_topology=False))
+    with pytest.raises(InputError, match="not local"):
+        macro(system, LINE, TRIANGLE)
+    with pytest.raises(InputError, match="not local"):
+        lift(system, macro(HEXAGONS, LINE, TRIANGLE), (0, 0))
 
 
 def test_the_lattice_of_a_whole_lattice_scene() -> None:

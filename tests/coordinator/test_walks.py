@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from math import isclose, sqrt
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.claims_geometry import corner_of_a_cube, open_box
+from cubepath.coordinator.claims_geometry import complex_of_squares, corner_of_a_cube, dented_disc
 from cubepath.coordinator.cubes import end_state, is_normal
 from cubepath.coordinator.cubical import cubical_complex
 from cubepath.coordinator.envelope import envelope
 from cubepath.coordinator.heap import normal_cube_path
-from cubepath.coordinator.pinches import without_pinches
-from cubepath.coordinator.walks import closure, diagonals, geodesics, normal_cube_paths
-from cubepath.protocol.actions import Action
+from cubepath.coordinator.pinches import pulled_apart
+from cubepath.coordinator.walks import chains, closure, diagonals, geodesics, normal_cube_paths
+from cubepath.protocol.actions import Action, commute
 from strategies import SCENES, scene, walks
 
 SQUARE = cubical_complex([4, [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]]], [[[2, 3], [0, 1]]]])
@@ -48,49 +48,72 @@ def test_geodesics_cut_across() -> None:
     assert count == 2
 
 
-def test_a_box_has_a_locally_shortest_path_that_is_not_shortest() -> None:
-    """Round three sides of the rim or along one: both are normal."""
-    lengths = sorted(len(path) for path in normal_cube_paths(open_box(), 0, 3, most=3))
-    assert lengths == [1, 3]
+def test_a_dented_disc_has_a_path_shorter_than_any_near_it() -> None:
+    """Two edges, and no other way of at most two cubes in the star between; far off one of one."""
+    disc = dented_disc()
+    disc.check()
+    assert disc.euler == 1
+    edges = chains(disc, 0, 2, most=2, through=1)
+    assert [[k for k, _ in path] for path in edges] == [[1, 1]]
+    assert min(len(path) for path in chains(disc, 0, 2, most=2)) == 1
+
+
+def test_squares_are_glued_along_their_common_edges() -> None:
+    """Two squares side by side: six vertices, seven edges."""
+    strip = complex_of_squares([(0, 1, 4, 3), (1, 2, 5, 4)])
+    strip.check()
+    assert strip.f_vector == (6, 7, 2)
 
 
 def test_two_squares_at_a_point_come_apart() -> None:
     """A bow tie has Euler characteristic 1; pulled apart it is two discs."""
-    tie = cubical_complex(
-        [
-            7,
-            [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]], [[3, 4]], [[5, 6]], [[3, 5]], [[4, 6]]],
-            [[[2, 3], [0, 1]], [[6, 7], [4, 5]]],
-        ]
-    )
+    tie = complex_of_squares([(0, 1, 3, 2), (3, 4, 6, 5)])
     assert tie.euler == 1
-    assert without_pinches(tie) == (2, True, 2)
+    found = pulled_apart(tie)
+    assert found is not None
+    assert found.fans == (1, 1, 1, 2, 1, 1, 1)
+    assert (found.components, found.euler, found.orientable) == (2, 2, True)
+    assert found.boundary_components == 2
 
 
-def test_a_torus_and_a_klein_bottle_have_no_rim() -> None:
+def test_a_torus_and_a_klein_bottle_have_no_boundary() -> None:
     """From one square each, glued with and without a turn."""
-    assert without_pinches(cubical_complex([1, [[[0, 0]], [[0, 0]]], [[[0, 0], [1, 1]]]])) == (
-        0,
-        True,
-        0,
-    )
-    assert not without_pinches(cubical_complex([1, [[[0, 0]]], [[[0, 0], [0, 0]]]]))[1]
+    torus = pulled_apart(cubical_complex([1, [[[0, 0]], [[0, 0]]], [[[0, 0], [1, 1]]]]))
+    assert torus is not None
+    assert (torus.euler, torus.orientable, torus.boundary_components) == (0, True, 0)
+    turned = pulled_apart(cubical_complex([1, [[[0, 0]]], [[[0, 0], [0, 0]]]]))
+    assert turned is None  # all four sides on one edge
 
 
+def test_three_pages_of_a_book_are_no_surface() -> None:
+    """An edge in three squares."""
+    assert pulled_apart(complex_of_squares([(0, 1, 3, 2), (0, 1, 5, 4), (0, 1, 7, 6)])) is None
+
+
+@settings(deadline=None)
 @given(st.sampled_from(SCENES).flatmap(lambda spec: st.tuples(st.just(spec), walks(spec))))
 def test_every_move_has_its_window(found: tuple[str, list[Action]]) -> None:
-    """As early as the normal path, as late as the reversed one, and both are schedules."""
+    """Windows are those of the longest chains before and after each move, and both ends work."""
     spec, path = found
     start = scene(spec).start_state
     cubes = normal_cube_path(path)
     assert is_normal(cubes)
+    moves = [action for cube in cubes for action in cube]
     windows = envelope(cubes)
+    before = [1] * len(moves)
+    after = [1] * len(moves)
+    for j in range(len(moves)):
+        for i in range(j):
+            if not commute(moves[i], moves[j]):
+                before[j] = max(before[j], before[i] + 1)
+    for i in reversed(range(len(moves))):
+        for j in range(i + 1, len(moves)):
+            if not commute(moves[i], moves[j]):
+                after[i] = max(after[i], after[j] + 1)
+    assert [window.earliest for window in windows] == before
+    assert [window.latest for window in windows] == [len(cubes) + 1 - count for count in after]
     late: list[list[Action]] = [[] for _ in cubes]
-    for place, cube in enumerate(cubes):
-        for _ in cube:
-            assert any(window.earliest == place + 1 for window in windows)
     for window in windows:
-        assert 1 <= window.earliest <= window.latest <= len(cubes)
-        assert window.action in cubes[window.earliest - 1]
         late[window.latest - 1].append(window.action)
+    assert all(late)
     assert end_state(late, start) == end_state(path, start)

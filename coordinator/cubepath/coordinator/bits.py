@@ -51,6 +51,7 @@ class Bits:
         self._masks: list[tuple[int, ...]] = []
         self._guards: list[list[tuple[int, int]]] = []
         self._movers: list[list[tuple[int, int]]] = []
+        self._filed: set[tuple[int, int]] = set()
         self.start = self.encode(scene.start)
 
     @property
@@ -89,7 +90,10 @@ class Bits:
             if number is not None:
                 sources = frozenset(source for source, _ in move.goes)
                 end = 0 if sources == move.action.ends[0] & move.action.trace else 1
-                self._movers[bit].append((number, end))
+                # Equal actions may be listed under two names, and with two movers: one edge.
+                if (number, end) not in self._filed:
+                    self._filed.add((number, end))
+                    self._movers[bit].append((number, end))
 
     def _number_of(self, action: Action) -> int | None:
         if action not in self._number:
@@ -101,11 +105,12 @@ class Bits:
         # An obstacle that is on must be on at both ends, or the action never applies.
         if fixed & self._filled != action.ends[0] & self._filled:
             return None
-        if any(a in self._filled and b not in self._filled for a, b in action.guards):
-            # a is always on, so b is simply needed
-            fixed |= {b for a, b in action.guards if a in self._filled}
-        needed = [b for a, b in action.guards if a in self._filled and b not in self._filled]
-        ends = [self.encode({*end, *needed}) for end in action.ends]
+        # Where the first site of a guard is an obstacle that is on, the second must be on too.
+        needed = {b for a, b in action.guards if a in self._filled} - self._filled
+        if not needed & fixed <= action.ends[0]:
+            return None
+        fixed |= needed
+        ends = [self.encode(end | needed) for end in action.ends]
         self._masks.append(
             (
                 self.encode(fixed),

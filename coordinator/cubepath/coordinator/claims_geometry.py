@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from cubepath.coordinator.claims import Claim, Outcome, claim
 from cubepath.coordinator.claims_examples import small_systems
+from cubepath.coordinator.collapse import collapse
 from cubepath.coordinator.cubical import CubicalComplex, cubical_complex
 from cubepath.coordinator.links import check_links
 from cubepath.coordinator.state_complex import state_complex
 from cubepath.coordinator.state_link import unfilled
-from cubepath.coordinator.walks import geodesics, normal_cube_paths
+from cubepath.coordinator.walks import chains, geodesics
 from cubepath.protocol.scenes import scene_from_spec
 
 CLAIMS: list[Claim] = []
@@ -53,21 +54,58 @@ def corner_of_a_cube() -> CubicalComplex:
     return cubical_complex([7, [[edge] for edge in edges], squares])
 
 
-def open_box() -> CubicalComplex:
-    """Return the surface of a cube without its floor: the floor's corners are 0 to 3 in order."""
-    edges = [
-        *([0, 1], [1, 2], [3, 2], [0, 3]),  # the rim below
-        *([4, 5], [5, 6], [7, 6], [4, 7]),  # the rim above
-        *([0, 4], [1, 5], [2, 6], [3, 7]),
-    ]
-    squares = [
-        [[8, 9], [0, 4]],
-        [[9, 10], [1, 5]],
-        [[11, 10], [2, 6]],
-        [[8, 11], [3, 7]],
-        [[7, 5], [4, 6]],
-    ]
-    return cubical_complex([8, [[edge] for edge in edges], squares])
+def dented_disc() -> CubicalComplex:
+    """Return a disc of seven squares with a path of two edges on its rim, vertices 0, 1, 2.
+
+    Three squares at vertex 1 lie along the path, and three behind them close up so that a seventh
+    has 0 and 2 across from one another.
+    """
+    return complex_of_squares(
+        [
+            (0, 1, 3, 5),
+            (1, 3, 6, 4),
+            (1, 4, 7, 2),
+            (0, 5, 3, 8),
+            (3, 6, 4, 8),
+            (4, 7, 2, 8),
+            (0, 9, 2, 8),
+        ]
+    )
+
+
+def complex_of_squares(cycles: list[tuple[int, int, int, int]]) -> CubicalComplex:
+    """Return squares given by their corners in order round them, glued along common edges."""
+    sides = sorted({tuple(sorted(pair)) for cycle in cycles for pair in _sides(cycle)})
+    number = {side: place for place, side in enumerate(sides)}
+    # Opposite sides of a square run the same way: give each a direction, class by class.
+    runs: dict[tuple[int, ...], bool] = {}
+    for root in sides:
+        stack = [root] if root not in runs else []
+        runs.setdefault(root, True)
+        while stack:
+            side = stack.pop()
+            for cycle in cycles:
+                for a, b, c, d in (cycle, (*cycle[1:], cycle[0])):
+                    for one, other in (((a, b), (d, c)), ((d, c), (a, b))):
+                        here, there = tuple(sorted(one)), tuple(sorted(other))
+                        if here == side and there not in runs:
+                            runs[there] = runs[side] == ((one == here) == (other == there))
+                            stack.append(there)
+    edges = [[[low, high]] if runs[low, high] else [[high, low]] for low, high in sides]
+    squares = []
+    for a, b, c, d in cycles:
+        across = number[tuple(sorted((a, b)))], number[tuple(sorted((d, c)))]
+        along = number[tuple(sorted((a, d)))], number[tuple(sorted((b, c)))]
+        # Where direction 0 (along ab) is fixed lie the sides ad and bc, at the ends of ab.
+        first = list(along if edges[across[0]][0][0] == a else along[::-1])
+        second = list(across if edges[along[0]][0][0] == a else across[::-1])
+        squares.append([first, second])
+    vertices = 1 + max(max(cycle) for cycle in cycles)
+    return cubical_complex([vertices, edges, squares])
+
+
+def _sides(cycle: tuple[int, int, int, int]) -> list[tuple[int, int]]:
+    return list(zip(cycle, (*cycle[1:], cycle[0]), strict=True))
 
 
 @claim(
@@ -92,18 +130,21 @@ def _several_geodesics() -> Outcome:
 @claim(
     CLAIMS,
     "7, figure of positive curvature [right]",
-    "with positive curvature a cube path may be shortest among its neighbours but not in its class",
+    "with positive curvature a path may be shorter than any near it, and not shortest in its class",
 )
 def _local_minimum() -> Outcome:
-    complex_ = open_box()
+    complex_ = dented_disc()
     complex_.check()
-    paths = normal_cube_paths(complex_, 0, 3, most=3)
-    lengths = sorted(len(path) for path in paths)
     npc = check_links(complex_).npc
+    near = chains(complex_, 0, 2, most=2, through=1)
+    shortest = min(map(len, chains(complex_, 0, 2, most=2)))
+    disc = complex_.euler == 1 and collapse(complex_).contractible
     return (
         (
-            f"a box without its floor (NPC: {'yes' if npc else 'no'}): normal cube paths of lengths"
-            f" {lengths} between neighbours, all homotopic"
+            f"a disc of seven squares (NPC: {'yes' if npc else 'no'}): of the cube paths in the"
+            f" star of its middle vertex {len(near)} is as short as a path of"
+            f" {len(near[0]) if near else 0} edges, that path itself; across the disc there is one"
+            f" of {shortest} cube"
         ),
-        not npc and lengths[0] == 1 and lengths[-1] == 3,
+        not npc and disc and len(near) == 1 and len(near[0]) > shortest,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
@@ -47,7 +48,7 @@ def add_complex_commands(command: AddCommand) -> None:
         "--shape", action="store_true", help="the shape complex: states up to translation"
     )
     complex_.add_argument(
-        "--max-states", type=_count, metavar="N", help="stop at N states (default 2000000)"
+        "--max-states", type=whole_number, metavar="N", help="stop at N states (default 2000000)"
     )
     complex_.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
@@ -56,11 +57,11 @@ def add_complex_commands(command: AddCommand) -> None:
     command("paper", _paper, "hold the paper's claims against what is computed")
 
 
-def _count(text: str) -> int:
-    number = int(text)
-    if number < 1:
+def whole_number(text: str) -> int:
+    """Return an option's value as a whole number of at least 1."""
+    if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text}")
-    return number
+    return int(text)
 
 
 def _complex(options: argparse.Namespace) -> int:
@@ -71,8 +72,11 @@ def _complex(options: argparse.Namespace) -> int:
     from cubepath.protocol.scenes import scene_from_spec  # noqa: PLC0415
 
     output: Path | None = options.output
-    if output is not None and output.suffix.lower() not in {".json", *SUFFIXES}:
-        raise InputError(f"{output}: expected one of .json, {', '.join(SUFFIXES)}")
+    if output is not None:
+        if output.suffix.lower() not in {".json", *SUFFIXES}:
+            raise InputError(f"{output}: expected one of .json, {', '.join(SUFFIXES)}")
+        if output.is_dir() or not os.access(output.parent, os.W_OK):
+            raise InputError(f"{output}: cannot be written")
     limit: int = options.max_states or MAX_STATES
     with progress_bar(None, "complex", "") as bar:
         stage = ""
@@ -95,23 +99,25 @@ def _complex(options: argparse.Namespace) -> int:
             max_states=limit,
             progress=watch,
         )
-        if output is not None and found.built is not None:
-            if output.suffix.lower() == ".json":
-                write_complex(found.built, output)
-            else:
-                draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
     answer(options, found.document(), table(_rows(found)))
     if not found.complete:
         complain(
-            f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), and"
-            " there are more: raise --max-states, or take a smaller system"
+            f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), not all"
+            " of which were expanded: raise --max-states, or take a smaller system"
+            + (f"; {output} was not written" if output else "")
         )
-    return DONE if found.complete else FAILED
+        return FAILED
+    if output is not None and found.built is not None:
+        if output.suffix.lower() == ".json":
+            write_complex(found.built, output)
+        else:
+            draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+    return DONE
 
 
 def _rows(found: ComplexReport) -> list[tuple[str, object]]:
     local = "" if found.local else " (not a local system)"
-    states = found.states if found.complete else f"more than {found.states}"
+    states = found.states if found.complete else f"{found.states} or more"
     rows: list[tuple[str, object]] = [("system", found.system + local), (found.kind, "")]
     rows += [("states", states)]
     if found.f_vector is not None:
@@ -130,6 +136,8 @@ def _rows(found: ComplexReport) -> list[tuple[str, object]]:
         ]
         if found.surface is not None:
             rows.append(("surface", found.surface))
+        if found.orientable is not None:
+            rows.append(("orientable", "yes" if found.orientable else "no"))
     if found.links_checked is not None:
         condition = f"holds at {found.links_checked} states"
         if found.failing:

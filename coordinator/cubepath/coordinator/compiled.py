@@ -17,14 +17,16 @@ from numba import njit
 
 
 def _forget_stale() -> None:
-    """Remove what was compiled before any module of this room was last changed.
+    """Remove what was compiled before any module with compiled functions was last changed.
 
     numba looks at the module of a function alone, and would keep what calls a changed function of
     another one.
     """
     room = Path(__file__).parent
-    changed = max(source.stat().st_mtime for source in room.glob("*.py"))
-    for kept in room.glob("__pycache__/*.nb[ic]"):
+    known = sorted(room.glob("__pycache__/*.nb[ic]"))
+    sources = {room / f"{kept.name.partition('.')[0]}.py" for kept in known}
+    changed = max((path.stat().st_mtime for path in sources if path.exists()), default=0.0)
+    for kept in known:
         with contextlib.suppress(OSError):  # gone already, or not ours to remove
             if kept.stat().st_mtime < changed:
                 kept.unlink()

@@ -12,7 +12,7 @@ from cubepath.coordinator.shapes import ShapeComplex
 from cubepath.coordinator.state_complex import StateComplex
 from cubepath.protocol.actions import Action
 from cubepath.protocol.errors import InputError
-from cubepath.protocol.sites import Site, in_order
+from cubepath.protocol.sites import Site, in_order, site_text
 
 FORMAT = "cubepath-complex-1"
 
@@ -88,6 +88,8 @@ def _action(action: Action) -> dict[str, Any]:
         "support": in_order(action.support),
         "trace": in_order(action.trace),
         "ends": [in_order(end) for end in action.ends],
+        "free": in_order(action.free),
+        "guards": sorted(action.guards, key=site_text),
     }
 
 

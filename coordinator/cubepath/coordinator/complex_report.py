@@ -12,8 +12,9 @@ from cubepath.coordinator.components import components
 from cubepath.coordinator.cubical import CubicalComplex
 from cubepath.coordinator.explore import MAX_STATES, Explored, explore
 from cubepath.coordinator.homology import Homology, homology
-from cubepath.coordinator.links import Links, check_links
-from cubepath.coordinator.shapes import ShapeComplex, shape_complex
+from cubepath.coordinator.links import Links, bytes_for_links, check_links
+from cubepath.coordinator.pinches import pulled_apart
+from cubepath.coordinator.shapes import ShapeComplex, TooManyShapes, shape_complex
 from cubepath.coordinator.state_complex import StateComplex, bytes_for, f_vector, state_complex
 from cubepath.coordinator.state_link import unfilled
 from cubepath.coordinator.surfaces import surface
@@ -41,6 +42,8 @@ class ComplexReport:
     f_vector: tuple[int, ...] | None = None
     components: int | None = None
     surface: str | None = None
+    orientable: bool | None = None
+    """Of a complex of dimension 2 with no edge in more than two squares."""
     homology: Homology | None = None
     homotopy: str | None = None
     npc: bool | None = None
@@ -78,6 +81,7 @@ class ComplexReport:
             "euler": self.euler,
             "components": self.components,
             "surface": self.surface,
+            "orientable": self.orientable,
             "betti": None if known is None else known.betti,
             "torsion": None if known is None else known.torsion,
             "betti_z2": None if known is None else known.betti_z2,
@@ -110,11 +114,14 @@ def report(
     began = perf_counter()
     tell = progress or _silent
     if shape:
-        shapes = shape_complex(
-            scene,
-            max_states=max_states,
-            progress=lambda done, known: tell("shapes", done, known),
-        )
+        try:
+            shapes = shape_complex(
+                scene,
+                max_states=max_states,
+                progress=lambda done, known: tell("shapes", done, known),
+            )
+        except TooManyShapes as error:
+            return _too_many(scene, error.known, perf_counter() - began)
         found = _of_shapes(shapes)
         _examine(found, shapes.complex, with_homology, with_links, tell)
         found.seconds = perf_counter() - began
@@ -134,7 +141,7 @@ def report(
         if with_links:
             _link_by_link(found, explored, tell)
     elif with_homology or with_links or keep:
-        built = _built(explored)
+        built = _built(explored, with_links=with_links)
         found.built, found.memory = built, built.memory
         found.f_vector = built.complex.f_vector
         _examine(found, built.complex, with_homology, with_links, tell)
@@ -148,14 +155,27 @@ def _silent(what: str, done: int, total: int) -> None:
     del what, done, total
 
 
-def _built(explored: Explored) -> StateComplex:
-    needed = bytes_for(f_vector(explored))
+def _built(explored: Explored, *, with_links: bool) -> StateComplex:
+    counts = f_vector(explored)
+    needed = bytes_for(counts) + (bytes_for_links(counts) if with_links else 0)
     if needed > BYTES_MAX:
         raise CheckError(
-            f"{explored.scene.spec}: its cubes take {needed >> 20} MiB, expected at most"
+            f"{explored.scene.spec}: its cubes take some {needed >> 20} MiB, expected at most"
             f" {BYTES_MAX >> 20}; without --homology, --link and files they are only counted"
         )
     return state_complex(explored)
+
+
+def _too_many(scene: Scene, known: int, seconds: float) -> ComplexReport:
+    return ComplexReport(
+        system=scene.spec,
+        kind="shape complex",
+        local=True,
+        complete=False,
+        states=known,
+        memory=0,
+        seconds=seconds,
+    )
 
 
 def _of_shapes(shapes: ShapeComplex) -> ComplexReport:
@@ -187,6 +207,8 @@ def _examine(
         found.components = int(components(complex_).max(initial=-1)) + 1
         if complex_.dimension == 2:
             found.surface = surface(complex_).name
+            unfolded = pulled_apart(complex_)
+            found.orientable = None if unfolded is None else unfolded.orientable
         cells, done = sum(complex_.f_vector), 0
 
         def count(more: int) -> None:
@@ -207,10 +229,12 @@ def _witnesses(found: ComplexReport, links: Links) -> list[str]:
             lines.append(str(failing))
             continue
         labels = [found.built.cube(1, edge)[1][0].label for edge, _ in failing.ends]
-        lines.append(
-            f"state {failing.vertex}: {'; '.join(labels)} span {failing.simplices or 'no'} cube,"
-            " though any two span a square"
+        what = (
+            "span no cube, though any two span a square"
+            if not failing.simplices
+            else f"span {failing.simplices} cubes, expected one"
         )
+        lines.append(f"state {failing.vertex}: {'; '.join(labels)} {what}")
     return lines
 
 

@@ -21,6 +21,7 @@ from cubepath.protocol.systems import Scene
 MAX_STATES = 2_000_000
 """So many states are explored at most, unless told otherwise."""
 _CHUNK = 1 << 12
+_STEP = 64
 _FREE = -1
 
 Progress = Callable[[int, int], None]
@@ -43,7 +44,7 @@ class Explored:
     actions: Numbers
     targets: Numbers
     complete: bool
-    """False where the bound stopped it; then some of the states were not expanded."""
+    """False where the bound stopped it, before all of these states were expanded."""
 
     @property
     def scene(self) -> Scene:
@@ -63,14 +64,17 @@ class Explored:
 def explore(
     scene: Scene, *, max_states: int = MAX_STATES, progress: Progress | None = None
 ) -> Explored:
-    """Return the states that can be reached from the start, at most about `max_states`.
+    """Return the states that can be reached from the start, if they are no more than `max_states`.
 
-    A non-local system is explored the same way; states that its rule for the whole forbids are not
-    states. The start counts in any case.
+    Where there are more it stops as soon as it has seen so, some dozens of states later. A
+    non-local system is explored the same way; what its rule for the whole forbids is no state. The
+    start counts in any case.
     """
     walk = _Walk(scene)
-    while walk.done < walk.known and walk.known <= max_states:
-        walk.expand(min(walk.done + _CHUNK, walk.known))
+    while walk.done < walk.known and walk.allowed <= max_states:
+        # Near the bound in small steps, so as not to run far beyond it.
+        chunk = min(_CHUNK, max(_STEP, (max_states - walk.allowed) // 8))
+        walk.expand(min(walk.done + chunk, walk.known))
         if progress is not None:
             progress(walk.done, walk.known)
     return walk.explored()
@@ -83,6 +87,8 @@ class _Walk:
         self.bits = Bits(scene)
         self.done = 0
         self.known = 1
+        self.allowed = 1
+        """How many of the known states are not forbidden."""
         self._meet(bits_of(row_of(self.bits.start, self.bits.words)))
         self._states = row_of(self.bits.start, self.bits.words).reshape(1, -1)
         self._forbidden = np.zeros(1, dtype=np.bool_)
@@ -141,6 +147,7 @@ class _Walk:
             for number in range(before, self.known):
                 state = self.bits.decode(self._states[number])
                 self._forbidden[number] = not system.legal(state)
+        self.allowed += self.known - before - int(self._forbidden[before : self.known].sum())
         self.done = stop
 
     def explored(self) -> Explored:

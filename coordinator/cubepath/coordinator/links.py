@@ -20,6 +20,7 @@ from cubepath.coordinator.compiled import compiled
 from cubepath.coordinator.cubical import CubicalComplex
 
 Ints = NDArray[np.int64]
+Ends = NDArray[np.int32]
 
 
 class Ranges(NamedTuple):
@@ -68,6 +69,14 @@ class Links:
         return not self.failures
 
 
+def bytes_for_links(counts: Sequence[int]) -> int:
+    """Return about how many bytes `check_links` takes at most for a complex of this f-vector.
+
+    The corners of the cubes of one dimension, their ends in four copies while they are sorted.
+    """
+    return max((count * 16 * (k + 2) << k for k, count in enumerate(counts)), default=0)
+
+
 def check_links(complex_: CubicalComplex) -> Links:
     """Check the link condition at every vertex, from the cubes alone.
 
@@ -86,10 +95,10 @@ def check_links(complex_: CubicalComplex) -> Links:
         if k == 1:
             ends = _grouped(at, rows[:, 0], vertices)
         for place in np.flatnonzero((rows[:, 1:] == rows[:, :-1]).any(axis=1)):
-            bad.setdefault(int(at[place]), _failing(at[place], rows[place], 1))
+            bad.setdefault(int(at[place]), _failing(int(at[place]), rows[place], 1))
         same = (rows[1:] == rows[:-1]).all(axis=1) & (at[1:] == at[:-1])
         for place in np.flatnonzero(same):
-            bad.setdefault(int(at[place]), _failing(at[place], rows[place], 2))
+            bad.setdefault(int(at[place]), _failing(int(at[place]), rows[place], 2))
         if k == 2:
             pairs = np.concatenate([rows, rows[:, ::-1]])
             graph = _neighbours(pairs, 2 * complex_.f_vector[1])
@@ -105,12 +114,12 @@ def check_links(complex_: CubicalComplex) -> Links:
     return Links(checked=vertices, failing=tuple(failing), failures=len(wrong))
 
 
-def _failing(vertex: np.int64, row: Ints, simplices: int) -> Failing:
+def _failing(vertex: int, row: Ends, simplices: int) -> Failing:
     ends = tuple((int(end) >> 1, int(end) & 1) for end in row)
-    return Failing(int(vertex), ends, simplices)
+    return Failing(vertex, ends, simplices)
 
 
-def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ints, Ints]]:
+def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ends, Ends]]:
     """Yield for k = 1, 2, ... the corners of all k-cubes: vertex, and the k ends of edges there.
 
     The arrays have shapes (corners,) and (corners, k), the ends in ascending order; end e of edge i
@@ -118,11 +127,11 @@ def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ints, Ints]]:
     """
     if not complex_.faces:
         return
-    vertices = np.arange(complex_.f_vector[0], dtype=np.int64)[:, None]
-    ends: Ints = np.empty((len(vertices), 1, 0), dtype=np.int64)
+    vertices = np.arange(complex_.f_vector[0], dtype=np.int32)[:, None]
+    ends: Ends = np.empty((len(vertices), 1, 0), dtype=np.int32)
     for k in range(1, len(complex_.faces)):
         faces = complex_.faces[k]
-        cubes = np.arange(len(faces), dtype=np.int64)
+        cubes = np.arange(len(faces), dtype=np.int32)
         # Corner number c of a cube is at end (c >> j) & 1 of direction j.
         low, high = faces[:, k - 1, 0], faces[:, k - 1, 1]
         if k == 1:
@@ -141,15 +150,15 @@ def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ints, Ints]]:
         yield vertices.ravel(), np.sort(ends.reshape(-1, k), axis=1)
 
 
-def _grouped(keys: Ints, values: Ints, count: int) -> Ranges:
+def _grouped(keys: Ends, values: Ends, count: int) -> Ranges:
     """Return the values by key in ascending order: ranges, and the values."""
     order = np.lexsort((values, keys))
     starts = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.bincount(keys, minlength=count), out=starts[1:])
-    return Ranges(starts, values[order])
+    return Ranges(starts, values[order].astype(np.int64))
 
 
-def _neighbours(pairs: Ints, ends: int) -> Ranges:
+def _neighbours(pairs: Ends, ends: int) -> Ranges:
     pairs = pairs[pairs[:, 0] != pairs[:, 1]]
     return _grouped(pairs[:, 0], pairs[:, 1], ends)
 
@@ -204,10 +213,10 @@ def _unfilled(
         filled = {tuple(row) for row in rows[at == vertex].tolist()}
         for clique in combinations(here, k):
             if _pairwise(clique, graph) and clique not in filled:
-                return _failing(np.int64(vertex), np.array(clique), 0)
+                return _failing(vertex, np.array(clique, dtype=np.int32), 0)
     size = len(complex_.faces)
     clique = next(each for each in combinations(here, size) if _pairwise(each, graph))
-    return _failing(np.int64(vertex), np.array(clique), 0)
+    return _failing(vertex, np.array(clique, dtype=np.int32), 0)
 
 
 def _pairwise(clique: Sequence[int], graph: Ranges) -> bool:

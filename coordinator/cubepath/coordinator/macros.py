@@ -46,12 +46,15 @@ def macro(
     Both are sets of cells anywhere on the lattice. Obstacles and workspace of the system play no
     part here. CheckError where the second shape is not to be reached, or not within `most` shapes.
     """
+    if not system.local:
+        raise InputError("a macro of a system that is not local: its shapes have no complex")
+    sizes = len(start := frozenset(start)), len(end := frozenset(end))
+    if not 0 < sizes[0] == sizes[1]:
+        raise InputError(f"a macro from {sizes[0]} modules to {sizes[1]}: expected as many, not 0")
     lattice = system.catalogue.lattice
     free = LatticeSystem(system.catalogue)
-    first, _ = normal_place(lattice, frozenset(start))
-    goal, _ = normal_place(lattice, frozenset(end))
-    if len(first) != len(goal):
-        raise InputError(f"a macro from {len(first)} modules to {len(goal)}: expected as many")
+    first, _ = normal_place(lattice, start)
+    goal, _ = normal_place(lattice, end)
     back: dict[Shape, tuple[Shape, tuple[Step, ...]] | None] = {first: None}
     queue = deque([first])
     while queue and goal not in back:
@@ -112,6 +115,10 @@ def lift(system: LatticeSystem, plan: Macro, at: Cell) -> Lift:
     admissible when its turn comes; where not, the refusal says which and why.
     """
     lattice = system.catalogue.lattice
+    if len(at) != lattice.dimension or any(type(number) is not int for number in at):
+        raise InputError(f"a place is {lattice.dimension} integers, found {at!r}")
+    if not system.local:
+        raise InputError("a macro of a system that is not local: its shapes have no complex")
     cells = [lattice.shift(lattice.check(cell), at) for cell in sorted(plan.start, key=str)]
     for cell in cells:
         if not system.has_place(cell):

@@ -1,8 +1,9 @@
-"""A complex of squares pulled apart at its pinch points, and what surface with rims it is then."""
+"""A complex of squares pulled apart at its pinch points: which surface with boundary it is then."""
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
+from dataclasses import dataclass
 from itertools import pairwise
 
 import networkx as nx
@@ -16,29 +17,57 @@ _Side = tuple[int, int, int]
 _Corner = tuple[int, int]
 
 
-def without_pinches(complex_: CubicalComplex) -> tuple[int, bool, int]:
-    """Return the Euler characteristic, whether orientable, and how many circles bound the surface.
+@dataclass(frozen=True, slots=True)
+class PulledApart:
+    """The surface with boundary that squares make when they are glued along edges alone.
 
-    The surface is what the squares of a 2-complex make when they are glued along edges alone, so
-    that vertices which hold several fans of squares together are pulled apart. It has no edge in
-    more than two squares.
+    `fans` says for each vertex of the complex how many vertices of the surface lie over it.
+    """
+
+    fans: tuple[int, ...]
+    components: int
+    euler: int
+    orientable: bool
+    boundary_components: int
+
+
+def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
+    """Return the surface of a 2-complex, or None where an edge is in three squares or more.
+
+    Edges that are in no square are left out.
     """
     sides = _sides(complex_)
+    if any(len(using) > 2 for using in sides.values()):
+        return None
     vertex = _vertices(complex_, sides)
     pairs = [(one, other) for using in sides.values() for one, other in pairwise(using)]
     # The boundary takes a side with the sign (-1)^(direction + end): two squares that take their
     # common edge with one sign lie on different sides of an orientation.
     same = [(one[1] + one[2] + other[1] + other[2]) % 2 == 0 for one, other in pairs]
     squares = np.array([(one[0], other[0]) for one, other in pairs], dtype=np.int32)
-    _, two_sided = classes(
+    sheet, two_sided = classes(
         complex_.f_vector[2], squares.reshape(-1, 2), np.array(same, dtype=np.bool_)
     )
-    rim: nx.MultiGraph[int] = nx.MultiGraph()
+    boundary: nx.MultiGraph[int] = nx.MultiGraph()
     for using in sides.values():
         if len(using) == 1:
-            rim.add_edge(*(vertex[_corner(using[0], end)] for end in (0, 1)))
-    euler = len(set(vertex.values())) - len(sides) + complex_.f_vector[2]
-    return euler, bool(two_sided.all()), nx.number_connected_components(rim)
+            boundary.add_edge(*(vertex[_corner(using[0], end)] for end in (0, 1)))
+    below = {number: _place(complex_, corner) for corner, number in vertex.items()}
+    fans = Counter(below.values())
+    return PulledApart(
+        fans=tuple(fans[place] for place in range(complex_.f_vector[0])),
+        components=int(sheet.max(initial=-1)) + 1,
+        euler=len(below) - len(sides) + complex_.f_vector[2],
+        orientable=bool(two_sided.all()),
+        boundary_components=nx.number_connected_components(boundary),
+    )
+
+
+def _place(complex_: CubicalComplex, corner: _Corner) -> int:
+    """Return the vertex of the complex at a corner of a square."""
+    square, number = corner
+    edge = complex_.faces[2][square, 0, number >> 1]
+    return int(complex_.faces[1][edge, 0, number & 1])
 
 
 def _sides(complex_: CubicalComplex) -> dict[int, list[_Side]]:

@@ -30,6 +30,15 @@ Cube: TypeAlias = tuple[int, tuple[Step, ...]]
 """The number of the base shape, and the steps in ascending order: the cube's directions."""
 
 
+class TooManyShapes(CheckError):  # noqa: N818 - named for what is the case
+    """There are more shapes than were allowed; `known` were found before that was seen."""
+
+    def __init__(self, spec: str, most: int, known: int) -> None:
+        """Say so in one line."""
+        super().__init__(f"{spec}: more than {most} shapes")
+        self.known = known
+
+
 @dataclass(frozen=True, slots=True)
 class ShapeComplex:
     """A shape complex with its shapes, and with the names of its cubes by dimension."""
@@ -61,7 +70,10 @@ def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]
 
 
 def steps_at(system: LatticeSystem, shape: Shape) -> dict[Step, Action]:
-    """Return the admissible actions of an aggregate, by their steps in ascending order."""
+    """Return the admissible actions of an aggregate, by their steps in ascending order.
+
+    An action that the catalogue has under two names stands under the first of its steps.
+    """
     found: dict[Step, Action] = {}
     for cell in shape:
         for move in system.moves(cell):
@@ -71,7 +83,8 @@ def steps_at(system: LatticeSystem, shape: Shape) -> dict[Step, Action]:
                 and admissible(move.action, shape)
             ):
                 found[move.at, move.generator] = move.action
-    return {step: found[step] for step in sorted(found)}
+    first = {found[step]: step for step in sorted(found, reverse=True)}
+    return {step: found[step] for step in sorted(first.values())}
 
 
 def shape_complex(
@@ -106,9 +119,7 @@ def shape_complex(
         if progress is not None:
             progress(len(up), len(shapes))
         if len(shapes) > max_states:
-            raise CheckError(
-                f"{scene.spec}: more than {max_states} shapes ({len(up)} were expanded)"
-            )
+            raise TooManyShapes(scene.spec, max_states, len(shapes))
     cubes: list[list[Cube]] = [[(place, ()) for place in range(len(shapes))]]
     for base, rising in enumerate(up):
         for chosen in commuting_steps(rising):

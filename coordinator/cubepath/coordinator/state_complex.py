@@ -52,9 +52,21 @@ class StateComplex:
 
 
 def f_vector(explored: Explored) -> tuple[int, ...]:
-    """Return how many cubes of each dimension there are, without keeping them."""
+    """Return how many cubes of each dimension there are, without keeping them.
+
+    CheckError where not all states were explored.
+    """
+    _all_explored(explored)
     counts = _counts(explored)
     return tuple(int(count) for count in counts.sum(axis=0, dtype=np.int64))
+
+
+def _all_explored(explored: Explored) -> None:
+    if not explored.complete:
+        raise CheckError(
+            f"{explored.scene.spec}: only a part was explored ({len(explored.states)} states), so"
+            " its complex is not known"
+        )
 
 
 def bytes_for(counts: Sequence[int]) -> int:
@@ -64,11 +76,7 @@ def bytes_for(counts: Sequence[int]) -> int:
 
 def state_complex(explored: Explored) -> StateComplex:
     """Return the complex on the explored states; CheckError where not all were explored."""
-    if not explored.complete:
-        raise CheckError(
-            f"{explored.scene.spec}: only a part was explored ({len(explored.states)} states), so"
-            " its complex is not known"
-        )
+    _all_explored(explored)
     counts = _counts(explored)
     totals = counts.sum(axis=0, dtype=np.int64)
     if totals.max() > _CELLS_MAX:

@@ -84,6 +84,32 @@ def normal_cube_paths(
     return list(onward(start, ()))
 
 
+def chains(
+    complex_: CubicalComplex, start: int, end: int, *, most: int, through: int | None = None
+) -> list[CellPath]:
+    """Return all chains of at most `most` cubes from corner to corner, from `start` to `end`.
+
+    With `through` only cubes in the star of that vertex count: those that are faces of a cube at
+    it.
+    """
+    across = diagonals(complex_)
+    near: set[Cell] | None = None
+    if through is not None:
+        near = set()
+        for _, cell in across[through]:
+            near |= closure(complex_, cell)
+
+    def onward(at: int, path: CellPath) -> Iterator[CellPath]:
+        if at == end:
+            yield path
+        if len(path) < most:
+            for there, cell in across[at]:
+                if near is None or cell in near:
+                    yield from onward(there, (*path, cell))
+
+    return list(onward(start, ()))
+
+
 def geodesics(complex_: CubicalComplex, start: int, end: int) -> tuple[float, int]:
     """Return the length of the shortest paths between two vertices, and how many there are.
 
@@ -121,7 +147,7 @@ def _dominoes(complex_: CubicalComplex) -> Iterator[tuple[int, int]]:
             for e in (0, 1):
                 edge = int(complex_.faces[2][square, j, e])
                 beside[edge].append((square, int(complex_.faces[2][square, j, 1 - e])))
-    for edge, found in beside.items():
+    for found in beside.values():
         for place, (one, far) in zip(count(1), found, strict=False):
             for other, beyond in found[place:]:
                 if one == other:
@@ -132,4 +158,3 @@ def _dominoes(complex_: CubicalComplex) -> Iterator[tuple[int, int]]:
                     there = int(complex_.faces[1][beyond, 0, 1 - end])
                     yield here, there
                     yield there, here
-        del edge
