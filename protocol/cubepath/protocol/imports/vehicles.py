@@ -38,6 +38,7 @@ class Vehicles:
         self._called = called
         self._on: dict[Cell, int] = {}
         self._actions: dict[tuple[Site, ...], Action] = {}
+        self._made: dict[tuple[Cell, Cell], PathMove] = {}
         for number, cell in enumerate(starts):
             if not is_free(cell):
                 raise InputError(
@@ -113,13 +114,17 @@ class Vehicles:
         self.at[who] = cell
         del self._on[source]
         self._on[cell] = who
-        ends = in_order((source, cell))
-        action = self._actions.get(ends)
-        if action is None:
+        made = self._made.get((source, cell))
+        if made is None:
+            ends = in_order((source, cell))
             # The system of one edge says what its action is; a large one takes long to make.
-            action = GraphSystem(ends, [(source, cell)]).action("edge", ends)
+            action = self._actions.get(ends) or GraphSystem(ends, [(source, cell)]).action(
+                "edge", ends
+            )
             self._actions[ends] = action
-        return PathMove(action, Placed("edge", ends), frozenset((source,)))
+            made = PathMove(action, Placed("edge", ends), frozenset((source,)))
+            self._made[source, cell] = made
+        return made
 
 
 def vehicles_scene(
