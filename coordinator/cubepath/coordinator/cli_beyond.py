@@ -86,7 +86,7 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
     optimal = {True: "yes", False: "no, a shorter one exists", None: "not known"}[known.optimal]
     rows: list[tuple[str, object]] = []
     if known.improved is not None:
-        rows.append(("improved", f"{known.improved} cubes"))
+        rows.append(("improved", known.improved))
     rows += [
         ("lower bound", f"{known.lower_bound} ({known.why})"),
         ("optimal", optimal),
