@@ -16,6 +16,15 @@ from typing import Any
 
 from cubepath.coordinator.cli_beyond import add_beyond_options, beyond_rows, look_beyond
 from cubepath.coordinator.cli_complex import add_complex_commands
+from cubepath.coordinator.cli_explain import (
+    add_certificate_options,
+    add_explain_options,
+    check_explain_options,
+    explain,
+    is_of_a_path,
+    verify_certificate,
+    write_schedule,
+)
 from cubepath.coordinator.cli_plans import INPUT_HELP, add_plan_options, plan_rows, said
 from cubepath.coordinator.console import (
     BAD_INPUT,
@@ -23,6 +32,7 @@ from cubepath.coordinator.console import (
     FAILED,
     INTERRUPTED,
     SYSTEM_HELP,
+    Interrupts,
     answer,
     complain,
     progress_bar,
@@ -34,6 +44,16 @@ from cubepath.protocol.errors import CubepathError, InputError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     options = _parser().parse_args(arguments)
+    with Interrupts() as interrupts:
+        code = _guarded(options, interrupts)
+    if interrupts.came and code != INTERRUPTED:
+        complain("interrupted")
+        return INTERRUPTED
+    return code
+
+
+def _guarded(options: argparse.Namespace, interrupts: Interrupts) -> int:
+    """Carry out the command; turn what goes wrong into a line and an exit code."""
     command: Callable[[argparse.Namespace], int] = options.command
     try:
         code = command(options)
@@ -53,6 +73,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED
+    except Exception:
+        # An interrupt in the middle of compiling comes out as something else.
+        if interrupts.came:
+            return FAILED
+        raise
     else:
         return code
 
@@ -126,6 +151,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_plan_options(shorten)
     add_beyond_options(shorten)
+    add_explain_options(shorten)
 
     convert = command("convert", _convert, "write a path in another form: JSON Lines or .npz")
     convert.add_argument(
@@ -142,8 +168,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_plan_options(convert)
 
-    verify = command("verify", _verify, "check a recording, from the start state on")
+    verify = command(
+        "verify", _verify, "check a recording, from the start state on; or a certificate"
+    )
     verify.add_argument("log", type=Path, metavar="LOG")
+    add_certificate_options(verify)
     verify.add_argument(
         "--recover", type=Path, metavar="OUT", help="write what can be read as a proper recording"
     )
@@ -283,9 +312,8 @@ def _rules(options: argparse.Namespace) -> int:
 
 def _shorten(options: argparse.Namespace) -> int:
     from cubepath.coordinator.shorten import shorten  # noqa: PLC0415
-    from cubepath.protocol.moves import write_cubes  # noqa: PLC0415
-    from cubepath.protocol.path_arrays import write_cubes_npz  # noqa: PLC0415
 
+    check_explain_options(options)
     output: Path | None = options.output
     if output is not None and output.exists() and output.samefile(options.input):
         raise InputError(f"{output}: is the input, expected another file for the cubes")
@@ -298,10 +326,9 @@ def _shorten(options: argparse.Namespace) -> int:
             options.input, system=options.system, progress=bar.update, said=said(options)
         )
     known = look_beyond(options, found)
-    if output is not None and output.suffix != ".npz":
-        write_cubes(output, found.named if known is None else known.named)
-    elif output is not None:
-        write_cubes_npz(output, found.path, found.left)
+    told = explain(options, found)
+    if output is not None:
+        write_schedule(output, found, known, told)
     rows: list[tuple[str, object]] = [
         ("moves", found.moves),
         ("reduced moves", found.reduced_moves),
@@ -309,12 +336,13 @@ def _shorten(options: argparse.Namespace) -> int:
         ("largest cube", found.max_cube_dimension),
         *plan_rows(found),
         *beyond_rows(known),
+        *told.rows,
         ("time", f"{found.seconds:.2f} s"),
     ]
     if options.output is not None:
         rows.append(("written to", options.output))
-    document = found.document() | ({} if known is None else known.document())
-    answer(options, document, table(rows))
+    document = found.document() | ({} if known is None else known.document()) | told.document
+    answer(options, document, "\n".join([table(rows), *told.lines]))
     return DONE
 
 
@@ -364,6 +392,8 @@ def _view(options: argparse.Namespace) -> int:
 
 
 def _verify(options: argparse.Namespace) -> int:
+    if is_of_a_path(options):
+        return verify_certificate(options)
     from cubepath.coordinator.verify import recover, verify  # noqa: PLC0415
     from cubepath.protocol.recording import read_recording  # noqa: PLC0415
 
