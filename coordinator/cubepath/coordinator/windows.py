@@ -5,8 +5,8 @@ of some consecutive cubes, or of these only what hangs together, move by move th
 Between its two ends another path is searched for, and put in its place; the whole is brought into
 normal form again. So the homotopy class changes wherever that is of use, and the ends never.
 
-Sources: windows as in large neighbourhood search (Shaw 1998) and local repair of plans (Chien et
-al.; Siddiqui and Haslum, *Block-structured plan deordering*, 2013); beam search (Lowerre 1976).
+Sources: windows of plans, Siddiqui and Haslum, *Plan quality optimisation via block decomposition*
+(2013); large neighbourhood search, Shaw (1998); beam search, Lowerre (1976).
 
 Room: coordinator; touches nothing.
 """
@@ -51,7 +51,8 @@ class Windows:
         self._steps = steps
         self._ways = Ways(steps.system)
         self._first = steps.encode(start)
-        self._take([steps.number(action) for cube in cubes for action in cube])
+        self._path: Path = [tuple(map(steps.number, cube)) for cube in cubes]
+        self._states = steps.states(start, cubes)
         self._cut()
 
     @property
@@ -67,11 +68,10 @@ class Windows:
         """Bring a word into normal form, and keep it if it costs no more; tell whether it is."""
         heap = Heap()
         heap.extend(self._steps.actions[number] for number in word)
-        known = getattr(self, "_path", None)
-        if known is not None and (heap.cubes, heap.reduced_moves) > self.cost:
+        if (heap.cubes, heap.reduced_moves) > self.cost:
             return False
         number = self._steps.number
-        self._path: Path = [tuple(map(number, cube)) for cube in heap.cube_path()]
+        self._path = [tuple(map(number, cube)) for cube in heap.cube_path()]
         self._states = [self._first]
         for cube in self._path:
             self._states.append(self._after(self._states[-1], cube))
