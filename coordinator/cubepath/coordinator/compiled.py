@@ -11,7 +11,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar, cast
+from typing import Any, ParamSpec, TypeVar, cast
 
 from numba import njit
 
@@ -42,8 +42,20 @@ def compiled(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _R
     """Return the function compiled in nopython mode, cached on disk, with its signature kept.
 
     What it takes and gives are numpy arrays, numbers, booleans and tuples of these; a compiled
-    function may call another. Integers are of 64
-    bits and wrap around without a word; nothing is checked against the ends of an array. Errors:
-    numba's own ``TypingError`` at the first call where the body is outside what numba can compile.
+    function may call another. Integers are of 64 bits and wrap around without a word; nothing is
+    checked against the ends of an array. Errors: numba's own ``TypingError`` at the first call
+    where the body is outside what numba can compile. Where nothing can be kept on disk, because it
+    is full or not ours, the function is compiled all the same, in every process anew.
     """
-    return cast("Callable[_Arguments, _Result]", njit(cache=True)(function))
+    try:
+        found: Any = njit(cache=True)(function)
+    except RuntimeError:  # numba found no folder to write to
+        return cast("Callable[_Arguments, _Result]", njit(function))
+    keep = found._cache.save_overload  # noqa: SLF001 - numba lets an OSError through from here
+
+    def keep_if_possible(*arguments: Any) -> None:
+        with contextlib.suppress(OSError):
+            keep(*arguments)
+
+    found._cache.save_overload = keep_if_possible  # noqa: SLF001
+    return cast("Callable[_Arguments, _Result]", found)
