@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -13,6 +14,7 @@ from cubepath.protocol.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.catalogue import Catalogue
 from cubepath.protocol.errors import InputError
 from cubepath.protocol.families.hexagons import HEX_DIRECTIONS
+from cubepath.protocol.graph_system import COMPASS
 from cubepath.protocol.lattice_system import LatticeSystem
 from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site
@@ -63,7 +65,7 @@ def _undone() -> Outcome:
 
 def _topology(cells: frozenset[Site]) -> int:
     """Return of a set of hexagons its pieces and those of its outside, as one number."""
-    pieces = _pieces(cells)
+    pieces = _pieces(cells, HEX_DIRECTIONS)
     qs = [cell[0] for cell in cells if isinstance(cell, tuple)]
     rs = [cell[1] for cell in cells if isinstance(cell, tuple)]
     outside = frozenset(
@@ -72,10 +74,11 @@ def _topology(cells: frozenset[Site]) -> int:
         for r in range(min(rs) - 1, max(rs) + 2)
         if (q, r) not in cells
     )
-    return 1000 * pieces + _pieces(outside)
+    return 1000 * pieces + _pieces(outside, HEX_DIRECTIONS)
 
 
-def _pieces(cells: frozenset[Site]) -> int:
+def _pieces(cells: frozenset[Site], directions: Sequence[tuple[int, int]]) -> int:
+    """Return how many pieces cells make whose neighbours lie in these directions."""
     left = set(cells)
     count = 0
     while left:
@@ -85,7 +88,7 @@ def _pieces(cells: frozenset[Site]) -> int:
             cell = stack.pop()
             if not isinstance(cell, tuple):
                 continue
-            for dq, dr in HEX_DIRECTIONS:
+            for dq, dr in directions:
                 near = (cell[0] + dq, cell[1] + dr)
                 if near in left:
                     left.remove(near)
@@ -124,11 +127,13 @@ def _slides_keep_connected() -> Outcome:
         scene = scene_from_spec(spec)
         explored = explore(scene)
         for number in range(len(explored.states)):
-            if _square_pieces(explored.state(number)) != 1:
+            if _pieces(explored.state(number), COMPASS) != 1:
                 return f"{spec}: state {number} is in pieces", False
         states += len(explored.states)
         free = explore(_unguarded(scene), max_states=500)
-        broken += any(_square_pieces(free.state(number)) != 1 for number in range(len(free.states)))
+        broken += any(
+            _pieces(free.state(number), COMPASS) != 1 for number in range(len(free.states))
+        )
     return (
         (
             f"{states} states of three scenes, all connected; without the condition"
@@ -158,24 +163,6 @@ def _unguarded(scene: Scene) -> Scene:
         filled=system.filled,
     )
     return replace(scene, system=free, goal=None, goals=())
-
-
-def _square_pieces(cells: frozenset[Site]) -> int:
-    left = set(cells)
-    count = 0
-    while left:
-        count += 1
-        stack = [left.pop()]
-        while stack:
-            cell = stack.pop()
-            if not isinstance(cell, tuple):
-                continue
-            for dx, dy in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-                near = (cell[0] + dx, cell[1] + dy)
-                if near in left:
-                    left.remove(near)
-                    stack.append(near)
-    return count
 
 
 @claim(
