@@ -122,7 +122,23 @@ def test_a_broken_entry_point_hurts_only_who_asks_for_it(tmp_path: Path) -> None
     assert cubepath(["run", "hex:n=3", "--processes=0"], environment, tmp_path).returncode == 0
     asked = cubepath(["rules"], environment, tmp_path)
     assert asked.returncode == 2
-    assert "entry point broken of cubepath.rules: ModuleNotFoundError" in asked.stderr
+    assert "entry point broken of cubepath.rules (broken): ModuleNotFoundError" in asked.stderr
+
+
+@pytest.mark.slow
+def test_a_rule_is_found_beside_a_broken_entry_point(
+    installed: dict[str, str], tmp_path: Path
+) -> None:
+    """Asked for by name, it runs whatever else is installed."""
+    info = tmp_path / "broken-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[cubepath.rules]\nbroken = no_such_module:RULE\n")
+    environment = dict(installed)
+    environment["PYTHONPATH"] = f"{tmp_path}{os.pathsep}{installed['PYTHONPATH']}"
+    arguments = ["run", "hex:n=3", "--rule=fine", "--max-rounds=2", "--processes=2"]
+    done = cubepath(arguments, environment, tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.slow

@@ -142,6 +142,15 @@ def test_where_nothing_can_be_written_nothing_is_computed(tmp_path: Path, capsys
     assert not path.exists()
 
 
+def test_an_endless_lattice_is_told_as_such(capsys: Capture) -> None:
+    """No limit would do: the advice is another complex, or something to hold on to."""
+    assert main(["complex", "hex:n=3", "--max-states", "50"]) == 1
+    assert "take --shape, or a scene with a base" in capsys.readouterr().err
+    assert main(["complex", "arm:n=6", "--max-states", "50"]) == 1
+    assert main(["complex", "agv:graph=K5,n=2", "--max-states", "3"]) == 1
+    assert "take a smaller system" in capsys.readouterr().err
+
+
 def test_too_many_shapes_are_told_as_too_many_states(capsys: Capture) -> None:
     """One JSON document all the same."""
     found = answer(capsys, "hex:n=5", "--shape", "--max-states", "20", code=1)

@@ -210,6 +210,7 @@ def test_a_recording_without_its_end_has_nothing_to_compare_with() -> None:
     assert differences(damaged) == "corrupt: chunk 2"
     half = with_records(whole, whole.records[: len(whole.records) // 2])
     assert "no summary is on record" in differences(half)
+    assert replay(half).result == "nothing to compare it with"
 
 
 def test_what_is_no_message_is_refused_by_name() -> None:

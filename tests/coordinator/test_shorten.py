@@ -12,15 +12,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cubepath.coordinator.cli import main
 from cubepath.coordinator.cubes import end_state, is_normal, obvious_normal_form
 from cubepath.coordinator.shorten import Shortened, shorten
 from cubepath.protocol.actions import admissible, apply
 from cubepath.protocol.catalogue import Move
 from cubepath.protocol.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.files import scene_to_toml
 from cubepath.protocol.graphs import scenario_from_json
 from cubepath.protocol.messages import Placed, Report, encode
 from cubepath.protocol.moves import read_cubes, read_moves, write_cubes
 from cubepath.protocol.recording import RecordingWriter
+from cubepath.protocol.scenes import scene_from_spec
 from cubepath.protocol.sites import Site, in_order
 from strategies import scene
 
@@ -415,3 +418,26 @@ def test_a_recording_that_makes_no_path_is_refused(tmp_path: Path, case: str) ->
         shorten(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert reason in str(caught.value)
+
+
+def test_an_empty_file_with_the_name_of_a_recording_is_no_empty_path(tmp_path: Path) -> None:
+    """A log that was lost is told; an empty moves file is a path of no moves."""
+    (tmp_path / "lost.mcap").write_bytes(b"")
+    with pytest.raises(InputError, match="empty file"):
+        shorten(tmp_path / "lost.mcap")
+    (tmp_path / "moves.jsonl").write_bytes(b"")
+    assert figures(shorten(tmp_path / "moves.jsonl")) == (0, 0, 0, 0)
+
+
+def test_the_file_of_the_system_is_not_written_over(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The output is neither the input nor the system beside it."""
+    system = tmp_path / "system.toml"
+    system.write_text(scene_to_toml(scene_from_spec("agv:graph=P3,n=1")))
+    moves = tmp_path / "moves.jsonl"
+    moves.write_text("")
+    before = system.read_bytes()
+    assert main(["shorten", str(moves), "--system", str(system), "-o", str(system)]) == 2
+    assert "holds the system" in capsys.readouterr().err
+    assert system.read_bytes() == before

@@ -6,7 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 
 from cubepath.agents.arm_rule import WORD
 from cubepath.agents.chain_rule import CHAIN
@@ -28,17 +28,35 @@ def rules() -> dict[str, RuleType]:
     """Return all rules by name; InputError names an entry point that gives none, or one twice."""
     found = dict(BUILT_IN)
     for entry in entry_points(group=GROUP):
-        where = f"entry point {entry.name} of {GROUP}"
-        try:
-            rule = entry.load()
-        except Exception as error:
-            raise InputError(f"{where}: {type(error).__name__}: {error}") from error
-        if not isinstance(rule, RuleType):
-            raise InputError(f"{where}: {rule!r} is no RuleType")
+        rule = _loaded(entry)
         if rule.name in found:
-            raise InputError(f"{where}: rule {rule.name!r} exists")
+            raise InputError(f"{_where(entry)}: rule {rule.name!r} exists")
         found[rule.name] = rule
     return found
+
+
+def _where(entry: EntryPoint) -> str:
+    by = f" ({entry.dist.name})" if entry.dist is not None else ""
+    return f"entry point {entry.name} of {GROUP}{by}"
+
+
+def _loaded(entry: EntryPoint) -> RuleType:
+    try:
+        rule = entry.load()
+    except Exception as error:
+        raise InputError(f"{_where(entry)}: {type(error).__name__}: {error}") from error
+    if not isinstance(rule, RuleType):
+        raise InputError(f"{_where(entry)}: {rule!r} is no RuleType")
+    return rule
+
+
+def _by_entry(name: str) -> RuleType | None:
+    """Return the rule of the entry point of this name; what else is installed is left alone."""
+    for entry in entry_points(group=GROUP, name=name):
+        rule = _loaded(entry)
+        if rule.name == name:
+            return rule
+    return None
 
 
 def rule_named(name: str, system: System) -> RuleType:
@@ -46,7 +64,7 @@ def rule_named(name: str, system: System) -> RuleType:
 
     Other distributions are asked for names that are not built in only.
     """
-    found = BUILT_IN.get(name) or rules().get(name)
+    found = BUILT_IN.get(name) or _by_entry(name) or rules().get(name)
     if found is None or not found.fits(system):
         fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
         what = "unknown rule" if found is None else "not for this system: rule"

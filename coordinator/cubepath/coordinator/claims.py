@@ -73,12 +73,14 @@ def all_claims() -> tuple[Claim, ...]:
         claims_topology,
     )
 
-    return (
+    found = (
         *claims_examples.CLAIMS,
         *claims_topology.CLAIMS,
         *claims_geometry.CLAIMS,
         *claims_paths.CLAIMS,
     )
+    # By section; the appendix, a letter, comes last.
+    return tuple(sorted(found, key=lambda each: each.item[0]))
 
 
 def compute(claims: Iterable[Claim], progress: Callable[[], object] | None = None) -> list[Row]:

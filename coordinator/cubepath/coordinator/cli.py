@@ -315,8 +315,11 @@ def _shorten(options: argparse.Namespace) -> int:
 
     check_explain_options(options)
     output: Path | None = options.output
-    if output is not None and output.exists() and output.samefile(options.input):
-        raise InputError(f"{output}: is the input, expected another file for the cubes")
+    read = [options.input, *map(Path, filter(None, [options.system]))]
+    for source in read:
+        if output is not None and output.exists() and source.exists() and output.samefile(source):
+            what = "is the input" if source == options.input else "holds the system"
+            raise InputError(f"{output}: {what}, expected another file for the cubes")
     if output is not None and output.suffix == ".npz" and options.improve is not None:
         raise InputError(
             f"{output}: holds moves of the input alone, expected a .jsonl file with --improve"
@@ -442,7 +445,7 @@ def _replay(options: argparse.Namespace) -> int:
         ("largest cube", found.max_cube_dimension),
         ("messages", found.messages),
         ("time", f"{found.seconds:.2f} s"),
-        ("result", "the same as recorded" if found.same else "differs from the recording"),
+        ("result", found.result),
     ]
     answer(options, found.document(), table(rows))
     for difference in found.differences:

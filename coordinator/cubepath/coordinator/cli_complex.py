@@ -19,9 +19,11 @@ from cubepath.coordinator.console import (
     table,
 )
 from cubepath.protocol.errors import InputError
+from cubepath.protocol.lattice_system import LatticeSystem
 
 if TYPE_CHECKING:
     from cubepath.coordinator.complex_report import ComplexReport
+    from cubepath.protocol.systems import Scene
 
 
 class AddCommand(Protocol):
@@ -37,7 +39,9 @@ class AddCommand(Protocol):
 def add_complex_commands(command: AddCommand) -> None:
     """Add the commands and their options."""
     complex_ = command("complex", _complex, "build a system's state complex and say what it is")
-    complex_.add_argument("system", metavar="SYSTEM", help=SYSTEM_HELP)
+    complex_.add_argument(
+        "system", metavar="SYSTEM", help=SYSTEM_HELP.replace(" (default hex)", "")
+    )
     complex_.add_argument(
         "--homology", action="store_true", help="Betti numbers, torsion, contractibility, surface"
     )
@@ -48,7 +52,10 @@ def add_complex_commands(command: AddCommand) -> None:
         "--shape", action="store_true", help="the shape complex: states up to translation"
     )
     complex_.add_argument(
-        "--max-states", type=whole_number, metavar="N", help="stop at N states (default 2000000)"
+        "--max-states",
+        type=whole_number,
+        metavar="N",
+        help="stop where there are more than N states (default 2000000)",
     )
     complex_.add_argument(
         "-o", "--output", type=Path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
@@ -78,6 +85,7 @@ def _complex(options: argparse.Namespace) -> int:
         if output.is_dir() or not os.access(output.parent, os.W_OK):
             raise InputError(f"{output}: cannot be written")
     limit: int = options.max_states or MAX_STATES
+    scene = scene_from_spec(options.system)
     with progress_bar(None, "complex", "") as bar:
         stage = ""
 
@@ -91,7 +99,7 @@ def _complex(options: argparse.Namespace) -> int:
             bar.update(done - bar.n)
 
         found = report(
-            scene_from_spec(options.system),
+            scene,
             shape=options.shape,
             with_homology=options.homology,
             with_links=options.link,
@@ -103,7 +111,7 @@ def _complex(options: argparse.Namespace) -> int:
     if not found.complete:
         complain(
             f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), not all"
-            " of which were expanded: raise --max-states, or take a smaller system"
+            f" of which were expanded: {_advice(scene)}"
             + (f"; {output} was not written" if output else "")
         )
         return FAILED
@@ -112,14 +120,28 @@ def _complex(options: argparse.Namespace) -> int:
             write_complex(found.built, output)
         else:
             draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+        complain(f"written to {output}")
     return DONE
+
+
+def _advice(scene: Scene) -> str:
+    system = scene.system
+    if isinstance(system, LatticeSystem) and system.workspace is None and not system.obstacles:
+        return (
+            "on a lattice without end an aggregate may wander off for ever: raise --max-states, or"
+            " take --shape, or a scene with a base (base=1) or a workspace"
+        )
+    return "raise --max-states, or take a smaller system"
 
 
 def _rows(found: ComplexReport) -> list[tuple[str, object]]:
     local = "" if found.local else " (not a local system)"
     states = found.states if found.complete else f"{found.states} or more"
-    rows: list[tuple[str, object]] = [("system", found.system + local), (found.kind, "")]
-    rows += [("states", states)]
+    rows: list[tuple[str, object]] = [
+        ("system", found.system + local),
+        ("complex", found.kind),
+        ("states", states),
+    ]
     if found.f_vector is not None:
         rows += [
             ("f-vector", " ".join(map(str, found.f_vector))),

@@ -64,9 +64,18 @@ class Replayed:
     max_cube_dimension: int
     path_digest: str
     same: bool
+    compared: bool
+    """Whether the recording has a result at all: one that was cut off has none."""
     differences: tuple[str, ...]
     messages: int
     seconds: float
+
+    @property
+    def result(self) -> str:
+        """Say how the replay compares with the recording."""
+        if self.same:
+            return "the same as recorded"
+        return "differs from the recording" if self.compared else "nothing to compare it with"
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``cubepath replay --json``."""
@@ -175,6 +184,7 @@ class _Player:
             max_cube_dimension=heap.max_cube_dimension,
             path_digest=self._gatherer.digest,
             same=not differences,
+            compared=any(record.kind == "summary" for record in self._recording.records),
             differences=differences,
             messages=self._arrived,
             seconds=round(time.monotonic() - began, 3),

@@ -112,6 +112,8 @@ class Outcome:
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
         extra = {"ended", "error", "messages"}
+        if self.error is not None:
+            extra -= {"error"}
         if self.schedule_cubes is None:
             extra |= {"schedule_cubes", "schedule_stopped"}
         found: dict[str, Any] = msgspec.to_builtins(
