@@ -52,6 +52,22 @@ def test_the_command_gives_rows(
     assert "3 claims: 1 agree, 1 differ, 1 open" in text
 
 
+def test_an_interrupt_keeps_what_was_computed(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 130, and the rows that were there."""
+
+    def interrupted() -> claims.Outcome:
+        raise KeyboardInterrupt
+
+    known = (Claim("1", "one", lambda: ("so", True)), Claim("2", "two", interrupted))
+    monkeypatch.setattr(claims, "all_claims", lambda: known)
+    assert main(["paper", "--json"]) == 130
+    seen = capsys.readouterr()
+    assert [row["item"] for row in json.loads(seen.out)] == ["1"]
+    assert seen.err == "cubepath: interrupted\n"
+
+
 @pytest.mark.parametrize(("found", "expected"), [(False, True), (True, False), (None, True)])
 def test_what_comes_out_otherwise_is_a_failure(
     found: bool | None,

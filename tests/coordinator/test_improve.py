@@ -359,3 +359,21 @@ def test_the_command_line_says_which_gap_is_left(
         code, _, error = run(capsys, "shorten", path, *bad)
         assert code == 2
         assert "expected" in error
+
+
+@pytest.mark.slow
+def test_an_interrupt_keeps_the_best_path_so_far() -> None:
+    """The search ends with what it has found, which is better than the class and checked."""
+    path = random_walk("agv:graph=grid6x6,n=5", 300, 1)
+    where = scene("agv:graph=grid6x6,n=5")
+    better: list[Improved] = []
+
+    def interrupt(_steps: int) -> None:
+        if better:
+            raise KeyboardInterrupt
+
+    task = Task(tuple(path), where.start_state, where.system)
+    known = beyond(task, iterations=10_000, max_states=10, watch=better.append, tick=interrupt)
+    assert better
+    assert known.improved == better[-1].cubes < len(normal_cube_path(path))
+    assert end_state(known.cube_path, where.start_state) == end_state(path, where.start_state)

@@ -191,7 +191,7 @@ def test_what_differs_from_the_record_is_named() -> None:
     assert f"round {edges.round}: other moves" in differences(
         edited(whole, edges, replace(edges, moves=[]))
     )
-    assert f"round {edges.round}: other moves" in differences(edited(whole, edges))
+    assert f"round {edges.round}: gathered, but its edges" in differences(edited(whole, edges))
     assert "cube 1 is another" in differences(edited(whole, cube))
     assert "cube 1 is another" in differences(edited(whole, cube, replace(cube, moves=[])))
     assert "cube 0 is another" in differences(edited(whole, cube, cube, replace(cube, index=0)))
@@ -211,6 +211,8 @@ def test_a_recording_without_its_end_has_nothing_to_compare_with() -> None:
     half = with_records(whole, whole.records[: len(whole.records) // 2])
     assert "no summary is on record" in differences(half)
     assert replay(half).result == "nothing to compare it with"
+    edges = list(whole.of_kind("edges"))[-1]
+    assert "its edges are not on record" in differences(edited(whole, decode(edges.data)))
 
 
 def test_what_is_no_message_is_refused_by_name() -> None:

@@ -9,6 +9,7 @@ Room: coordinator; reads the file that was shortened once more.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -142,7 +143,8 @@ def beyond(
     `optimal`. The improved path is checked by code of its own, from the start state on, before it
     is returned: CheckError if it is not a legal normal cube path to the same end. `found` is what
     shortening made of the path, where that is known, and gives the moves their names; without it
-    there are none. InputError as `improve`.
+    there are none. An interrupt (KeyboardInterrupt) while it improves ends that search, as the time
+    does, with the best path so far. InputError as `improve`.
     """
     asked = seconds is not None or iterations is not None
     normal = normal_cube_path(task.path) if found is None else found.cube_path
@@ -163,18 +165,28 @@ def beyond(
             shorter = not asked
             best = _of_optimum(task, steps, exact) if asked else best
     if asked and least < len(best):
-        best = improve(
-            task.path,
-            task.start,
-            task.system,
-            seconds=seconds,
-            iterations=iterations,
-            seed=seed,
-            own_ends=task.own_ends,
-            enough=least,
-            watch=watch,
-            tick=tick,
-        ).cube_path
+        kept = [best]
+
+        def keep(better: Improved) -> None:
+            kept.append(better.cube_path)
+            if watch is not None:
+                watch(better)
+
+        # An interrupt says that the time is up: what was found is not lost.
+        with contextlib.suppress(KeyboardInterrupt):
+            improve(
+                task.path,
+                task.start,
+                task.system,
+                seconds=seconds,
+                iterations=iterations,
+                seed=seed,
+                own_ends=task.own_ends,
+                enough=least,
+                watch=keep,
+                tick=tick,
+            )
+        best = min(kept, key=lambda path: (len(path), sum(map(len, path))))
     if asked:
         _check(task, best)
     return Beyond(

@@ -83,14 +83,15 @@ def all_claims() -> tuple[Claim, ...]:
     return tuple(sorted(found, key=lambda each: each.item[0]))
 
 
-def compute(claims: Iterable[Claim], progress: Callable[[], object] | None = None) -> list[Row]:
-    """Compute the claims one after the other."""
+def compute(claims: Iterable[Claim], progress: Callable[[Row], object] | None = None) -> list[Row]:
+    """Compute the claims one after the other; `progress` is told each row when it is there."""
     rows = []
     for each in claims:
         began = perf_counter()
         computed, agrees = each.compute()
         seconds = perf_counter() - began
-        rows.append(Row(each.item, each.claim, computed, agrees, agrees is each.expected, seconds))
+        row = Row(each.item, each.claim, computed, agrees, agrees is each.expected, seconds)
+        rows.append(row)
         if progress is not None:
-            progress()
+            progress(row)
     return rows

@@ -22,6 +22,7 @@ from cubepath.protocol.errors import InputError
 from cubepath.protocol.lattice_system import LatticeSystem
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.claims import Row
     from cubepath.coordinator.complex_report import ComplexReport
     from cubepath.protocol.systems import Scene
 
@@ -183,8 +184,27 @@ def _paper(options: argparse.Namespace) -> int:
     from cubepath.coordinator.claims import all_claims, compute  # noqa: PLC0415
 
     claims = all_claims()
+    rows: list[Row] = []
     with progress_bar(len(claims), "paper", " claims") as bar:
-        rows = compute(claims, bar.update)
+
+        def note(row: Row) -> None:
+            rows.append(row)
+            bar.update()
+
+        try:
+            compute(claims, note)
+        except KeyboardInterrupt:
+            bar.close()
+            _say_rows(options, rows)  # what was computed is not lost
+            raise
+    _say_rows(options, rows)
+    wrong = [row for row in rows if not row.as_expected]
+    for row in wrong:
+        complain(f"{row.item}: not what is known to come out: {row.computed}")
+    return FAILED if wrong else DONE
+
+
+def _say_rows(options: argparse.Namespace, rows: list[Row]) -> None:
     lines = []
     for row in rows:
         mark = {True: "agrees", False: "DIFFERS", None: "open"}[row.agrees]
@@ -196,10 +216,6 @@ def _paper(options: argparse.Namespace) -> int:
     found = [sum(row.agrees is outcome for row in rows) for outcome in (True, False, None)]
     lines.append(f"{len(rows)} claims: {found[0]} agree, {found[1]} differ, {found[2]} open")
     answer(options, [row.document() for row in rows], "\n".join(lines))
-    wrong = [row for row in rows if not row.as_expected]
-    for row in wrong:
-        complain(f"{row.item}: not what is known to come out: {row.computed}")
-    return FAILED if wrong else DONE
 
 
 def _wrapped(name: str, text: str) -> list[str]:

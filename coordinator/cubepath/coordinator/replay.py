@@ -237,7 +237,9 @@ class _Player:
                     pass
         for step in self._gatherer.steps:
             known = edges.pop(step.round, None)
-            if known is None or known.moves != list(step.executed):
+            if known is None:
+                yield f"round {step.round}: gathered, but its edges are not on record"
+            elif known.moves != list(step.executed):
                 yield f"round {step.round}: other moves were gathered than its edges on record"
         if edges:
             yield f"round {min(edges)}: edges on record, but not all modules reported it"

@@ -137,7 +137,11 @@ def plan_of(path: Path, system: str | None, said: Said) -> Imported | None:
 
     InputError as `shorten`; also where a plan's files are named beside what is none.
     """
-    if path.suffix.lower() in {".mcap", ".npz"} and path.is_file() and not path.stat().st_size:
+    if (
+        path.suffix.lower() in {".json", ".mcap", ".npz"}
+        and path.is_file()
+        and not path.stat().st_size
+    ):
         raise InputError(f"{path}: empty file, expected what its name says")
     kind = _content(path)
     if kind not in {"recording", "arrays"} or said.format is not None:

@@ -130,7 +130,12 @@ class Move:
         taken before and after.
         """
         end = end_at(self.action, state)
-        return end is not None and all(source in self.action.ends[end] for source, _ in self.goes)
+        if end is None:
+            return False
+        on = self.action.ends[end]
+        if len(self.goes) == 1:  # nearly always: a comprehension would cost as much as the rest
+            return self.goes[0][0] in on
+        return all(source in on for source, _ in self.goes)
 
 
 @dataclass(frozen=True, slots=True)
