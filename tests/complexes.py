@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import Counter, deque
 
-from cubepath.protocol.actions import Action, State, admissible, apply, commute
-from cubepath.protocol.sites import Site, in_order
-from cubepath.protocol.systems import Scene
+from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Scene
 
 Key = tuple[frozenset[Site], frozenset[Action]]
 

@@ -11,15 +11,15 @@ from tempfile import TemporaryDirectory
 from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
-from cubepath.protocol.errors import InputError
-from cubepath.protocol.messages import Go, Here, Message, Ready, encode
-from cubepath.protocol.recording import (
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import (
     Record,
     Recording,
     RecordingWriter,
     read_recording,
 )
-from cubepath.protocol.scenes import scene_from_spec
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode
 
 PARAMETERS = {"rule": "random", "seed": "7", "system": "agv:graph=P3,n=1", "": "ünï\ncode"}
 ROUNDS = 40

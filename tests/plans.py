@@ -8,12 +8,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from cubepath.protocol.actions import Action
-from cubepath.protocol.catalogue import Move
-from cubepath.protocol.imports.formats import read_plan
-from cubepath.protocol.moves import PathMove
-from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import System
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.formats import read_plan
 
 Cell = tuple[int, int]
 Steps = list[list[Cell]]

@@ -11,10 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from cubepath.coordinator.run import Plan, run
-from cubepath.protocol.keys import topic_of
-from cubepath.protocol.messages import Message, decode, encode
-from cubepath.protocol.recording import Record, Recording, read_recording
+from cubepath.coordinator.runs.run import Plan, run
+from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Message, decode, encode
 
 Where = Callable[[Any], object]
 Edit = Callable[[Any], Message | None]

@@ -7,14 +7,14 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
-from cubepath.coordinator.run import Outcome, Plan, run
-from cubepath.protocol.files import scene_to_toml
-from cubepath.protocol.graph_system import GraphSystem
-from cubepath.protocol.lattice_system import LatticeSystem
-from cubepath.protocol.messages import Report, Summary, decode, site_of
-from cubepath.protocol.recording import Recording, read_recording
-from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import Scene
+from cubepath.coordinator.runs.run import Outcome, Plan, run
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.wire.messages import Report, Summary, decode, site_of
 from recordings import new_path, recorded
 
 CHAIN = ("hex:n=5", "chain", 60)

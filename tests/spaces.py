@@ -12,10 +12,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from complexes import actions_at, commuting_sets, states_of
-from cubepath.coordinator.cubical import CubicalComplex, Faces, cubical_complex
-from cubepath.protocol.actions import Action, State, apply
-from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import Scene
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, Faces, cubical_complex
+from cubepath.protocol.core.actions import Action, State, apply
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
 
 Pair = tuple[int, int, int]
 

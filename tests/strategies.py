@@ -14,10 +14,10 @@ from typing import TypeVar
 from hypothesis import strategies as st
 
 from complexes import actions_at
-from cubepath.protocol.actions import Action, State, apply, commute
-from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.sites import Site
-from cubepath.protocol.systems import Scene
+from cubepath.protocol.core.actions import Action, State, apply, commute
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
 
 T = TypeVar("T")
 Word = list[Action]

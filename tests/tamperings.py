@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cubepath.coordinator.verify import Verification, verify
-from cubepath.protocol.messages import Claim, Cube, Heard, Placed, decode, site_of
-from cubepath.protocol.recording import Recording
+from cubepath.coordinator.verification.recording import Verification, verify
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Claim, Cube, Heard, Placed, decode, site_of
 from recordings import all_edited, edited, first, recorded, with_records
 
 Tampering = Callable[[], Recording]

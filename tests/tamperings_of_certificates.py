@@ -7,9 +7,9 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cubepath.protocol.actions import commute
-from cubepath.protocol.messages import Certified, decode, site_of
-from cubepath.protocol.recording import Recording
+from cubepath.protocol.core.actions import commute
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Certified, decode, site_of
 from recordings import edited, first, recorded
 from tamperings import crowd, tampers
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cubepath.protocol.messages import Cube, Executed, Placed, decode
-from cubepath.protocol.recording import Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Cube, Executed, Placed, decode
 from recordings import all_edited, edited, first, recorded
 from tamperings import crowd, tampers
 

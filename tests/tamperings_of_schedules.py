@@ -7,9 +7,9 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cubepath.protocol.messages import Placed, Stopped
-from cubepath.protocol.recording import Recording
-from cubepath.protocol.schedules import schedule_from_jsonl, schedule_to_jsonl
+from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Placed, Stopped
 from recordings import edited, first
 from schedules import (
     VEHICLES,

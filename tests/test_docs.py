@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents import RuleType, parallel_env
-from cubepath.agents.play import play
-from cubepath.coordinator.cli import main
-from cubepath.protocol.scenes import FAMILIES, scene_from_spec
+from cubepath.agents.environments.play import play
+from cubepath.coordinator.commands.main import main
+from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.cli import main
-from cubepath.coordinator.shorten import shorten
-from cubepath.protocol.actions import apply
-from cubepath.protocol.errors import InputError
-from cubepath.protocol.files import scene_from_toml, scene_to_toml
-from cubepath.protocol.lattice_system import LatticeSystem
-from cubepath.protocol.moves import write_cubes
-from cubepath.protocol.scenes import scene_from_spec
+from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.shortening.shorten import shorten
+from cubepath.protocol.core.actions import apply
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.path_files.moves import write_cubes
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
+from cubepath.protocol.systems.lattice import LatticeSystem
 
 PAGE = Path(__file__).parent.parent / "docs" / "files.md"
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.replay import replay
-from cubepath.coordinator.run import Plan, run
-from cubepath.coordinator.verify import verify
-from cubepath.protocol.recording import Recording, read_recording
+from cubepath.coordinator.runs.replay import replay
+from cubepath.coordinator.runs.run import Plan, run
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.recordings.recording import Recording, read_recording
 
 GOLDEN = sorted((Path(__file__).parent.parent / "logs" / "golden").glob("*.mcap"))
 

@@ -18,11 +18,11 @@ from functools import partial
 
 from bench_shorten import exponent, floor, random_walk, seconds
 
-from cubepath.coordinator.certificate import certificate_of
-from cubepath.coordinator.certified import examine
-from cubepath.coordinator.timing import earliest
-from cubepath.protocol.actions import Action
-from cubepath.protocol.certificates import Certificate
+from cubepath.coordinator.normal_form.certificate import certificate_of
+from cubepath.coordinator.normal_form.timetable import earliest
+from cubepath.coordinator.verification.proof import examine
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.path_files.certificates import Certificate
 
 SIZES = (10_000, 20_000, 50_000, 100_000)
 QUICK_SIZES = (1_000, 2_000)

@@ -17,10 +17,10 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import complexes
-from cubepath.coordinator.explore import explore
-from cubepath.coordinator.links import check_links
-from cubepath.coordinator.state_complex import StateComplex, f_vector, state_complex
-from cubepath.protocol.scenes import scene_from_spec
+from cubepath.coordinator.complexes.exploration import explore
+from cubepath.coordinator.complexes.links import check_links
+from cubepath.coordinator.complexes.state_complex import StateComplex, f_vector, state_complex
+from cubepath.protocol.scenes.specs import scene_from_spec
 
 ARMS = [f"arm:n={count}" for count in range(12, 19)]
 HEXAGONS = [f"hex:n={count},base=1" for count in (4, 5, 6, 7, 8)]

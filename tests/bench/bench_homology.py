@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from cubepath.coordinator.collapse import collapse
-from cubepath.coordinator.compiled import compiled
-from cubepath.coordinator.cubical import CubicalComplex
-from cubepath.coordinator.homology import homology
+from cubepath.coordinator.complexes.collapse import collapse
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.complexes.homology import homology
+from cubepath.protocol.compiled import compiled
 
 Numbers = NDArray[np.int64]
 

@@ -18,17 +18,17 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from cubepath.coordinator.beyond import Task, beyond, task_of
-from cubepath.coordinator.heap import Heap
-from cubepath.coordinator.potentials import Potential
-from cubepath.coordinator.shorten import shorten
-from cubepath.coordinator.steps import Steps
-from cubepath.protocol.actions import Action, apply_in_place
-from cubepath.protocol.families.triangulations import random_points
-from cubepath.protocol.flip_system import FlipSystem
-from cubepath.protocol.graphs import scenario_from_json
-from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.sites import Site
+from cubepath.coordinator.normal_form.heap import Heap
+from cubepath.coordinator.search.heuristics import Potential
+from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.shortening.optimality import Task, beyond, task_of
+from cubepath.coordinator.shortening.shorten import shorten
+from cubepath.protocol.core.actions import Action, apply_in_place
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.scenes.families.triangulations import random_points
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.graphs import scenario_from_json
 
 DATA = Path(__file__).parents[1] / "data" / "agv"
 PLANS = ("grid8-12agents", "random-32-32-10-30agents", "cgshop2021-algae")

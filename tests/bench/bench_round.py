@@ -19,9 +19,9 @@ from queue import SimpleQueue
 import zenoh
 from tqdm import tqdm
 
-from cubepath.agents.fleet import Fleet
-from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.sessions import open_client, open_router, put, subscribe
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
 
 PROCESSES = 4
 PHASES = 3

@@ -26,18 +26,18 @@ from pathlib import Path
 import numpy as np
 from bench_shorten import exponent, random_walk, seconds
 
-from cubepath.coordinator.compiled import compiled
-from cubepath.coordinator.fast_heap import FastHeap, Numbering
-from cubepath.coordinator.heap_kernel import Numbers
-from cubepath.coordinator.numbered_heap import ActionTable, NumberedHeap, normal_form
-from cubepath.coordinator.shorten import shorten
-from cubepath.protocol.actions import apply_in_place
-from cubepath.protocol.messages import Placed
-from cubepath.protocol.moves import PathMove
-from cubepath.protocol.path_arrays import write_cubes_npz, write_moves_npz
-from cubepath.protocol.paths import NumberedPath, number_moves, write_path
-from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.sites import in_order
+from cubepath.coordinator.normal_form.array_heap import ActionTable, NumberedHeap, normal_form
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap, Numbering
+from cubepath.coordinator.normal_form.kernel import Numbers
+from cubepath.coordinator.shortening.shorten import shorten
+from cubepath.protocol.compiled import compiled
+from cubepath.protocol.core.actions import apply_in_place
+from cubepath.protocol.core.sites import in_order
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
+from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, write_path
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import Placed
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 LINES = 1_000_000

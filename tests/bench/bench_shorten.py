@@ -20,13 +20,13 @@ from functools import partial
 from random import Random
 from statistics import median
 
-from cubepath.coordinator.fast_heap import FastHeap
-from cubepath.coordinator.heap import Heap
-from cubepath.coordinator.printed import CubePath, TimeGeodesic
-from cubepath.protocol.actions import Action, admissible, apply_in_place
-from cubepath.protocol.catalogue import Move
-from cubepath.protocol.scenes import scene_from_spec
-from cubepath.protocol.sites import Site
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.normal_form.heap import Heap
+from cubepath.coordinator.paper.algorithms import CubePath, TimeGeodesic
+from cubepath.protocol.core.actions import Action, admissible, apply_in_place
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.scenes.specs import scene_from_spec
 
 Make = Callable[[], Heap | FastHeap]
 

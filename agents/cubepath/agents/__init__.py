@@ -9,20 +9,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from cubepath.agents.environment import CubepathEnv, env, parallel_env, raw_env
-    from cubepath.agents.rule import Birth, Choice, Rule, RuleType
-    from cubepath.agents.view import View
+    from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
+    from cubepath.agents.local.observation import View
+    from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
 
 _HOME = {
-    "CubepathEnv": "environment",
-    "env": "environment",
-    "parallel_env": "environment",
-    "raw_env": "environment",
-    "Birth": "rule",
-    "Choice": "rule",
-    "Rule": "rule",
-    "RuleType": "rule",
-    "View": "view",
+    "CubepathEnv": "environments.environment",
+    "env": "environments.environment",
+    "parallel_env": "environments.environment",
+    "raw_env": "environments.environment",
+    "Birth": "rules.rule",
+    "Choice": "rules.rule",
+    "Rule": "rules.rule",
+    "RuleType": "rules.rule",
+    "View": "local.observation",
 }
 
 __all__ = [

@@ -2,7 +2,7 @@
 
 import sys
 
-from cubepath.coordinator.cli import main
+from cubepath.coordinator.commands.main import main
 
 if __name__ == "__main__":
     sys.exit(main())

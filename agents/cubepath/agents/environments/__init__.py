@@ -1,0 +1,1 @@
+"""The PettingZoo environments, in one process and over zenoh."""

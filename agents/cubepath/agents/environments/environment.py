@@ -1,0 +1,313 @@
+"""The PettingZoo environments: one agent a module, in one process or over zenoh.
+
+Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion of it to turns.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+from pettingzoo import AECEnv, ParallelEnv
+from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, parallel_to_aec
+
+from cubepath.agents.environments.world import Round, World
+from cubepath.agents.local.observation import (
+    SILENT,
+    STAY,
+    Note,
+    Observation,
+    checked_note,
+    observation_length,
+)
+from cubepath.agents.rendering.pictures import draw_pixels
+from cubepath.agents.rendering.text import draw_text
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+if TYPE_CHECKING:
+    from cubepath.agents.environments.wire_world import WireWorld
+
+Infos = dict[str, dict[str, Any]]
+
+
+class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
+    """The modules of a scene as agents module_0, module_1, ...
+
+    Observation and mask are those of `cubepath.agents.local.observation.observe`; action 0 stays,
+    action i is the move in slot i - 1. Conflicting choices are settled by seeded rank; a choice
+    that is not admissible counts as stay and is marked ``illegal`` in the infos. All agents share
+    one reward: the change in the fraction of goal places that are taken. The episode terminates
+    when the goal is reached and is truncated after `max_cycles` rounds.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable
+        "name": "cubepath_v0",
+        "render_modes": ["human", "ansi", "rgb_array"],
+        "is_parallelizable": True,
+        "render_fps": 4,
+    }
+
+    def __init__(
+        self,
+        system: str | Scene = "hex",
+        *,
+        max_cycles: int = 500,
+        render_mode: str | None = None,
+        talk: int = 0,
+    ) -> None:
+        """Make the environment; `talk` is the length of the notes that `step` may be given."""
+        EzPickle.__init__(self, system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InputError(
+                f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
+            )
+        scene = scene_from_spec(system) if isinstance(system, str) else system
+        self.scene = local_only(scene, "environment")
+        self.max_cycles = max_cycles
+        self.render_mode = render_mode
+        self.talk = talk
+        self.possible_agents = list(self.scene.modules)
+        self._module = {name: number for number, name in enumerate(self.possible_agents)}
+        self.agents: list[str] = []
+        space = _observation_space(self.scene, talk)
+        self._observation_spaces = dict.fromkeys(self.possible_agents, space)
+        size = self.scene.system.move_slots + 1
+        self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
+        width = self.scene.system.site_size
+        info = np.iinfo(np.int32)
+        self.state_space = spaces.Box(
+            info.min, info.max, (len(self.possible_agents), width), np.int32
+        )
+        self._world: World | WireWorld | None = None
+        self.last_round: Round | None = None
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the agent's observation space, the same object each time."""
+        return self._observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the agent's action space, the same object each time."""
+        return self._action_spaces[agent]
+
+    def reset(
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo passes it by name
+    ) -> tuple[dict[str, Observation], Infos]:
+        """Put every module at its start; `seed` ranks the claims (0 when left out)."""
+        self.agents = list(self.possible_agents)
+        seed = int(seed or 0)
+        if seed < 0:
+            raise InputError(f"seed={seed}: expected 0 or more")
+        if self._world is None:
+            self._world = self._make_world(seed)
+        else:
+            self._world.reset(seed)
+        self.last_round = None
+        observations = self._observe()
+        return observations, _infos(observations, set())
+
+    def _make_world(self, seed: int) -> World | WireWorld:
+        return World(self.scene, seed=seed, talk=self.talk)
+
+    @property
+    def world(self) -> World | WireWorld:
+        """Return the world that is being stepped; InputError before the first reset."""
+        if self._world is None:
+            raise InputError("the environment has not been reset yet: call reset first")
+        return self._world
+
+    def _observe(self) -> dict[str, Observation]:
+        return {name: self.world.observe(self._module[name]) for name in self.agents}
+
+    def step(
+        self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
+    ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """Play one round; `notes` are for rules that talk and are heard in the next round."""
+        world = self.world
+        if not self.agents:
+            return {}, {}, {}, {}, {}
+        wanted = {self._number(name): int(action or 0) for name, action in actions.items()}
+        told = {
+            self._number(name): checked_note(note, self.talk)
+            for name, note in (notes or {}).items()
+        }
+        slots = self.scene.system.move_slots
+        chosen = {m: action if 0 <= action <= slots else STAY for m, action in wanted.items()}
+        before = self._at_goal()
+        played = world.step(chosen, told)
+        self.last_round = played
+        illegal = {
+            self.possible_agents[module]
+            for module, action in wanted.items()
+            if action and module not in played.moves and module not in played.lost
+        }
+        reward = self._at_goal() - before
+        done = self.scene.reached(world.sites)
+        late = world.round >= self.max_cycles
+        observations = self._observe()
+        result = (
+            observations,
+            dict.fromkeys(self.agents, reward),
+            dict.fromkeys(self.agents, done),
+            dict.fromkeys(self.agents, late and not done),
+            _infos(observations, illegal),
+        )
+        if done or late:
+            self.agents = []
+        if self.render_mode == "human":
+            self.render()
+        return result
+
+    def _number(self, name: str) -> int:
+        number = self._module.get(name)
+        if number is None:
+            raise InputError(f"{name!r} is no agent, expected one of {self.possible_agents}")
+        return number
+
+    def _at_goal(self) -> float:
+        if self.scene.goal is None:
+            return 0.0
+        there = sum(site in self.scene.goal for site in self.sites)
+        return there / len(self.possible_agents)
+
+    def state(self) -> NDArray[np.int32]:
+        """Return the places of all modules, int32, shape (modules, site_size)."""
+        system = self.scene.system
+        return np.array([system.encode_site(site) for site in self.sites], np.int32)
+
+    @property
+    def sites(self) -> tuple[Any, ...]:
+        """Return the site of each module, by number; before the first reset, where they start."""
+        return self.scene.start if self._world is None else tuple(self._world.sites)
+
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """Draw the modules: text for "ansi", pixels (height, width, 3) for "rgb_array".
+
+        "human" prints the text and returns None.
+        """
+        if self.render_mode == "rgb_array":
+            return draw_pixels(self.scene, self.sites)
+        if self.render_mode is None:
+            return None
+        text = draw_text(self.scene, self.sites)
+        if self.render_mode == "ansi":
+            return text
+        print(text)
+        return None
+
+    def close(self) -> None:
+        """Let go of what the world holds: over zenoh, its processes and sessions."""
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+            self.agents = []
+
+
+class WireEnv(CubepathEnv):
+    """The same environment with the modules in processes of their own, over zenoh.
+
+    Processes are started by the first `reset`, go from episode to episode, and end with `close`.
+    """
+
+    def __init__(
+        self,
+        system: str | Scene = "hex",
+        *,
+        max_cycles: int = 500,
+        render_mode: str | None = None,
+        talk: int = 0,
+        processes: int = 2,
+    ) -> None:
+        """Make the environment; `processes` 0 keeps the modules here, on a session all the same."""
+        super().__init__(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+        EzPickle.__init__(
+            self,
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            talk=talk,
+            processes=processes,
+        )
+        if processes < 0:
+            raise InputError(f"processes={processes}: expected 0 or more")
+        self.processes = processes
+
+    def _make_world(self, seed: int) -> World | WireWorld:
+        from cubepath.agents.environments.wire_world import WireWorld  # noqa: PLC0415 - zenoh only when used
+
+        world = WireWorld(self.scene, seed=seed, talk=self.talk, processes=self.processes)
+        # An environment that is dropped, or left open at exit, takes its processes with it.
+        weakref.finalize(self, world.close)
+        return world
+
+
+def _infos(observations: dict[str, Observation], illegal: set[str]) -> Infos:
+    return {
+        name: {"action_mask": seen["action_mask"], "illegal": name in illegal}
+        for name, seen in observations.items()
+    }
+
+
+def _observation_space(scene: Scene, talk: int) -> spaces.Dict:
+    system = scene.system
+    info = np.iinfo(np.int32)
+    low = np.zeros(observation_length(system), np.int32)
+    high = np.ones(observation_length(system), np.int32)
+    low[: system.site_size] = info.min
+    high[: system.site_size] = info.max
+    high[system.site_size + 1 :: 2] = system.codes - 1
+    parts: dict[str, spaces.Space[Any]] = {
+        "observation": spaces.Box(low, high, dtype=np.int32),
+        "action_mask": spaces.Box(0, 1, (system.move_slots + 1,), np.int8),
+    }
+    if talk:
+        parts["notes"] = spaces.Box(SILENT, info.max, (system.reach_slots, talk), np.int32)
+    return spaces.Dict(parts)
+
+
+def parallel_env(
+    system: str | Scene = "hex",
+    *,
+    max_cycles: int = 500,
+    render_mode: str | None = None,
+    talk: int = 0,
+    transport: Literal["local", "zenoh"] = "local",
+    processes: int = 2,
+) -> ParallelEnv[str, Observation, int | None]:
+    """Return the parallel environment of a system.
+
+    With ``transport="zenoh"`` the modules live in `processes` processes of their own and learn of
+    one another by messages; observations, masks and results are the same.
+    """
+    if transport == "local":
+        return CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+    if transport != "zenoh":
+        raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
+    return WireEnv(
+        system, max_cycles=max_cycles, render_mode=render_mode, talk=talk, processes=processes
+    )
+
+
+def env(
+    system: str | Scene = "hex",
+    *,
+    max_cycles: int = 500,
+    render_mode: str | None = None,
+    talk: int = 0,
+) -> AECEnv[str, Observation, int | None]:
+    """Return the environment in turns, with PettingZoo's usual wrappers."""
+    turns = parallel_to_aec(
+        CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+    )
+    return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
+
+
+raw_env = CubepathEnv

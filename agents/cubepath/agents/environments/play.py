@@ -1,0 +1,63 @@
+"""Play a rule in the environment, in one process: the reference for every run on the wire.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from cubepath.agents.environments.environment import CubepathEnv
+from cubepath.agents.environments.world import Round
+from cubepath.agents.local.observation import Note
+from cubepath.agents.rules.actor import pilots_for
+from cubepath.agents.rules.rule import RuleType
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+
+
+@dataclass(frozen=True, slots=True)
+class Played:
+    """A finished run: its rounds in order, where modules ended, and what a rule gave up on."""
+
+    rounds: tuple[Round, ...]
+    sites: tuple[Site, ...]
+    reached: bool
+    failed: str | None = None
+
+
+def play(
+    scene: Scene,
+    rule: RuleType,
+    *,
+    seed: int = 0,
+    hesitate: float = 0.0,
+    max_rounds: int = 1000,
+    watch: Callable[[Round], None] | None = None,
+) -> Played:
+    """Play until the goal is reached, a rule gives up, or `max_rounds` are over."""
+    talk = rule.talk(len(scene.start))
+    env = CubepathEnv(scene, max_cycles=max_rounds, talk=talk)
+    pilots = pilots_for(scene, rule, seed=seed, hesitate=hesitate)
+    observations, _ = env.reset(seed=seed)
+    spoken: dict[str, Note] = {}
+    rounds: list[Round] = []
+    failed: str | None = None
+    while env.agents and failed is None and not scene.reached(env.sites):
+        actions = {}
+        for number, name in enumerate(env.possible_agents):
+            choice = pilots[number].act(observations[name])
+            actions[name] = choice.action
+            if choice.note is not None:
+                spoken[name] = choice.note
+            if choice.failed is not None and failed is None:
+                failed = f"{name}: {choice.failed}"
+        observations, *_ = env.step(actions, spoken)
+        played = env.last_round
+        if played is None:  # step has just set it
+            raise AssertionError("a step without a round")
+        rounds.append(played)
+        if watch is not None:
+            watch(played)
+    return Played(tuple(rounds), env.sites, scene.reached(env.sites), failed)

@@ -1,0 +1,134 @@
+"""The world on the wire: the same steps as `World`, played by processes that talk over zenoh.
+
+Room: agents. Observations and masks come from the modules; actions go to them; what they did is
+read from their reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from cubepath.agents.environments.world import Round
+from cubepath.agents.local.observation import STAY, Note, Observation
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.host import OUTSIDE
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.messages import Act, Observed, Report, decode, site_of
+
+
+class WireWorld:
+    """All modules of a scene in a fleet, flown from outside."""
+
+    def __init__(self, scene: Scene, *, seed: int, talk: int = 0, processes: int = 2) -> None:
+        """Start the fleet and sense for the first time."""
+        self.scene = scene
+        self.talk = talk
+        self._observed: dict[int, Observed] = {}
+        self._reports: dict[int, Report] = {}
+        self._processes = processes
+        self._whole = False
+        self._fleet: Fleet | None = None
+        self._start(seed)
+        self._begin()
+
+    def _start(self, seed: int) -> None:
+        self._fleet = Fleet(
+            self.scene,
+            OUTSIDE,
+            seed=seed,
+            processes=self._processes,
+            talk=self.talk,
+            sink=self._take,
+        )
+        self._fleet.__enter__()
+
+    def reset(self, seed: int) -> None:
+        """Begin again with the same processes and another seed."""
+        fleet = self._running()
+        if self._whole:
+            fleet.reset(seed)
+        else:  # a step was interrupted, and messages of it may still be under way
+            self.close()
+            self._start(seed)
+        self._begin()
+
+    def _begin(self) -> None:
+        self.round = 0
+        self.sites: list[Site] = list(self.scene.start)
+        self._sense()
+
+    def _take(self, topic: str, data: bytes, _wall_ns: int) -> None:
+        if not topic.startswith(("observed/", "report/")):
+            return
+        message = decode(data)
+        if self._fleet is None or message.round != self._fleet.round:
+            return
+        if isinstance(message, Observed):
+            self._observed[message.module] = message
+        elif isinstance(message, Report):
+            self._reports[message.module] = message
+
+    def _running(self) -> Fleet:
+        if self._fleet is None:
+            raise InputError("the environment is closed: make another")
+        return self._fleet
+
+    def _sense(self) -> None:
+        fleet = self._running()
+        self._observed.clear()
+        fleet.begin_round()
+        fleet.ask()
+        fleet.pump(lambda: len(self._observed) == len(self.sites))
+        self._whole = True
+
+    def observe(self, module: int) -> Observation:
+        """Return the observation that the module itself sent."""
+        sent = self._observed[module]
+        found: Observation = {
+            "observation": np.array(sent.observation, np.int32),
+            "action_mask": np.array(sent.action_mask, np.int8),
+        }
+        if self.talk:
+            found["notes"] = np.array(sent.notes, np.int32)
+        return found
+
+    def step(self, actions: Mapping[int, int], notes: Mapping[int, Note] | None = None) -> Round:
+        """Send the actions, let the modules settle them, and sense again."""
+        fleet = self._running()
+        self._whole = False
+        self.round += 1
+        self._reports.clear()
+        acts = []
+        for module, seen in sorted(self._observed.items()):
+            action = actions.get(module, STAY)
+            legal = seen.action_mask[action] == 1
+            note = (notes or {}).get(module, ())
+            acts.append(Act(fleet.round, module, action if legal else STAY, list(note)))
+        fleet.fly(acts)
+        moves: dict[int, Move] = {}
+        for module, report in sorted(self._reports.items()):
+            if report.move is not None:
+                before, after = site_of(report.before), site_of(report.site)
+                moves[module] = next(
+                    move
+                    for move in self.scene.system.moves(before)
+                    if move is not None
+                    and move.target == after
+                    and move.generator == report.move.generator
+                    and move.at == site_of(report.move.at)
+                )
+            self.sites[module] = site_of(report.site)
+        lost = tuple(m for m, report in sorted(self._reports.items()) if report.claim == "lost")
+        self._sense()
+        return Round(self.round, moves, lost)
+
+    def close(self) -> None:
+        """End the processes and close the sessions; the last observations stay."""
+        fleet, self._fleet = self._fleet, None
+        if fleet is not None:
+            fleet.__exit__(None, None, None)

@@ -1,0 +1,156 @@
+"""What one module sees: the PettingZoo observation, and the same read back as a view.
+
+Room: agents. `observe` looks at the sensed places of one module and at nothing else; a `View` is
+made of that observation alone, so a rule cannot see past its neighbourhood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, System
+
+Note: TypeAlias = tuple[int, ...]
+"""What a rule tells the modules within reach: a fixed number of integers."""
+Observation: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
+
+STAY = 0
+"""The action that is always legal; action ``i`` is the move in slot ``i - 1``."""
+SILENT = np.iinfo(np.int32).min
+"""Fills the note of a place within reach from which nothing was heard."""
+
+
+def checked_note(note: Iterable[int], talk: int) -> Note:
+    """Return a note as integers; InputError where it has not `talk` numbers that a note can hold.
+
+    A number of a note is an int32 above the least, which is `SILENT`.
+    """
+    numbers = tuple(int(number) for number in note)
+    if len(numbers) != talk:
+        raise InputError(f"a note of {len(numbers)} numbers, expected {talk}")
+    wrong = [number for number in numbers if not SILENT < number <= np.iinfo(np.int32).max]
+    if wrong:
+        raise InputError(f"a note with {wrong[0]}, expected more than {SILENT} and an int32")
+    return numbers
+
+
+def observation_length(system: System) -> int:
+    """Return the length of `observation`: the own site, its goal flag, two entries a slot."""
+    return system.site_size + 1 + 2 * system.sense_slots
+
+
+def observe(
+    system: System,
+    site: Site,
+    occupants: Mapping[Site, Site],
+    *,
+    goals: frozenset[Site],
+    notes: Mapping[Site, Note] | None = None,
+    talk: int = 0,
+) -> Observation:
+    """Return the PettingZoo observation of a module at `site`.
+
+    `occupants` maps places to the site that is on there and is asked for sensed places only.
+    The result holds
+
+    - ``observation``, int32, shape ``(site_size + 1 + 2 * sense_slots,)``: the own site, 1 if it
+      or its place is one of the module's `goals`, then for each sensed slot what it shows (0 free,
+      1 module, 2 occupied obstacle, 3 no place, 4 + label or letter) and 1 if that place, or what
+      is on there, is one of its goals;
+    - ``action_mask``, int8, shape ``(move_slots + 1,)``: which actions are legal, stay first;
+    - ``notes`` when `talk` is positive, int32, shape ``(len(reach), talk)`` padded to the largest
+      reach: what was heard from each place within reach, `SILENT` where nothing was.
+    """
+    place = system.place_of(site)
+    numbers = [*system.encode_site(site), int(place in goals or site in goals)]
+    on: set[Site] = {site}
+    for near in system.sensed(place):
+        if near is None:
+            numbers += (CLOSED, 0)
+            continue
+        occupant = occupants.get(near)
+        code = system.background(near) if occupant is None else system.code_of(occupant)
+        shown = system.site_at(near, code)
+        numbers += (code, int(near in goals or shown in goals))
+        if shown is not None:
+            on.add(shown)
+    mask = np.zeros(system.move_slots + 1, dtype=np.int8)
+    mask[STAY] = 1
+    for slot, move in enumerate(system.moves(site), 1):
+        if move is not None and move.possible(on):
+            mask[slot] = 1
+    found: Observation = {"observation": np.array(numbers, dtype=np.int32), "action_mask": mask}
+    if talk:
+        heard = np.full((system.reach_slots, talk), SILENT, dtype=np.int32)
+        for slot, near in enumerate(system.reach(place)):
+            note = (notes or {}).get(near)
+            if note is not None:
+                heard[slot] = note
+        found["notes"] = heard
+    return found
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """An observation as a rule reads it: by places and moves in place of slots and codes."""
+
+    system: System
+    site: Site
+    place: Site
+    occupied: Mapping[Site, int]
+    """Sensed places where a module stands or an occupied obstacle lies, with the code shown."""
+    mask: NDArray[np.int8]
+    moves: tuple[Move | None, ...]
+    """The moves by slot, admissible or not; action ``i`` is ``moves[i - 1]``."""
+    notes: Mapping[Site, Note]
+    """What was heard from places within reach."""
+
+    def legal(self) -> list[tuple[int, Move]]:
+        """Return the admissible moves with their actions, in slot order."""
+        return [
+            (action, move)
+            for action, move in enumerate(self.moves, 1)
+            if move is not None and self.mask[action]
+        ]
+
+    def label_at(self, place: Site) -> int | None:
+        """Return the label of the module sensed at `place`; None if there is none."""
+        code = self.occupied.get(place, 0)
+        return code - FIRST_LABEL if code >= FIRST_LABEL else None
+
+
+def view_of(system: System, observation: Observation, label: int | None = None) -> View:
+    """Read an observation back; `label` is the module's own in a labelled system."""
+    numbers: Sequence[int] = observation["observation"].tolist()
+    size = system.site_size
+    site = system.decode_site(numbers[:size], label)
+    place = system.place_of(site)
+    occupied = {}
+    for slot, near in enumerate(system.sensed(place)):
+        code = numbers[size + 1 + 2 * slot]
+        if near is not None and code not in (0, CLOSED):
+            occupied[near] = code
+    notes: dict[Site, Note] = {}
+    heard = observation.get("notes")
+    if heard is not None:
+        for slot, near in enumerate(system.reach(place)):
+            if heard[slot, 0] != SILENT:
+                notes[near] = tuple(heard[slot].tolist())
+    mask = observation["action_mask"].astype(np.int8, copy=False)
+    return View(
+        system=system,
+        site=site,
+        place=place,
+        occupied=occupied,
+        mask=mask,
+        moves=system.moves(site),
+        notes=notes,
+    )

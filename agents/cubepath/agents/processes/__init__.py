@@ -1,0 +1,1 @@
+"""Module processes and the fleet that starts, paces and ends them."""

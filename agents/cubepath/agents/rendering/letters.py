@@ -1,0 +1,143 @@
+"""Letters at fixed places: words and assemblies, as text and on axes.
+
+Room: agents; draws what it is given and asks nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from cubepath.agents.rendering.pen import (
+    GOAL,
+    INK,
+    LINE,
+    Box,
+    Colour,
+    Pen,
+    Points,
+    Spot,
+    arcs,
+    palette,
+)
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.systems.listed import TabledSystem
+
+_ROW = 40
+"""So many places without positions lie in one row."""
+_COLUMNS_MAX = 200
+_MARGIN = 0.6
+_SMALL, _READABLE = 0.36, 2
+"""The size of a box for the letter that was, or is to be, and how long it may be to be written."""
+_NOTHING: tuple[str, ...] = ("_", "open")
+"""Letters that say that nothing is there, and are drawn pale."""
+_PALE: Colour = (0.91, 0.92, 0.93)
+
+
+def text(scene: Scene, system: TabledSystem, sites: Sequence[Site]) -> str:
+    """Return the letters row by row, each with ``*`` behind it where it is that of the goal."""
+    spots = _spots(system)
+    goal = scene.goal or frozenset()
+    columns = sorted({x for x, _ in spots.values()})
+    unit = min((right - left for left, right in pairwise(columns)), default=1.0)
+    unit = max(unit, (columns[-1] - columns[0]) / _COLUMNS_MAX)
+    wide = max(len(letter) for letter in system.letters or ("o",)) + 2
+    # Half steps, as of bricks, take half a word.
+    step = wide if unit >= 1 else (wide + 1) // 2
+    rows: dict[float, list[tuple[int, str]]] = {}
+    for site in sites:
+        x, y = spots[system.place_of(site)]
+        word = letter_of(system, site) + ("*" if site in goal else "")
+        rows.setdefault(y, []).append((round((x - columns[0]) / unit), word))
+    lines = []
+    for y in sorted(rows, reverse=True):
+        line = ""
+        for column, word in sorted(rows[y]):
+            line = line.ljust(column * step) + word
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def letter_of(system: TabledSystem, site: Site) -> str:
+    """Return the letter of a site; for a place without letters, ``o``."""
+    place = system.place_of(site)
+    return site[1] if isinstance(site, tuple) and place != site else "o"
+
+
+def _spots(system: TabledSystem) -> dict[Site, Spot]:
+    """Return where the middles of the places lie, in cells."""
+    places = [place for place in system.places if place not in system.filled]
+    return {
+        place: system.positions.get(place, (float(number % _ROW), -1.2 * (number // _ROW)))
+        for number, place in enumerate(places)
+    }
+
+
+def frame(system: TabledSystem) -> Box:
+    """Return left, right, low and high of the places, in cells."""
+    known = np.array(list(_spots(system).values()))
+    (left, low), (right, high) = known.min(axis=0) - _MARGIN, known.max(axis=0) + _MARGIN
+    return float(left), float(right), float(low), float(high)
+
+
+def draw(
+    pen: Pen,
+    scene: Scene,
+    system: TabledSystem,
+    sites: Sequence[Site],
+    moved: Mapping[int, Site],
+    *,
+    words: bool,
+) -> None:
+    """Draw a box for each place in the colour of its letter, with the letter in it if `words`.
+
+    A box whose letter is that of the goal has a red outline; else the letter that the goal wants
+    is in the lower right corner. Where the letter has just changed the box has a dark outline, and
+    the letter that was is in the upper left corner.
+    """
+    spots = _spots(system)
+    goal = scene.goal or frozenset()
+    colours = dict(zip(system.letters, palette(len(system.letters)), strict=True))
+    colours |= dict.fromkeys(_NOTHING, _PALE)
+
+    def colour(site: Site) -> Colour:
+        return colours.get(letter_of(system, site), _PALE)
+
+    def small(found: Mapping[Site, Site], corner: Spot, **style: Any) -> None:
+        """Draw small boxes with these letters in a corner of their places."""
+        dx, dy = corner
+        at = {place: (spots[place][0] + dx, spots[place][1] + dy) for place in found}
+        hues = [colour(site) for site in found.values()]
+        pen.shapes([_box(_SMALL, spot) for spot in at.values()], facecolors=hues, **style)
+        for place, site in found.items():
+            word = letter_of(system, site)
+            if words and len(word) <= _READABLE:
+                pen.write(at[place], word, colour(site), size=_SMALL)
+
+    boxes = [_box(1.0, spots[system.place_of(site)]) for site in sites]
+    width = pen.line(0.06)
+    hues = [colour(site) for site in sites]
+    pen.shapes(boxes, facecolors=hues, edgecolors=LINE, linewidths=0.5 * width)
+    there = [box for box, site in zip(boxes, sites, strict=True) if site in goal]
+    pen.shapes(there, facecolors="none", edgecolors=GOAL, linewidths=width)
+    stirred = [boxes[number] for number in moved]
+    pen.shapes(stirred, facecolors="none", edgecolors=INK, linewidths=2 * width)
+    if words:
+        for site in sites:
+            word = letter_of(system, site)
+            pen.write(spots[system.place_of(site)], word, colour(site))
+    small({system.place_of(site): site for site in moved.values()}, (-0.28, 0.28), linewidths=0)
+    aims = {system.place_of(site): site for site in goal - {*sites}}
+    small(aims, (0.28, -0.28), edgecolors=GOAL, linewidths=0.7 * width)
+
+
+def _box(size: float, middle: Spot) -> Points:
+    """Return a square with round corners."""
+    half, corner = 0.44 * size, 0.12 * size
+    inner = half - corner
+    about = [(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)]
+    return np.add(arcs(about, corner), middle)

@@ -1,0 +1,119 @@
+"""A pilot: one module's rule with its memory, from PettingZoo observation to action.
+
+Room: agents. The same pilot flies a module in the environment and in a process on the wire.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+
+from cubepath.agents.local.observation import STAY, Observation, checked_note, view_of
+from cubepath.agents.rules.rule import Birth, Choice, RuleType, as_choice
+from cubepath.protocol.core.errors import InputError, RuleError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, System
+
+_RULE, _HESITATE = 0, 1
+
+
+def stream(seed: int, module: int, purpose: int) -> np.random.Generator:
+    """Return a module's own random stream for one purpose, a function of the seed alone."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(module, purpose)))
+
+
+class Pilot:
+    """Flies one module: asks its rule for a choice, and may hesitate to claim it.
+
+    With `hesitate` P the module makes no claim in a round with probability P; its rule is asked
+    and its note is sent all the same, as if the claim had been lost.
+    """
+
+    def __init__(
+        self,
+        rule: RuleType,
+        *,
+        system: System,
+        module: int,
+        modules: int,
+        start: Site,
+        goals: tuple[Site, ...],
+        seed: int,
+        hesitate: float = 0.0,
+    ) -> None:
+        """Make the rule for this module; it is told nothing of the others but their number."""
+        birth = Birth(
+            system=system,
+            module=module,
+            modules=modules,
+            start=start,
+            goals=goals,
+            random=stream(seed, module, _RULE),
+        )
+        self.talk = rule.talk(modules)
+        self._who = f"rule {rule.name!r}, module_{module}"
+        try:
+            with _blamed_on(self._who):
+                self._rule = rule.make(birth)
+        except RuleError as error:
+            if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
+                raise error.__cause__ from None
+            raise
+        self._birth = birth
+        self._hesitate = hesitate
+        self._doubt = stream(seed, module, _HESITATE)
+
+    def act(self, observation: Observation) -> Choice:
+        """Return the rule's choice, checked; RuleError where it fails or is none to be made."""
+        view = view_of(self._birth.system, observation, self._birth.label)
+        with _blamed_on(self._who):
+            choice = as_choice(self._rule(view))
+            if not 0 <= choice.action < len(view.mask) or not view.mask[choice.action]:
+                legal = view.mask.nonzero()[0].tolist()
+                raise InputError(f"chose action {choice.action}, legal were {legal}")
+            note = None if choice.note is None else checked_note(choice.note, self.talk)
+        hesitates = bool(self._hesitate) and self._doubt.random() < self._hesitate
+        return Choice(STAY if hesitates else choice.action, note, choice.failed)
+
+
+@contextmanager
+def _blamed_on(who: str) -> Generator[None]:
+    """Turn whatever goes wrong in somebody's rule into one line that says whose it is."""
+    try:
+        yield
+    except InputError as error:
+        raise RuleError(f"{who}: {error}") from error
+    except (Exception, SystemExit) as error:
+        text = " ".join(str(error).split())
+        raise RuleError(f"{who}: {type(error).__name__}: {text}") from error
+
+
+def pilots_for(
+    scene: Scene,
+    rule: RuleType,
+    *,
+    seed: int,
+    hesitate: float,
+    modules: list[int] | None = None,
+    sites: Mapping[int, Site] | None = None,
+) -> dict[int, Pilot]:
+    """Return a pilot for each of the modules (all when left out).
+
+    `sites` is where they stand, at the start of the scene when left out.
+    """
+    count = len(scene.start)
+    return {
+        module: Pilot(
+            rule,
+            system=scene.system,
+            module=module,
+            modules=count,
+            start=scene.start[module] if sites is None else sites[module],
+            goals=scene.goals[module] if scene.goals else (),
+            seed=seed,
+            hesitate=hesitate,
+        )
+        for module in (range(count) if modules is None else modules)
+    }

@@ -1,0 +1,67 @@
+"""Distances on the static graph, for the rules of vehicles.
+
+Room: agents. A graph is the same for all, so what is found once serves every vehicle in a process.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable
+from functools import lru_cache
+from weakref import WeakKeyDictionary
+
+from cubepath.protocol.core.system import System
+from cubepath.protocol.systems.graph import GraphSystem
+
+_OPEN = -1
+"""In place of a vertex: none is closed."""
+_TABLE_ENTRIES = 1 << 24
+
+
+class Roads:
+    """Distances on a static graph, with vertices by number.
+
+    Shared by the vehicles of a process, of which it says nothing. It keeps no reference to the
+    system, which can so be collected.
+    """
+
+    def __init__(self, near: Iterable[Iterable[int]]) -> None:
+        """Take the neighbours of each vertex; kept tables are bounded in all their entries."""
+        self.near = tuple(tuple(around) for around in near)
+        size = max(1, _TABLE_ENTRIES // len(self.near))
+        self.distances = lru_cache(maxsize=size)(self._distances)
+
+    def _distances(self, goal: int, closed: int = _OPEN) -> array[int]:
+        """Return every vertex's distance to `goal`, -1 where there is no way round `closed`."""
+        found = array("i", [-1]) * len(self.near)
+        found[goal] = 0
+        rim = [goal]
+        while rim:
+            further: list[int] = []
+            for vertex in rim:
+                for other in self.near[vertex]:
+                    if found[other] < 0 and other != closed:
+                        found[other] = found[vertex] + 1
+                        further.append(other)
+            rim = further
+        return found
+
+    def nearer(self, vertex: int, goal: int) -> list[int]:
+        """Return the neighbours of a vertex that are nearer to the goal, in order of number."""
+        distance = self.distances(goal)
+        return [other for other in self.near[vertex] if distance[other] == distance[vertex] - 1]
+
+
+_roads: WeakKeyDictionary[System, Roads] = WeakKeyDictionary()
+
+
+def roads_of(system: GraphSystem) -> Roads:
+    """Return the roads of a system, the same for all the vehicles in this process."""
+    found = _roads.get(system)
+    if found is None:
+        index = system.index
+        found = Roads(
+            sorted(index[other] for other in system.listeners(vertex)) for vertex in system.vertices
+        )
+        _roads[system] = found
+    return found

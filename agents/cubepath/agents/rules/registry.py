@@ -1,0 +1,72 @@
+"""The rules by name, those that come with the project and those of other distributions.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+
+from cubepath.agents.rules.chain import CHAIN
+from cubepath.agents.rules.pibt import PIBT
+from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.tswap import TSWAP
+from cubepath.agents.rules.uniform import RANDOM
+from cubepath.agents.rules.word import WORD
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import System
+
+GROUP = "cubepath.rules"
+
+
+BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
+
+
+@cache
+def rules() -> dict[str, RuleType]:
+    """Return all rules by name; InputError names an entry point that gives none, or one twice."""
+    found = dict(BUILT_IN)
+    for entry in entry_points(group=GROUP):
+        rule = _loaded(entry)
+        if rule.name in found:
+            raise InputError(f"{_where(entry)}: rule {rule.name!r} exists")
+        found[rule.name] = rule
+    return found
+
+
+def _where(entry: EntryPoint) -> str:
+    by = f" ({entry.dist.name})" if entry.dist is not None else ""
+    return f"entry point {entry.name} of {GROUP}{by}"
+
+
+def _loaded(entry: EntryPoint) -> RuleType:
+    try:
+        rule = entry.load()
+    except Exception as error:
+        raise InputError(f"{_where(entry)}: {type(error).__name__}: {error}") from error
+    if not isinstance(rule, RuleType):
+        raise InputError(f"{_where(entry)}: {rule!r} is no RuleType")
+    return rule
+
+
+def _by_entry(name: str) -> RuleType | None:
+    """Return the rule of the entry point of this name; what else is installed is left alone."""
+    for entry in entry_points(group=GROUP, name=name):
+        rule = _loaded(entry)
+        if rule.name == name:
+            return rule
+    return None
+
+
+def rule_named(name: str, system: System) -> RuleType:
+    """Return the rule of that name if it is one for this system; InputError otherwise.
+
+    Other distributions are asked for names that are not built in only.
+    """
+    found = BUILT_IN.get(name) or _by_entry(name) or rules().get(name)
+    if found is None or not found.fits(system):
+        fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
+        what = "unknown rule" if found is None else "not for this system: rule"
+        raise InputError(f"{what} {name!r}, expected one of {fitting}")
+    return found

@@ -1,0 +1,82 @@
+"""What a rule is: a plain function from a view to a choice, made for one module at its birth.
+
+Room: agents. Third parties add rules under the entry point group ``cubepath.rules``: each entry
+names a `RuleType`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from cubepath.agents.local.observation import STAY, Note, View
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
+
+
+@dataclass(frozen=True, slots=True)
+class Birth:
+    """What a module knows from birth: the static map, its own number, place and goals.
+
+    `modules` is how many there are; where the others are it does not know. `random` is its own
+    stream, derived from the seed of the run and its number.
+    """
+
+    system: System
+    module: int
+    modules: int
+    start: Site
+    goals: tuple[Site, ...]
+    random: np.random.Generator
+
+    @property
+    def label(self) -> int | None:
+        """Return the module's label in a labelled system."""
+        if self.system.labels is None or not isinstance(self.start, tuple):
+            return None
+        return int(self.start[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An action, what to tell the modules within reach, and whether the rule has given up.
+
+    The note is heard by them when they sense the next round, whether or not the move was granted.
+    A rule that finds that it cannot reach its goal says so in `failed`, one line.
+    """
+
+    action: int = STAY
+    note: Note | None = None
+    failed: str | None = None
+
+
+def _silent(_modules: int) -> int:
+    return 0
+
+
+Rule: TypeAlias = Callable[[View], "int | Choice"]
+
+
+@dataclass(frozen=True, slots=True)
+class RuleType:
+    """A rule by name: what it is after, for which systems, and how one is made for a module."""
+
+    name: str
+    summary: str
+    source: str
+    fits: Callable[[System], bool]
+    make: Callable[[Birth], Rule]
+    talk: Callable[[int], int] = _silent
+    """Length of the notes, from the number of modules; 0 for a rule that is silent."""
+
+
+def as_choice(found: int | Choice) -> Choice:
+    """Return what a rule returned as a choice, its reason for giving up as one line."""
+    if not isinstance(found, Choice):
+        return Choice(int(found))
+    if found.failed is None:
+        return found
+    return replace(found, failed=" ".join(found.failed.split()))

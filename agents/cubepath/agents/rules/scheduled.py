@@ -1,0 +1,90 @@
+"""The rule of a module that carries out its part of a schedule: its own moves, each in its round.
+
+Room: agents. From birth a module knows the moves of which it is the mover, by round, and nothing of
+those of others. In the round of one it finds the move among its admissible ones and claims it; the
+moves of a cube commute, so every claim is granted. Where the move is not admissible, it stays and
+says why from what it senses: that is for whoever paces the rounds, who begins no further one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
+from cubepath.protocol.core.actions import misfit
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.path_files.schedules import OwnMoves
+from cubepath.protocol.wire.messages import site_of
+
+NAME = "schedule"
+
+
+def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
+    """Return the rule by which each module makes the moves of its own list in `own`."""
+
+    def make(birth: Birth) -> Rule:
+        return _follow(own.get(birth.module, {}))
+
+    return RuleType(
+        name=NAME,
+        summary="each module makes its own moves of a schedule, each in its round",
+        source="own, see cubepath.agents.rules.scheduled",
+        fits=lambda _: True,
+        make=make,
+    )
+
+
+def _follow(moves: OwnMoves) -> Rule:
+    due = {number: (placed.generator, site_of(placed.at)) for number, placed in moves.items()}
+    rounds = 0
+
+    def choose(view: View) -> int | Choice:
+        nonlocal rounds
+        rounds += 1
+        if rounds not in due:
+            return STAY
+        for action, move in enumerate(view.moves, 1):
+            if move is not None and (move.generator, move.at) == due[rounds]:
+                return action if view.mask[action] else Choice(failed=why_not(move, view))
+        return Choice(failed=_none_such(*due[rounds], view))
+
+    return choose
+
+
+def _none_such(generator: str, at: Site, view: View) -> str:
+    """Return why there is no such move: an obstacle in its way, or the module stands elsewhere."""
+    try:
+        view.system.action(generator, at)
+    except InputError as error:
+        return str(error)
+    return f"{named(generator, at)} is no move from {site_text(view.site)}"
+
+
+def why_not(move: Move, view: View) -> str:
+    """Return what in the support of a move is not as it must be, in one line, as it is sensed."""
+    on: set[Site] = {view.site}
+    for near, code in view.occupied.items():
+        shown = view.system.site_at(near, code)
+        if shown is not None:
+            on.add(shown)
+    action = move.action
+    one, other = action.ends
+    before = one if move.source in one else other
+    wrong = in_order((before ^ (action.support & on)) - action.free)
+    if not wrong:
+        return misfit(action, on)
+    site, text = wrong[0], site_text(wrong[0])
+    if site not in on:
+        how = f"site {text} is off, expected on"
+    else:
+        obstacle = " (an obstacle)" if site in view.system.filled else ""
+        how = f"site {text} is on{obstacle}, expected off"
+    return f"{named(move.generator, move.at)} is not admissible: {how}"
+
+
+def named(generator: str, at: Site) -> str:
+    """Return a move as people read it."""
+    return f"{generator} at {site_text(at)}"

@@ -1,0 +1,195 @@
+"""The rule `tswap`: unlabelled vehicles exchange goals among neighbours until every goal is taken.
+
+Room: agents. Source: Okumura and Defago, Solving simultaneous target assignment and path planning
+efficiently with time-independent execution (TSWAP); made local, and for rounds in which no vehicle
+enters a vertex that another leaves.
+
+A vehicle has a goal and, while it stands away from it, one wanted neighbour: a vertex nearer to
+the goal. Its note says the goal and the want, so in every round all vehicles within distance two
+of one another know the same facts, those of the start of the round:
+
+1. *Move*: a wanted vertex that is empty is claimed.
+2. *Exchange*: if it holds a vehicle that rests at its goal, the two exchange goals. All who want
+   that vertex are neighbours of it, hear one another, and agree: the highest goal number wins.
+3. *Rotate*: if wants close a cycle of vehicles away from their goals, each takes the goal of the
+   one behind it, all in one round. In cycles of at most five all hear all and rotate at once.
+   Longer ones: a blocked vehicle says a probe (a goal, hops), of its own goal or what the vehicle
+   ahead of it said if that goal is higher; it passes on no probe that set out before it was itself
+   blocked as it is now. Who hears its own goal after k hops is in a cycle of k, and sends a
+   countdown from k forwards round the cycle; who hears a 1 from behind takes the goal from there.
+
+Goals are never lost or doubled: exchanges and cycles are disjoint, as a vehicle wants one vertex,
+and who exchanges wants or is a resting vehicle; both sides of each act on the same notes.
+
+It gets there. Let F be the sum of squares of the distances to the goals. A move lowers one distance
+d by one; an exchange makes d >= 2 and 0 to d - 1 and 1; a rotation lowers every distance in it by
+one: each lowers F. And something happens while a vehicle is not at its goal: if no wanted vertex is
+empty (of claims, the highest ranked one is granted) and no resting vehicle is wanted, following
+wants from vehicle to vehicle runs into a blocked cycle. Nobody in it can move or exchange, and
+probes find it:
+
+- *Sound.* Suppose v hears its own goal after k hops, and has been blocked as it is for k rounds.
+  Who passed the probe on was blocked by the one before, and stays so as long as that one stands
+  and is not at its goal; v did, so by induction along the hops all wants still hold.
+- *Sure.* Probes flow against the wants, so none come in from tails. Those older than the cycle die
+  at the vehicle that closed it, k hops on at the latest; then the highest goal in the cycle is
+  passed on by all, returns, and no other does. So a cycle rotates within 3k rounds.
+
+A vehicle that has passed on no probe may change its want to an empty vertex. Hesitation and lost
+claims only cost time, as wants and goals do not hang on them. Distances are taken on the static
+map; a vehicle that is born with no way to its goal gives up in one line, since it cannot know
+which goals in its part of the map are held by vehicles elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules.graph_distances import roads_of
+from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.systems.graph import GraphSystem
+
+NOBODY = -1
+"""In a note: no probe."""
+SEEN_WHOLE = 5
+"""In a cycle of so many vehicles any two are within distance two, so all hear all."""
+
+
+class Said(NamedTuple):
+    """A vehicle's note; vertices and goals by number."""
+
+    goal: int
+    first: int
+    """What it wants where it stood when it said so: the one vertex it may have moved to since."""
+    second: int
+    """What it wants if it has moved there."""
+    probe: int
+    hops: int
+    countdown: int
+
+    def want(self, place: int) -> int:
+        """Return what it wants, now that it stands at `place`; at rest the place itself."""
+        return self.second if place == self.first else self.first
+
+
+class _Vehicle:
+    def __init__(self, birth: Birth, system: GraphSystem) -> None:
+        if len(birth.goals) != 1:
+            raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(birth.goals)}")
+        self._system = system
+        self._roads = roads_of(system)
+        self._goal = system.index[birth.goals[0]]
+        self._place = system.index[birth.start]
+        self._want = self._next(self._place, ())
+        self._second = self._want
+        self._blocked = NOBODY  # rounds blocked by the same vehicle before this one
+        self._passed_on = False  # a probe, since then
+        self._countdown = 0
+        self._failed: str | None = None
+        if self._roads.distances(self._goal)[self._place] < 0:
+            self._failed = f"no way from {birth.start!r} to the goal {birth.goals[0]!r}"
+
+    def _next(self, place: int, taken: Iterable[int]) -> int:
+        """Return a vertex next on the way from `place` to the goal, an empty one if there is."""
+        ways = self._roads.nearer(place, self._goal)
+        return min(ways, key=lambda way: (way in taken, way), default=place)
+
+    def __call__(self, view: View) -> Choice:
+        index = self._system.index
+        heard = {index[place]: Said(*note) for place, note in view.notes.items()}
+        taken = {index[place] for place in view.occupied}
+        self._arrive(index[view.place])
+        probe = (NOBODY, 0)
+        goal = self._new_goal(heard)
+        if goal is not None:
+            self._goal = goal
+            self._turn_to(self._next(self._place, taken))
+        elif self._want in heard and heard[self._want].goal != self._want:
+            probe = self._wait(heard, taken)
+        else:
+            self._turn_to(self._want)
+        return self._say(view, heard, probe)
+
+    def _arrive(self, place: int) -> None:
+        if place != self._place:
+            self._place = place
+            self._turn_to(self._second)
+
+    def _turn_to(self, want: int) -> None:
+        self._want = want
+        self._blocked = NOBODY
+        self._passed_on = False
+        self._countdown = 0
+
+    def _new_goal(self, heard: Mapping[int, Said]) -> int | None:
+        """Return the goal that an exchange or a rotation brings in this round, if one does."""
+        here, want = self._place, self._want
+        behind = {at: said for at, said in heard.items() if said.want(at) == here}
+        if self._goal == here:
+            return max((said.goal for said in behind.values()), default=None)
+        if want not in heard:
+            return None
+        if heard[want].goal == want:
+            rivals = [said.goal for at, said in heard.items() if said.want(at) == want != at]
+            return want if self._goal > max(rivals, default=NOBODY) else None
+        for said in behind.values():
+            if said.countdown == 1:
+                return said.goal
+        at = want
+        for _ in range(SEEN_WHOLE - 1):
+            if at in behind:
+                return behind[at].goal
+            if at not in heard:
+                break
+            at = heard[at].want(at)
+        return None
+
+    def _wait(self, heard: Mapping[int, Said], taken: set[int]) -> tuple[int, int]:
+        """Stand behind a vehicle that is not at its goal; return the probe to say."""
+        self._blocked += 1
+        self._countdown = max(self._countdown - 1, 0)
+        for at, said in heard.items():
+            if said.countdown > 1 and said.want(at) == self._place:
+                self._countdown = said.countdown - 1
+        ahead = heard[self._want]
+        goal, hops = ahead.probe, ahead.hops + 1
+        probe = (self._goal, 0)
+        if goal >= self._goal and hops <= self._blocked:
+            if goal > self._goal:
+                probe = (goal, hops)
+                self._passed_on = True
+            elif not self._countdown:
+                self._countdown = hops
+        if not self._passed_on and not self._countdown:
+            want = self._next(self._place, taken)
+            if want not in taken:
+                self._turn_to(want)
+                return (NOBODY, 0)
+        return probe
+
+    def _say(self, view: View, heard: Mapping[int, Said], probe: tuple[int, int]) -> Choice:
+        self._second = self._next(self._want, heard)
+        note = Said(self._goal, self._want, self._second, *probe, self._countdown)
+        target = self._system.vertices[self._want]
+        action = next((action for action, move in view.legal() if move.target == target), STAY)
+        return Choice(action, tuple(note), self._failed)
+
+
+def make(birth: Birth) -> Rule:
+    """Return the rule of one vehicle; its only goal is a vertex that some vehicle is to take."""
+    if not isinstance(birth.system, GraphSystem):
+        raise InputError("rule 'tswap' is for vehicles on a graph")
+    return _Vehicle(birth, birth.system)
+
+
+TSWAP = RuleType(
+    name="tswap",
+    summary="vehicles go to their goals and exchange them with neighbours that are in the way",
+    source="Okumura and Defago, TSWAP (target assignment and path planning), made local",
+    fits=lambda system: isinstance(system, GraphSystem) and system.labels is None,
+    make=make,
+    talk=lambda _: len(Said._fields),
+)

@@ -1,0 +1,28 @@
+"""The random rule, for every system: any of the legal actions, stay among them.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from cubepath.agents.local.observation import View
+from cubepath.agents.rules.rule import Birth, Rule, RuleType
+
+
+def make(birth: Birth) -> Rule:
+    """Return a rule that picks uniformly among the legal actions from the module's own stream."""
+
+    def choose(view: View) -> int:
+        legal = view.mask.nonzero()[0]
+        return int(legal[birth.random.integers(len(legal))])
+
+    return choose
+
+
+RANDOM = RuleType(
+    name="random",
+    summary="any legal action with equal probability, stay among them",
+    source="none needed",
+    fits=lambda _: True,
+    make=make,
+)

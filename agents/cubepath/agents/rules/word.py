@@ -1,0 +1,59 @@
+"""The arm rule `word`: segments turn until the arm spells the goal word.
+
+Room: agents. Source: own, from the lattice of height functions of a positive arm.
+
+Let h(i) be how many of the first i letters are x: the x-coordinate of the vertex after segment i,
+which segment i reads off its own place. Turning the corner after segment i, or rotating the last
+segment, changes h(i) by one and no other height. So each segment moves towards its own goal height
+H(i), and only when that brings it nearer. It gets there: sum |h - H| falls by one with each move,
+and while h != H some such move is admissible. For take a segment with h(i) < H(i) at which
+H - h is positive and, among those, h is least at the rightmost such i: were its letter x, then
+h(i-1) = h(i) - 1 < H(i) - 1 <= H(i-1) would be such a segment with less height; and were the next
+letter y, then h(i+1) = h(i) < H(i) <= H(i+1) would be one further right; so the letters are y, x
+(or y and the end of the arm) and the corner turns upwards in h. The case h > H mirrors it. A
+segment that lost its claim tries again; the highest claim always wins, so some move is made in
+every round and the word is spelt after at most sum |h - H| rounds.
+"""
+
+from __future__ import annotations
+
+from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules.rule import Birth, Rule, RuleType
+from cubepath.protocol.core.catalogue import EDGES
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.systems.lattice import LatticeSystem
+
+
+def _height(edge: Site) -> int:
+    x, _, axis = EDGES.check(edge)
+    return x + (1 if axis == 0 else 0)
+
+
+def make(birth: Birth) -> Rule:
+    """Return the rule of one segment; its only goal is its own edge in the goal word."""
+    if not birth.goals:
+        raise InputError("rule 'word' needs a goal word")
+    wanted = _height(birth.goals[0])
+
+    def choose(view: View) -> int:
+        height = _height(view.site)
+        for action, move in view.legal():
+            if abs(wanted - _height(move.target)) < abs(wanted - height):
+                return action
+        return STAY
+
+    return choose
+
+
+WORD = RuleType(
+    name="word",
+    summary="each segment of a positive arm turns towards its height in the goal word",
+    source="own: heights of a positive arm, see cubepath.agents.rules.word",
+    fits=lambda system: (
+        isinstance(system, LatticeSystem)
+        and system.catalogue.lattice == EDGES
+        and set(system.catalogue.by_name) == {"flip", "rotate"}
+    ),
+    make=make,
+)

@@ -1,0 +1,260 @@
+"""What ``cubepath shorten`` proves and times, and how ``cubepath verify`` checks what it proved.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.plan_options import add_plan_options, said
+from cubepath.protocol.core.errors import InputError
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.shortening.explain import TimedPath
+    from cubepath.coordinator.shortening.optimality import Beyond
+    from cubepath.coordinator.shortening.shorten import Shortened
+    from cubepath.protocol.path_files.certificates import Certificate
+    from cubepath.protocol.path_files.moves import MoveName
+    from cubepath.protocol.path_files.timetables import Durations
+
+
+def add_explain_options(shorten: argparse.ArgumentParser) -> None:
+    """Add ``--explain``, ``--certificate``, ``--durations`` and ``--duration``."""
+    shorten.add_argument(
+        "--explain",
+        action="store_true",
+        help="say which chain of moves proves that no schedule in the class is shorter",
+    )
+    shorten.add_argument(
+        "--certificate",
+        type=Path,
+        metavar="FILE.json",
+        help="write the proof, for 'cubepath verify FILE.json --of INPUT'",
+    )
+    shorten.add_argument(
+        "--durations",
+        type=Path,
+        metavar="FILE",
+        help="how long moves take (TOML or JSON); -o then writes a timetable, a move a line",
+    )
+    shorten.add_argument(
+        "--duration",
+        action="append",
+        default=[],
+        metavar="NAME=TIME",
+        help="how long the moves of a generator, or the move of an id, take: 2, 1.5, 3/2"
+        " (default 1); may be given again",
+    )
+
+
+def add_certificate_options(verify: argparse.ArgumentParser) -> None:
+    """Add ``--of``, ``--system`` and ``--cubes``."""
+    verify.add_argument(
+        "--of",
+        type=Path,
+        metavar="INPUT",
+        help="LOG is a certificate, or a cubes file with one beside it, of the path in INPUT",
+    )
+    verify.add_argument(
+        "--system", metavar="SYSTEM", help="with --of: the system that the moves of INPUT name"
+    )
+    verify.add_argument(
+        "--cubes",
+        type=Path,
+        metavar="CUBES.jsonl",
+        help="with --of: a cubes file that must be the schedule of the certificate",
+    )
+    add_plan_options(verify)
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """What came of the options: keys for ``--json``, rows and lines for people, a timetable."""
+
+    document: dict[str, Any]
+    rows: tuple[tuple[str, object], ...] = ()
+    lines: tuple[str, ...] = ()
+    timed: TimedPath | None = None
+
+
+def explain(options: argparse.Namespace, found: Shortened) -> Explained:
+    """Do what the options ask for, which may be nothing; a certificate is written.
+
+    InputError where a file cannot be read or written; CheckError where the certificate does not
+    hold, which would be an error of this program.
+    """
+    durations = _durations(options)
+    if not options.explain and options.certificate is None and durations is None:
+        return Explained({})
+    from cubepath.coordinator.shortening.explain import (  # noqa: PLC0415
+        certificate_in_words,
+        certified_path,
+        timed_path,
+    )
+    from cubepath.coordinator.shortening.path_input import known_path  # noqa: PLC0415
+    from cubepath.protocol.path_files.certificates import write_certificate  # noqa: PLC0415
+
+    path = known_path(options.input, options.system, said(options), found.path.moves())
+    certificate = certified_path(path)
+    document: dict[str, Any] = {}
+    rows: list[tuple[str, object]] = []
+    lines: list[str] = []
+    if options.explain:
+        document["certificate"] = _document(certificate)
+        lines += ["", *certificate_in_words(path, certificate)]
+    timed = None
+    if durations is not None:
+        timed = timed_path(path, certificate, durations)
+        document["makespan"] = timed.makespan
+        rows.append(("makespan", timed.makespan))
+        lines += timed.in_words() if options.explain else []
+    if options.certificate is not None:
+        write_certificate(options.certificate, certificate)
+        rows.append(("certificate", options.certificate))
+    return Explained(document, tuple(rows), tuple(lines), timed)
+
+
+def write_schedule(output: Path, found: Shortened, known: Beyond | None, told: Explained) -> None:
+    """Write what ``-o`` asks for: cubes, as lines or arrays, or a timetable."""
+    from cubepath.protocol.path_files.moves import write_cubes  # noqa: PLC0415
+
+    if told.timed is not None:
+        from cubepath.protocol.path_files.timetables import write_timetable  # noqa: PLC0415
+
+        write_timetable(output, told.timed.lines())
+    elif output.suffix == ".npz":
+        from cubepath.protocol.path_files.npz import write_cubes_npz  # noqa: PLC0415
+
+        write_cubes_npz(output, found.path, found.left)
+    else:
+        write_cubes(output, found.named if known is None else known.named)
+
+
+def _document(certificate: Certificate) -> Any:
+    import msgspec  # noqa: PLC0415
+
+    return msgspec.to_builtins(certificate)
+
+
+def _durations(options: argparse.Namespace) -> Durations | None:
+    if options.durations is None and not options.duration:
+        return None
+    from cubepath.protocol.path_files.timetables import (  # noqa: PLC0415
+        Durations,
+        duration_from,
+        read_durations,
+    )
+
+    found = Durations() if options.durations is None else read_durations(options.durations)
+    named = {}
+    for text in options.duration:
+        name, equals, time = text.rpartition("=")
+        if not equals or not name:
+            raise InputError(f"--duration {text}: expected NAME=TIME, as in slide=3/2")
+        try:
+            named[name] = duration_from(time)
+        except InputError as error:
+            raise InputError(f"--duration {text}: {error}") from None
+    return found.with_named(named)
+
+
+def check_explain_options(options: argparse.Namespace) -> None:
+    """See that the options go together; InputError where they do not."""
+    timed = options.durations is not None or bool(options.duration)
+    given = "--certificate" if options.certificate is not None else "--duration"
+    if options.improve is not None and (options.certificate is not None or timed):
+        raise InputError(
+            f"{given} is for the homotopy class of the input, which --improve may leave:"
+            " expected one of the two"
+        )
+    output: Path | None = options.output
+    if timed and output is not None and output.suffix == ".npz":
+        raise InputError(f"{output}: a timetable is JSON Lines, expected another name")
+    for path in (options.input, output):
+        if (
+            options.certificate is not None
+            and path is not None
+            and _same(options.certificate, path)
+        ):
+            raise InputError(f"{path}: expected another file for the certificate")
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
+
+
+def is_of_a_path(options: argparse.Namespace) -> bool:
+    """Tell whether what is to be verified is a certificate; InputError where --of is missing."""
+    if options.of is not None:
+        return True
+    if options.log.suffix in {".json", ".jsonl"}:
+        raise InputError(f"{options.log}: is checked against its input, expected --of INPUT")
+    if options.system or options.cubes or options.format or options.beside:
+        raise InputError("--system, --cubes, --format and --with are for --of INPUT, expected that")
+    return False
+
+
+def verify_certificate(options: argparse.Namespace) -> int:
+    """Check a certificate against its path: what ``cubepath verify LOG --of INPUT`` does."""
+    from cubepath.coordinator.shortening.path_input import known_path  # noqa: PLC0415
+    from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
+        compare_cubes,
+        look_into,
+    )
+    from cubepath.protocol.path_files.certificates import (  # noqa: PLC0415
+        companion,
+        read_certificate,
+    )
+
+    if options.recover is not None:
+        raise InputError("--recover is for recordings, expected no --of")
+    source: Path = options.log
+    cubes_file: Path | None = options.cubes
+    if source.suffix == ".jsonl":
+        if cubes_file is not None:
+            raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
+        cubes_file, source = source, companion(source)
+    certificate = read_certificate(source)
+    path = known_path(options.of, options.system, said(options))
+    found = look_into(certificate, path.actions, path.start)
+    if cubes_file is not None:
+        cubes = _cubes(cubes_file)
+        if found["form"] is None:
+            found["cubes"] = compare_cubes(certificate, path.moves, cubes)
+    left = certificate.moves - 2 * len(certificate.cancelled)
+    document = {
+        "ok": not any(found.values()),
+        "checks": [
+            {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
+        ],
+        "moves": len(path.moves),
+        "reduced_moves": left,
+        "cubes": len(certificate.cubes),
+    }
+    width = max(map(len, found))
+    lines = [
+        f"{'ok    ' if why is None else 'FAILED'}  {name:<{width}}  {why or ''}".rstrip()
+        for name, why in found.items()
+    ]
+    wrong = [name for name, why in found.items() if why is not None]
+    cubes_told = f"{len(certificate.cubes)} cube" + "s" * (len(certificate.cubes) != 1)
+    if not wrong:
+        lines.append(
+            f"proved: in the class of {options.of}, and none in it has fewer than {cubes_told}"
+        )
+    answer(options, document, "\n".join(lines))
+    if wrong:
+        complain(f"{source}: checks failed: {', '.join(wrong)}")
+    return FAILED if wrong else DONE
+
+
+def _cubes(path: Path) -> Sequence[tuple[MoveName, ...]]:
+    from cubepath.protocol.path_files.moves import read_cubes  # noqa: PLC0415
+
+    return list(read_cubes(path))

@@ -1,0 +1,52 @@
+"""The options that say what another program's plan is, and what belongs to it.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.shortening.shorten import Shortened
+    from cubepath.protocol.plans.formats import Said
+
+INPUT_HELP = (
+    "a recording, a moves file (JSON Lines or .npz), a scenario (JSON), or another program's plan"
+)
+
+
+def add_plan_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--format`` and ``--with``."""
+    parser.add_argument(
+        "--format",
+        metavar="NAME",
+        help="what a plan is, where its content does not tell or has to be told more: mapf-log,"
+        " mapf-agents:order=xy or rc, mapf-json:by=step, cgshop2021, cgshop2026:triangulation=K,"
+        " plain",
+    )
+    parser.add_argument(
+        "--with",
+        dest="beside",
+        type=Path,
+        metavar="FILE",
+        action="append",
+        default=[],
+        help="what a plan is about: its map, scenario (with another --with) or instance",
+    )
+
+
+def said(options: argparse.Namespace) -> Said:
+    """Return what the options say."""
+    from cubepath.protocol.plans.formats import Said  # noqa: PLC0415
+
+    return Said(options.format, tuple(options.beside))
+
+
+def plan_rows(found: Shortened) -> list[tuple[str, object]]:
+    """Return the lines of the summary."""
+    if found.planner_rounds is None:
+        return []
+    return [("planner's rounds", found.planner_rounds)]

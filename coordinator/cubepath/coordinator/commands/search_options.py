@@ -1,0 +1,96 @@
+"""The options of ``cubepath shorten`` that look beyond the homotopy class, and what they answer.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import progress_bar
+from cubepath.coordinator.commands.plan_options import said
+from cubepath.protocol.core.errors import InputError
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.search.anytime import Improved
+    from cubepath.coordinator.shortening.optimality import Beyond
+    from cubepath.coordinator.shortening.shorten import Shortened
+
+
+def add_beyond_options(parser: argparse.ArgumentParser) -> None:
+    """Add ``--improve``, ``--seed``, ``--bounds`` and ``--max-states``."""
+    parser.add_argument(
+        "--improve",
+        type=float,
+        metavar="SECONDS",
+        help="search for a shorter schedule in other homotopy classes; implies --bounds",
+    )
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of the search for improvements (default 0)"
+    )
+    parser.add_argument(
+        "--bounds",
+        action="store_true",
+        help="say how many cubes any path between the same ends needs at least",
+    )
+    parser.add_argument(
+        "--max-states",
+        type=int,
+        metavar="N",
+        help="states that the search for the exact optimum may look at (default 100000)",
+    )
+
+
+def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
+    """Return what the options ask for, None where they ask for nothing; InputError if they cannot.
+
+    Progress goes to standard error.
+    """
+    seconds: float | None = options.improve
+    if seconds is None and not options.bounds:
+        return None
+    if seconds is not None and not (math.isfinite(seconds) and seconds >= 0):
+        raise InputError(f"--improve {seconds}: expected a number of seconds, 0 or more")
+    from cubepath.coordinator.search.exact import MAX_STATES  # noqa: PLC0415
+    from cubepath.coordinator.shortening.optimality import beyond, task_of  # noqa: PLC0415
+
+    most: int = MAX_STATES if options.max_states is None else options.max_states
+    if most < 0:
+        raise InputError(f"--max-states {most}: expected 0 or more")
+    task = task_of(options.input, found, options.system, said(options))
+    with progress_bar(None, "improve", " steps") as bar:
+
+        def watch(better: Improved) -> None:
+            bar.set_postfix(cubes=better.cubes, moves=better.moves, refresh=False)
+
+        def tick(steps: int) -> None:
+            bar.update(steps - bar.n)
+
+        return beyond(
+            task,
+            found,
+            seconds=seconds,
+            seed=options.seed,
+            max_states=most,
+            watch=watch,
+            tick=tick,
+        )
+
+
+def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
+    """Return the lines of the summary."""
+    if known is None:
+        return []
+    optimal = {True: "yes", False: "no, a shorter one exists", None: "not known"}[known.optimal]
+    rows: list[tuple[str, object]] = []
+    if known.improved is not None:
+        rows.append(("improved", known.improved))
+    rows += [
+        ("lower bound", f"{known.lower_bound} ({known.why})"),
+        ("optimal", optimal),
+    ]
+    if known.only_class is not None:
+        rows.append(("other classes", "none" if known.only_class else "there are"))
+    return rows

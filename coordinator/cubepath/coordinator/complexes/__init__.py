@@ -1,0 +1,1 @@
+"""State and shape complexes: exploration, links, homology, collapses, surfaces, pictures."""

@@ -1,0 +1,102 @@
+"""State and shape complexes for others: as a networkx graph, and as a JSON file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import networkx as nx
+
+from cubepath.coordinator.complexes.shape_complex import ShapeComplex
+from cubepath.coordinator.complexes.state_complex import StateComplex
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order, site_text
+
+FORMAT = "cubepath-complex-1"
+
+Complex = StateComplex | ShapeComplex
+
+
+def to_networkx(built: Complex) -> nx.MultiGraph[int]:
+    """Return the 1-skeleton: the transition graph, whose nodes are the numbers of the states.
+
+    Each node has `sites`, the sites that are on in canonical order; each edge has `move`, the label
+    of its action (or, of a shape complex, generator and translation), and `number`. Two states may
+    be joined by several edges, and in a shape complex a node to itself.
+    """
+    graph: nx.MultiGraph[int] = nx.MultiGraph()
+    for number, sites in enumerate(_states(built)):
+        graph.add_node(number, sites=in_order(sites))
+    if built.complex.dimension > 0:
+        for number, (low, high) in enumerate(built.complex.faces[1][:, 0].tolist()):
+            graph.add_edge(low, high, move=_move(built, number), number=number)
+    return graph
+
+
+def _states(built: Complex) -> list[frozenset[Site]]:
+    if isinstance(built, ShapeComplex):
+        return list(built.shapes)
+    return [built.explored.state(number) for number in range(built.complex.f_vector[0])]
+
+
+def _move(built: Complex, edge: int) -> str:
+    if isinstance(built, StateComplex):
+        return built.cube(1, edge)[1][0].label
+    (at, generator), *_ = built.cubes[1][edge][1]
+    return f"{generator} at {list(at)}"
+
+
+def complex_document(built: Complex) -> dict[str, Any]:
+    """Return the complex as JSON, format `cubepath-complex-1`; see docs/files.md."""
+    document: dict[str, Any] = {"format": FORMAT}
+    if isinstance(built, StateComplex):
+        bits = built.explored.bits
+        document |= {
+            "system": built.explored.scene.spec,
+            "complex": "state complex",
+            "actions": [_action(action) for action in bits.actions],
+            "cubes": [
+                [
+                    {"base": base, "actions": actions}
+                    for base, actions in zip(bases.tolist(), rows.tolist(), strict=True)
+                ]
+                for bases, rows in zip(built.bases[1:], built.actions[1:], strict=True)
+            ],
+        }
+    else:
+        document |= {
+            "system": built.scene.spec,
+            "complex": "shape complex",
+            "cubes": [
+                [
+                    {"base": base, "moves": [{"generator": name, "at": at} for at, name in steps]}
+                    for base, steps in cubes
+                ]
+                for cubes in built.cubes[1:]
+            ],
+        }
+    document["states"] = [in_order(sites) for sites in _states(built)]
+    document["faces"] = [found.tolist() for found in built.complex.faces[1:]]
+    return document
+
+
+def _action(action: Action) -> dict[str, Any]:
+    return {
+        "label": action.label,
+        "support": in_order(action.support),
+        "trace": in_order(action.trace),
+        "ends": [in_order(end) for end in action.ends],
+        "free": in_order(action.free),
+        "guards": sorted(action.guards, key=site_text),
+    }
+
+
+def write_complex(built: Complex, path: Path) -> None:
+    """Write the complex as JSON; InputError where the file cannot be written."""
+    data = msgspec.json.encode(complex_document(built))
+    try:
+        path.write_bytes(data + b"\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -1,0 +1,162 @@
+"""The shape complex: the state complex of a lattice system up to translation.
+
+Source: Abrams and Ghrist, appendix on shape complexes. A finite state is fixed by no translation,
+so every cube of the quotient is named once by the shape at which all of its actions are at end 0,
+put to its normal place, and by these actions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.complexes.exploration import MAX_STATES
+from cubepath.protocol.core.actions import Action, admissible, apply, commute, end_at
+from cubepath.protocol.core.catalogue import Cell, Lattice
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.systems.lattice import LatticeSystem
+
+Shape: TypeAlias = frozenset[Site]
+"""The cells of an aggregate, shifted so that the first in canonical order is in normal place."""
+Step: TypeAlias = tuple[Cell, str]
+"""An action by its translation and its generator; in this order, steps sort as cells do."""
+Cube: TypeAlias = tuple[int, tuple[Step, ...]]
+"""The number of the base shape, and the steps in ascending order: the cube's directions."""
+
+
+class TooManyShapes(CheckError):  # noqa: N818 - named for what is the case
+    """There are more shapes than were allowed; `known` were found before that was seen."""
+
+    def __init__(self, spec: str, most: int, known: int) -> None:
+        """Say so in one line."""
+        super().__init__(f"{spec}: more than {most} shapes")
+        self.known = known
+
+
+@dataclass(frozen=True, slots=True)
+class ShapeComplex:
+    """A shape complex with its shapes, and with the names of its cubes by dimension."""
+
+    scene: Scene
+    complex: CubicalComplex
+    shapes: tuple[Shape, ...]
+    cubes: tuple[tuple[Cube, ...], ...]
+
+
+def lattice_of(scene: Scene) -> LatticeSystem:
+    """Return the system of a scene on a whole lattice; InputError where translations do not act."""
+    system = local_only(scene, "shape complex").system
+    if not isinstance(system, LatticeSystem):
+        raise InputError(f"{scene.spec}: no lattice, so there are no shapes up to translation")
+    if system.workspace is not None or system.obstacles:
+        raise InputError(
+            f"{scene.spec}: a workspace or obstacles, expected a whole lattice for shapes up to"
+            " translation"
+        )
+    return system
+
+
+def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]:
+    """Return the aggregate in its normal place, and the translation that takes it there."""
+    first = lattice.check(in_order(cells)[0])
+    by = tuple(-number for number in first[: lattice.dimension])
+    return frozenset(lattice.shift(lattice.check(cell), by) for cell in cells), by
+
+
+def steps_at(system: LatticeSystem, shape: Shape) -> dict[Step, Action]:
+    """Return the admissible actions of an aggregate, by their steps in ascending order.
+
+    An action that the catalogue has under two names stands under the first of its steps.
+    """
+    found: dict[Step, Action] = {}
+    for cell in shape:
+        for move in system.moves(cell):
+            if (
+                move is not None
+                and isinstance(move.at, tuple)  # a translation, on a lattice
+                and admissible(move.action, shape)
+            ):
+                found[move.at, move.generator] = move.action
+    first = {found[step]: step for step in sorted(found, reverse=True)}
+    return {step: found[step] for step in sorted(first.values())}
+
+
+def shape_complex(
+    scene: Scene,
+    *,
+    max_states: int = MAX_STATES,
+    progress: Callable[[int, int], None] | None = None,
+) -> ShapeComplex:
+    """Return the shape complex; CheckError where it has more than `max_states` shapes."""
+    system = lattice_of(scene)
+    lattice = system.catalogue.lattice
+    first, _ = normal_place(lattice, frozenset(scene.start))
+    number: dict[Shape, int] = {first: 0}
+    shapes = [first]
+    across: list[dict[Step, tuple[int, Cell]]] = []
+    """For each shape and step at end 0: the shape it leads to, and how that was shifted."""
+    up: list[dict[Step, Action]] = []
+    for shape in shapes:
+        here: dict[Step, tuple[int, Cell]] = {}
+        steps = steps_at(system, shape)
+        rising: dict[Step, Action] = {}
+        for step, action in steps.items():
+            after, by = normal_place(lattice, apply(action, shape))
+            if after not in number:
+                number[after] = len(shapes)
+                shapes.append(after)
+            if end_at(action, shape) == 0:
+                here[step] = (number[after], by)
+                rising[step] = action
+        across.append(here)
+        up.append(rising)
+        if progress is not None:
+            progress(len(up), len(shapes))
+        if len(shapes) > max_states:
+            raise TooManyShapes(scene.spec, max_states, len(shapes))
+    cubes: list[list[Cube]] = [[(place, ()) for place in range(len(shapes))]]
+    for base, rising in enumerate(up):
+        for chosen in commuting_steps(rising):
+            if len(chosen) == len(cubes):
+                cubes.append([])
+            cubes[len(chosen)].append((base, chosen))
+    return ShapeComplex(
+        scene, _complex(lattice, cubes, across), tuple(shapes), tuple(map(tuple, cubes))
+    )
+
+
+def commuting_steps(actions: dict[Step, Action]) -> Iterator[tuple[Step, ...]]:
+    """Yield the non-empty sets of pairwise commuting actions, as steps in ascending order."""
+    steps = list(actions)
+
+    def larger(chosen: tuple[Step, ...], first: int) -> Iterator[tuple[Step, ...]]:
+        for place in range(first, len(steps)):
+            if all(commute(actions[steps[place]], actions[step]) for step in chosen):
+                found = (*chosen, steps[place])
+                yield found
+                yield from larger(found, place + 1)
+
+    yield from larger((), 0)
+
+
+def _complex(
+    lattice: Lattice, cubes: list[list[Cube]], across: list[dict[Step, tuple[int, Cell]]]
+) -> CubicalComplex:
+    faces = [np.empty((len(cubes[0]), 0, 2), dtype=np.int32)]
+    for k in range(1, len(cubes)):
+        number = {cube: place for place, cube in enumerate(cubes[k - 1])}
+        found = np.empty((len(cubes[k]), k, 2), dtype=np.int32)
+        for place, (base, steps) in enumerate(cubes[k]):
+            for direction, step in enumerate(steps):
+                rest = steps[:direction] + steps[direction + 1 :]
+                target, by = across[base][step]
+                moved = tuple((lattice.shift(at, by), generator) for at, generator in rest)
+                found[place, direction] = number[base, rest], number[target, moved]
+        faces.append(found)
+    return CubicalComplex(tuple(faces))

@@ -1,0 +1,148 @@
+"""Whether the moves of a path are admissible one after another, asked of numbers and compiled.
+
+What `cubepath.protocol.core.actions.end_at` says of sets. The state is what is known of it, as in
+`cubepath.protocol.path_files.moves.read_moves`.
+
+Room: coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.compiled import compiled
+from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.path_files.numbered import NumberedPath
+
+Numbers = NDArray[np.int32]
+Bytes = NDArray[np.int8]
+
+# What an action says of a site, as bits: on in local state 0 or 1, in the trace, free to be either.
+_TRACE, _FREE = 4, 8
+# What is known of a site's state, as bits: on, and whether that is not known.
+_ON, _UNKNOWN = 1, 2
+
+
+class _Supports(NamedTuple):
+    """The supports of all actions in compressed rows, and the pairs of sites of their guards."""
+
+    starts: Numbers
+    sites: Numbers
+    says: Bytes
+    guard_starts: Numbers
+    guards: Numbers
+    stated: NDArray[np.bool_]
+
+
+class Misfit(NamedTuple):
+    """A move that is not admissible, as its place from 0, and the state there as far as known."""
+
+    move: int
+    state: frozenset[Site]
+
+
+def first_misfit(path: NumberedPath, start: State | None) -> Misfit | None:
+    """Return the first move that is not admissible, None where all are; linear in the supports.
+
+    With a start all of the state is known. Without one a site is what the first move with it in its
+    support says; a move that does not say which of its local states it starts from is held against
+    what is known. One whose local states are not stated makes its trace unknown. `path.ends`
+    becomes the local state that each move was made at, -1 where that is not known.
+    """
+    supports, sites = _supports(path)
+    state = np.full(len(sites), _UNKNOWN if start is None else 0, dtype=np.int8)
+    if start is not None:
+        state[[number for site, number in sites.items() if site in start]] = _ON
+    ends = path.ends.copy()
+    found = int(_walk(supports, path.numbers, ends, state))
+    if found >= 0:
+        return Misfit(found, frozenset(site for site, number in sites.items() if state[number] & 1))
+    path.ends = ends
+    return None
+
+
+def _supports(path: NumberedPath) -> tuple[_Supports, dict[Site, int]]:
+    numbers: dict[Site, int] = {}
+    starts, guard_starts = [0], [0]
+    sites: list[int] = []
+    says: list[int] = []
+    guards: list[tuple[int, int]] = []
+    for action in path.actions:
+        for site in action.support:
+            sites.append(numbers.setdefault(site, len(numbers)))
+            says.append(_said(action, site))
+        guards += [(numbers[one], numbers[other]) for one, other in action.guards]
+        starts.append(len(sites))
+        guard_starts.append(len(guards))
+    supports = _Supports(
+        np.array(starts, dtype=np.int32),
+        np.array(sites, dtype=np.int32),
+        np.array(says, dtype=np.int8),
+        np.array(guard_starts, dtype=np.int32),
+        np.array(guards, dtype=np.int32).reshape(-1, 2),
+        np.array(path.stated, dtype=np.bool_),
+    )
+    return supports, numbers
+
+
+def _said(action: Action, site: Site) -> int:
+    first, second = action.ends
+    return (
+        (site in first)
+        + 2 * (site in second)
+        + _TRACE * (site in action.trace)
+        + _FREE * (site in action.free)
+    )
+
+
+@compiled
+def _walk(  # noqa: C901, PLR0912 - one function, for a call costs as much as a move
+    supports: _Supports, numbers: Numbers, ends: Bytes, state: Bytes
+) -> int:
+    """Make the moves; return the first that is not admissible, or -1; `ends` is written."""
+    for move in range(len(numbers)):
+        number = numbers[move]
+        begin, stop = supports.starts[number], supports.starts[number + 1]
+        if not supports.stated[number]:
+            for index in range(begin, stop):
+                if supports.says[index] & _TRACE:
+                    state[supports.sites[index]] |= _UNKNOWN
+            continue
+        told = ends[move]
+        fits = 3
+        for index in range(begin, stop):
+            site, said = supports.sites[index], supports.says[index]
+            if said & _FREE:
+                continue
+            if state[site] & _UNKNOWN:
+                if told < 0:
+                    continue
+                state[site] = (said >> told) & 1
+            # A bit for each local state that has the site as it is.
+            fits &= said if state[site] & _ON else ~said
+        for place in range(supports.guard_starts[number], supports.guard_starts[number + 1]):
+            one, other = supports.guards[place]
+            if state[one] == _ON and state[other] == 0:
+                fits = 0
+        if fits == 0:
+            return move
+        end = 0 if fits & 1 else 1
+        if fits == 3:
+            # Nothing known tells the two apart: only where it does not say, and knows no trace.
+            end = told
+        ends[move] = end
+        for index in range(begin, stop):
+            site, said = supports.sites[index], supports.says[index]
+            if said & _FREE:
+                continue
+            if end < 0:
+                state[site] |= _UNKNOWN & (said & _TRACE) >> 1
+            elif said & _TRACE:
+                state[site] = (said >> (1 - end)) & 1
+            else:
+                state[site] = (said >> end) & 1
+    return -1

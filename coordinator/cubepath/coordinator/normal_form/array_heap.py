@@ -1,0 +1,348 @@
+"""The normal cube path of a path whose actions are numbers: all at once, or move by move.
+
+The heap of pieces of `cubepath.coordinator.normal_form.kernel` behind an interface that grows:
+sites, actions and moves may come at any time. Source: as there.
+
+Coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.normal_form import kernel
+from cubepath.coordinator.normal_form.kernel import Arrays, Numbers, Totals
+from cubepath.protocol.core.errors import InputError
+
+Levels = NDArray[np.int32]
+_MOST = 2**31 - 1
+_SPARE = 16
+
+
+class ActionTable(NamedTuple):
+    """Which sites each action writes and which it reads, in compressed rows.
+
+    Action a has the trace ``trace_sites[trace_starts[a]:trace_starts[a + 1]]`` and reads the
+    rest of its support, ``read_sites[read_starts[a]:read_starts[a + 1]]``. Sites are numbers from
+    0; both starts have shape (actions + 1,) and begin with 0. All are int32.
+    """
+
+    trace_starts: Numbers
+    trace_sites: Numbers
+    read_starts: Numbers
+    read_sites: Numbers
+
+
+class NormalForm(NamedTuple):
+    """What became of each move of a path, both of shape (moves,), int32.
+
+    `levels` counts from 1: the moves of level i are the i-th cube. It is 0 for a move that was
+    cancelled, and then `partners` has the place of the other of the pair; elsewise it has -1.
+    """
+
+    levels: Levels
+    partners: Numbers
+
+
+class NumberedPieces(NamedTuple):
+    """Pieces by level, and in a level by move; three arrays of one length, int32."""
+
+    levels: Levels
+    actions: Numbers
+    moves: Numbers
+
+
+class NumberedChanges(NamedTuple):
+    """What came into the cube path and what went out of it."""
+
+    added: NumberedPieces
+    removed: NumberedPieces
+
+
+def normal_form(numbers: Numbers, table: ActionTable) -> NormalForm:
+    """Return the level of every move in the normal cube path, and who cancelled whom.
+
+    `numbers` are the actions of the moves in order, as rows of `table`, shape (moves,); equal
+    actions must have equal numbers, for a move undoes its equal. Time is linear in the sites of the
+    supports, but for the logarithm of the number of concurrent readers of a site. Space beside what
+    goes in and out is given in `cubepath.coordinator.normal_form.kernel`: 52 bytes a move that
+    writes 2 sites and reads 6. InputError where the table does not fit together or a number is none
+    of it.
+
+    >>> starts, sites = np.array([0, 2, 4], np.int32), np.array([0, 1, 2, 3], np.int32)
+    >>> nobody = np.zeros(3, np.int32)
+    >>> table = ActionTable(starts, sites, nobody, nobody[:0])
+    >>> found = normal_form(np.array([0, 1, 0], np.int32), table)
+    >>> found.levels.tolist(), found.partners.tolist()
+    ([0, 1, 0], [2, -1, 0])
+    """
+    levels, partners = NumberedHeap(table).append(numbers, told=True)
+    # The kernel says with a minus which of the two came later; here both are simply gone.
+    return NormalForm(np.maximum(levels, 0, out=levels), partners)
+
+
+class NumberedHeap:
+    """A heap of pieces over numbered sites and actions, to which all may be added at any time.
+
+    Space is that of the pieces that are left, of the sites, and of the actions.
+    """
+
+    def __init__(self, table: ActionTable | None = None) -> None:
+        """Make an empty heap; InputError where the table does not fit together."""
+        self._heap = Arrays(
+            columns=np.zeros((0, kernel.FIELDS), dtype=np.int32),
+            actions=np.zeros((0, kernel.FIELDS), dtype=np.int32),
+            sites=_numbers(0),
+            slots=_numbers(0),
+            pieces=_numbers(0),
+            sizes=_numbers(0),
+            tally=_numbers(1),
+            totals=np.zeros(kernel.TOTALS, dtype=np.int64),
+        )
+        self._sites = 0
+        self._actions = 0
+        self._incidences = 0
+        self._journal: _Journal | None = None
+        if table is not None:
+            self.add_actions(table)
+
+    @property
+    def moves(self) -> int:
+        """Return the number of moves appended so far; O(1), as are the other counts."""
+        return int(self._heap.totals[kernel.MOVES])
+
+    @property
+    def reduced_moves(self) -> int:
+        """Return the number of moves that are left after cancellation."""
+        return int(self._heap.totals[kernel.REDUCED])
+
+    @property
+    def cubes(self) -> int:
+        """Return the length of the normal cube path."""
+        return int(self._heap.totals[kernel.CUBES])
+
+    @property
+    def max_cube_dimension(self) -> int:
+        """Return the greatest dimension of a cube, 0 when there is none."""
+        return int(self._heap.totals[kernel.LARGEST])
+
+    @property
+    def nbytes(self) -> int:
+        """Return how many bytes the arrays have, used or not."""
+        return sum(array.nbytes for array in self._heap)
+
+    def add_actions(self, table: ActionTable) -> int:
+        """Number further actions, and the sites that are new in them; return the first number."""
+        _check(table)
+        count = len(table.trace_starts) - 1
+        sizes = np.diff(table.trace_starts) + np.diff(table.read_starts)
+        first, begin = self._actions, self._incidences
+        stops = begin + np.cumsum(sizes, dtype=np.int64)
+        end = int(stops[-1]) if count else begin
+        if end > _MOST:
+            raise InputError(f"{end} sites in the supports of all actions, expected {_MOST}")
+        self._heap = self._heap._replace(
+            actions=_longer(self._heap.actions, first + count),
+            sites=_longer(self._heap.sites, end),
+        )
+        rows = self._heap.actions[first : first + count]
+        rows[:] = 0
+        rows[:, kernel.DOWN] = -1
+        rows[:, kernel.STOP] = stops
+        rows[:, kernel.FIRST] = stops - sizes
+        rows[:, kernel.READS] = rows[:, kernel.FIRST] + np.diff(table.trace_starts)
+        self._spread(table.trace_starts, table.trace_sites, rows[:, kernel.FIRST])
+        self._spread(table.read_starts, table.read_sites, rows[:, kernel.READS])
+        self._actions, self._incidences = first + count, end
+        named = (table.trace_sites, table.read_sites)
+        self._add_sites(1 + max((int(sites.max()) for sites in named if len(sites)), default=-1))
+        return first
+
+    def _spread(self, starts: Numbers, sites: Numbers, where: Numbers) -> None:
+        places = np.arange(len(sites)) + np.repeat(where - starts[:-1], np.diff(starts))
+        self._heap.sites[places] = sites
+
+    def _add_sites(self, count: int) -> None:
+        if count <= self._sites:
+            return
+        columns = _longer(self._heap.columns, count)
+        columns[self._sites : count] = 0
+        columns[self._sites : count, kernel.DOWN] = -1
+        self._sites = count
+        # Traces of a cube are disjoint and none is empty: no level has more pieces than sites.
+        self._heap = self._heap._replace(
+            columns=columns, tally=_longer(self._heap.tally, count + 2)
+        )
+
+    def append(self, numbers: Numbers, *, told: bool = False) -> NormalForm:
+        """Append the moves with these action numbers, shape (moves,), int32.
+
+        With `told` return what became of them, as far as the moves up to here say, with the signs
+        of `cubepath.coordinator.normal_form.kernel.append_moves`; elsewise two empty arrays.
+        InputError where a number is none of an action, or where there is too much of anything for
+        32 bits.
+        """
+        count = len(numbers)
+        if count and not 0 <= int(numbers.min()) <= int(numbers.max()) < self._actions:
+            raise InputError(f"a move with an action that is none of {self._actions}")
+        if self.moves + count > _MOST:
+            raise InputError(f"more than {_MOST} moves, expected at most so many in one heap")
+        self._heap = self._heap._replace(sizes=_longer(self._heap.sizes, self.cubes + count))
+        levels = partners = _NONE
+        if self._journal is not None:
+            levels, partners = self._journal.room(numbers)
+        elif told:
+            levels, partners = np.empty(count, np.int32), np.empty(count, np.int32)
+        # A large part of a path gets all its room at once; else blocks are doubled as they fill.
+        reserved = count >= max(self._sites + self._actions, self.reduced_moves)
+        if reserved:
+            self._reserve(numbers)
+        done = kernel.append_moves(self._heap, numbers, 0, reserved, levels, partners)
+        while done < count:
+            self._pack()
+            done = kernel.append_moves(self._heap, numbers, done, False, levels, partners)
+        skip = len(levels) - count if told else len(levels)
+        return NormalForm(levels[skip:], partners[skip:])
+
+    def _reserve(self, numbers: Numbers) -> None:
+        slots, pieces = _used(self._columns()), _used(self._rows())
+        counts = np.bincount(numbers, minlength=self._actions)
+        kernel.demand(self._heap, counts, slots)
+        self._lay_out(slots, pieces + kernel.PIECE * counts, spare=0)
+
+    def _pack(self) -> None:
+        """Lay all blocks side by side, none much larger than its use, and twice as much room."""
+        slots, pieces = (
+            np.minimum(blocks[:, kernel.END] - blocks[:, kernel.BASE], 2 * _used(blocks) + _SPARE)
+            for blocks in (self._columns(), self._rows())
+        )
+        self._lay_out(slots, pieces, spare=2)
+
+    def _lay_out(self, slots: Totals, pieces: Totals, *, spare: int) -> None:
+        """Move all blocks to new pools; `spare` times as much is left free, for larger blocks."""
+        used = [int(sizes.sum()) for sizes in (slots, pieces)]
+        lengths = [(1 + spare) * size + _SPARE * spare for size in used]
+        if max(lengths) > _MOST:
+            raise InputError(f"a path that takes {max(lengths)} entries, expected at most {_MOST}")
+        # What is not touched takes no memory. The old pool of columns is gone before the second.
+        columns, rows = self._columns(), self._rows()
+        pool = np.empty(lengths[0], dtype=np.int32)
+        kernel.pack(columns, slots, self._heap.slots, pool, True)
+        self._heap = self._heap._replace(slots=pool)
+        pool = np.empty(lengths[1], dtype=np.int32)
+        kernel.pack(rows, pieces, self._heap.pieces, pool, False)
+        self._heap = self._heap._replace(pieces=pool)
+        self._heap.totals[kernel.SLOTS_USED : kernel.PIECES_USED + 1] = used
+
+    def _columns(self) -> Numbers:
+        return self._heap.columns[: self._sites]
+
+    def _rows(self) -> Numbers:
+        return self._heap.actions[: self._actions]
+
+    def level_of(self, action: int) -> int:
+        """Return the level of the last piece of an action, from 1, or 0 when there is none."""
+        return int(self._heap.actions[action, kernel.LAST])
+
+    def pieces(self) -> NumberedPieces:
+        """Return all pieces; O(pieces and actions), and sorting them by level."""
+        rows = self._rows()
+        bases, ups = rows[:, kernel.BASE], rows[:, kernel.UP]
+        counts = (ups - bases) // kernel.PIECE
+        numbers = np.repeat(np.arange(len(rows), dtype=np.int32), counts)
+        within = np.arange(len(numbers)) - np.repeat(np.cumsum(counts) - counts, counts)
+        places = np.repeat(bases, counts) + kernel.PIECE * within
+        found = self._heap.pieces
+        return _in_order(found[places], numbers, found[places + 1])
+
+    def changes(self) -> NumberedChanges:
+        """Return how the cube path differs from when this was asked last; at first, all of it.
+
+        Nothing in it is final: a late move may come into the first cube, and a walk back takes all
+        away. Pieces that came and went in between are left out. The cost is that of the moves
+        appended since, whatever the length of the path.
+        """
+        journal, self._journal = self._journal, _Journal(self.moves)
+        if journal is None:
+            return NumberedChanges(self.pieces(), _in_order(_NONE, _NONE, _NONE))
+        return journal.changes()
+
+
+class _Journal:
+    """What became of the moves since a given one: the kernel writes it, a question empties it."""
+
+    def __init__(self, first: int) -> None:
+        self._first = first
+        self._size = 0
+        self._actions = self._levels = self._partners = _NONE
+
+    def room(self, numbers: Numbers) -> tuple[Levels, Numbers]:
+        """Take in the numbers of further moves; return where the kernel is to write."""
+        size = self._size + len(numbers)
+        self._actions = _longer(self._actions, size)
+        self._levels = _longer(self._levels, size)
+        self._partners = _longer(self._partners, size)
+        self._actions[self._size : size] = numbers
+        self._size = size
+        return self._levels[:size], self._partners[:size]
+
+    def changes(self) -> NumberedChanges:
+        levels, partners = self._levels[: self._size], self._partners[: self._size]
+        actions = self._actions[: self._size]
+        added = np.flatnonzero(levels > 0)
+        removed = np.flatnonzero((levels < 0) & (partners < self._first))
+        return NumberedChanges(
+            _in_order(levels[added], actions[added], (added + self._first).astype(np.int32)),
+            _in_order(-levels[removed], actions[removed], partners[removed]),
+        )
+
+
+_NONE = np.empty(0, dtype=np.int32)
+
+
+def _numbers(size: int) -> Numbers:
+    return np.zeros(size, dtype=np.int32)
+
+
+def _longer(array: Numbers, size: int) -> Numbers:
+    """Return an array of at least this many rows that begins with this one; the rest is 0."""
+    if size <= len(array):
+        return array
+    # Exactly as long as it must be at first, for that is often all.
+    length = size if len(array) <= 1 else max(size, 2 * len(array))
+    found = np.zeros((length, *array.shape[1:]), dtype=array.dtype)
+    found[: len(array)] = array
+    return found
+
+
+def _used(blocks: Numbers) -> Totals:
+    """Return how many slots of each block are in use."""
+    below = blocks[:, kernel.UP] - blocks[:, kernel.BASE]
+    above = blocks[:, kernel.END] - 1 - blocks[:, kernel.DOWN]
+    return (below + above).astype(np.int64)
+
+
+def _in_order(levels: Levels, actions: Numbers, moves: Numbers) -> NumberedPieces:
+    order = np.lexsort((moves, levels))
+    return NumberedPieces(levels[order], actions[order], moves[order])
+
+
+def _check(table: ActionTable) -> None:
+    if len(table.trace_starts) != len(table.read_starts):
+        raise InputError(
+            f"{len(table.trace_starts) - 1} actions with a trace and"
+            f" {len(table.read_starts) - 1} that read, expected as many"
+        )
+    for what, starts, sites in (
+        ("trace", table.trace_starts, table.trace_sites),
+        ("read", table.read_starts, table.read_sites),
+    ):
+        if not len(starts) or starts[0] != 0 or starts[-1] != len(sites):
+            raise InputError(f"{what} starts that do not go from 0 to {len(sites)}")
+        if (np.diff(starts) < (what == "trace")).any():
+            raise InputError(f"{what} starts that do not rise")
+        if len(sites) and sites.min() < 0:
+            raise InputError(f"a {what} site with the number {sites.min()}, expected 0 or more")

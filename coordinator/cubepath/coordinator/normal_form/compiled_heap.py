@@ -1,0 +1,263 @@
+"""The normal cube path of moves as they come, compiled: what a live run and every file go through.
+
+`FastHeap` has the interface of the reference, `cubepath.coordinator.normal_form.heap.Heap`, and
+numbers sites and actions for `cubepath.coordinator.normal_form.array_heap`. Source: as there.
+
+Coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.normal_form.array_heap import (
+    ActionTable,
+    NormalForm,
+    NumberedHeap,
+    NumberedPieces,
+    normal_form,
+)
+from cubepath.coordinator.normal_form.kernel import Numbers
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.sites import Site, in_order
+
+_QUEUE = 4096
+
+
+class Piece(NamedTuple):
+    """A piece of the heap: its level, counted from 1, and the move that it is."""
+
+    level: int
+    action: Action
+
+
+class Changes(NamedTuple):
+    """How a cube path differs from before: pieces that came and went, by level."""
+
+    added: tuple[Piece, ...]
+    removed: tuple[Piece, ...]
+
+
+class Numbering:
+    """Numbers sites and actions in the order in which they are met; equal ones are one."""
+
+    def __init__(self, actions: Iterable[Action] = ()) -> None:
+        """Begin with these actions, which must be distinct."""
+        self.actions: list[Action] = list(actions)
+        self._number = {action: number for number, action in enumerate(self.actions)}
+        self._sites: dict[Site, int] = {}
+        self._done = 0
+
+    def number(self, action: Action) -> int:
+        """Return the number of an action."""
+        found = self._number.get(action)
+        if found is None:
+            found = self._number[action] = len(self.actions)
+            self.actions.append(action)
+        return found
+
+    def known(self, action: Action) -> int | None:
+        """Return the number of an action, or None where it has not been met."""
+        return self._number.get(action)
+
+    def table(self) -> ActionTable | None:
+        """Return the rows of the actions met since this was asked last, None where there are none.
+
+        Which site gets which number decides nothing that anybody sees.
+        """
+        actions, self._done = self.actions[self._done :], len(self.actions)
+        if not actions:
+            return None
+        sites = self._sites
+        rows = [
+            [[sites.setdefault(site, len(sites)) for site in part] for part in parts]
+            for parts in ((each.trace for each in actions), (each.reads for each in actions))
+        ]
+        return ActionTable(*_rows(rows[0]), *_rows(rows[1]))
+
+
+def _rows(lists: Sequence[Sequence[int]]) -> tuple[Numbers, Numbers]:
+    starts = np.zeros(len(lists) + 1, dtype=np.int32)
+    np.cumsum([len(found) for found in lists], out=starts[1:])
+    return starts, np.array([site for found in lists for site in found], dtype=np.int32)
+
+
+def fates(actions: Iterable[Action]) -> NormalForm:
+    """Return what becomes of each move of an edge path; see `NormalForm`.
+
+    >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
+    >>> fates([step, far, step]).levels.tolist()
+    [0, 1, 0]
+    """
+    numbering = Numbering()
+    numbers = np.array([numbering.number(action) for action in actions], dtype=np.int32)
+    return normal_form(numbers, numbering.table() or ActionTable(*_rows([]), *_rows([])))
+
+
+def in_cubes(
+    pieces: NumberedPieces, actions: Sequence[Action]
+) -> tuple[NumberedPieces, NDArray[np.int64]]:
+    """Return the pieces cube by cube, and where each cube begins, shape (cubes + 1,).
+
+    In a cube they stand in the canonical order of the least sites of their traces, which are
+    disjoint: the order depends on the content of the cube alone, not on the input or the process.
+    """
+    present = np.unique(pieces.actions)
+    least = [in_order(actions[number].trace)[0] for number in present.tolist()]
+    rank = {site: place for place, site in enumerate(in_order(set(least)))}
+    ranks = np.zeros(len(actions), dtype=np.int64)
+    ranks[present] = [rank[site] for site in least]
+    order = np.lexsort((ranks[pieces.actions], pieces.levels))
+    starts = np.cumsum(np.bincount(pieces.levels, minlength=1), dtype=np.int64)
+    return NumberedPieces(*(part[order] for part in pieces)), starts
+
+
+class FastHeap:
+    """A heap of pieces, compiled: each move falls until a piece that it does not commute with.
+
+    What it is and why cancellation needs no search is said of
+    `cubepath.coordinator.normal_form.heap.Heap`, which gives the same answers. New sites and
+    actions may come at any time. Moves wait in a short queue until something is asked, for a call
+    into compiled code costs as much as some tens of moves. Space is that of the pieces that are
+    left and of the distinct actions met.
+
+    >>> step = Action([1, 2], [1, 2], [1], [2])
+    >>> far = Action([5, 6], [5, 6], [5], [6])
+    >>> heap = FastHeap()
+    >>> heap.extend([step, far])
+    >>> heap.moves, heap.reduced_moves, heap.cubes
+    (2, 2, 1)
+    >>> heap.append(step)
+    >>> heap.cube_path() == ((far,),)
+    True
+    """
+
+    __slots__ = ("_heap", "_labelled", "_numbering", "_queue")
+
+    def __init__(self) -> None:
+        """Make an empty heap: the path that stays where it is."""
+        self._heap = NumberedHeap()
+        self._numbering = Numbering()
+        self._queue: list[int] = []
+        # Moves in the heap whose label is not that of the first action that they equal.
+        self._labelled: dict[int, Action] = {}
+
+    @staticmethod
+    def prepare() -> None:
+        """Load the compiled code, or make it, now: else the first question waits for it.
+
+        Seconds after an installation or a change, a seventh of one elsewise.
+        """
+        step = Action([1], [1], [1], [])
+        heap = FastHeap()
+        for path in ([step], [step] * 4):  # room made as needed, and at once
+            heap.extend(path)
+            heap._all()
+
+    @property
+    def moves(self) -> int:
+        """Return the number of moves appended so far; O(1).
+
+        So are the other counts, but for the moves that wait in the queue.
+        """
+        return self._heap.moves + len(self._queue)
+
+    @property
+    def reduced_moves(self) -> int:
+        """Return the number of moves that are left after cancellation."""
+        return self._all().reduced_moves
+
+    @property
+    def cubes(self) -> int:
+        """Return the length of the normal cube path: its number of cubes, the time."""
+        return self._all().cubes
+
+    @property
+    def max_cube_dimension(self) -> int:
+        """Return the greatest dimension of a cube, 0 when there is none."""
+        return self._all().max_cube_dimension
+
+    def append(self, action: Action) -> None:
+        """Add one move to the end of the edge path; its cost is that of its support."""
+        number = self._numbering.number(action)
+        known = self._numbering.actions[number]
+        if known is not action and known.label != action.label:
+            self._labelled[self.moves] = action
+        self._queue.append(number)
+        if len(self._queue) >= _QUEUE:
+            self._all()
+
+    def extend(self, actions: Iterable[Action]) -> None:
+        """Append the moves in order."""
+        for action in actions:
+            self.append(action)
+
+    def level_of(self, action: Action) -> int:
+        """Return the level of the last piece that equals `action`, 0 when there is none.
+
+        Levels count from 1: a piece of level i is in the i-th cube, and runs in the i-th round.
+        """
+        number = self._numbering.known(action)
+        return 0 if number is None else self._all().level_of(number)
+
+    def cube_path(self) -> tuple[tuple[Action, ...], ...]:
+        """Return the normal cube path; O(moves that are left), and sorting the distinct actions.
+
+        The actions of a cube stand in the canonical order of the least sites of their traces: the
+        order depends on the content of the cube alone, not on the input or the process.
+        """
+        actions, labelled = self._numbering.actions, self._labelled
+        pieces, starts = in_cubes(self._all().pieces(), actions)
+        path = [
+            labelled.get(move) or actions[number]
+            for number, move in zip(pieces.actions.tolist(), pieces.moves.tolist(), strict=True)
+        ]
+        return tuple(tuple(path[begin:end]) for begin, end in pairwise(starts.tolist()))
+
+    def changes(self) -> Changes:
+        """Return how the cube path differs from when this was asked last; at first, all of it.
+
+        Nothing in it is final: a late move may come into the first cube, and a walk back takes all
+        away. Pieces stand by level, and in a level in the order of the path; those that came and
+        went in between are left out. What was removed bears the label of the first equal action.
+        The cost is that of the moves appended since, whatever the length of the path.
+
+        >>> heap, step = FastHeap(), Action([1, 2], [1, 2], [1], [2], label="step")
+        >>> heap.append(step)
+        >>> heap.changes()
+        Changes(added=(Piece(level=1, action=Action(step)),), removed=())
+        >>> heap.append(step)
+        >>> heap.changes()
+        Changes(added=(), removed=(Piece(level=1, action=Action(step)),))
+        """
+        added, removed = self._all().changes()
+        return Changes(self._pieces(added), self._pieces(removed))
+
+    def _pieces(self, found: NumberedPieces) -> tuple[Piece, ...]:
+        actions, labelled = self._numbering.actions, self._labelled
+        return tuple(
+            Piece(level, labelled.get(move) or actions[number])
+            for level, number, move in zip(*(part.tolist() for part in found), strict=True)
+        )
+
+    def _all(self) -> NumberedHeap:
+        """Return the heap with all moves in it."""
+        heap, queue = self._heap, self._queue
+        if not queue:
+            return heap
+        table = self._numbering.table()
+        if table is not None:
+            heap.add_actions(table)
+        first = heap.moves
+        found = heap.append(np.array(queue, dtype=np.int32), told=bool(self._labelled))
+        queue.clear()
+        if self._labelled:
+            for place in np.flatnonzero(found.partners >= 0).tolist():
+                self._labelled.pop(first + place, None)
+                self._labelled.pop(int(found.partners[place]), None)
+        return heap

@@ -1,0 +1,121 @@
+"""Cube paths by their definitions, written to be read: what checks the results of everything else.
+
+Source: Abrams and Ghrist, definitions of cube path and normal cube path. Nothing here is shared
+with `cubepath.coordinator.normal_form.heap`: `cubepath verify` compares the two, so each must be
+able to find the other wrong.
+
+Coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from itertools import combinations, pairwise
+
+from cubepath.protocol.core.actions import Action, State, apply_in_place, commute
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+
+
+def is_cube(actions: Iterable[Action]) -> bool:
+    """Tell whether the actions commute pairwise, as the edges of a cube at one vertex do.
+
+    Source: the paper's definition of the state complex. No action may be there twice, for none
+    commutes with itself. A vertex, the cube of no action, is one. Quadratic in the dimension.
+
+    >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> is_cube([left]), is_cube([left, right]), is_cube([left, left])
+    (True, False, False)
+    """
+    return all(commute(one, other) for one, other in combinations(actions, 2))
+
+
+def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
+    """Tell whether the cubes form a normal cube path.
+
+    Definition: all are cubes, none is a mere vertex, and no action of a cube is in the cube before
+    or commutes with all of that. This is the paper's condition (3), that the star of a cube meets
+    the next cube in one vertex only, read at the vertex between them, that is in the universal
+    cover. In the complex itself two cubes may meet in more vertices and the path yet be normal: two
+    vehicles at 0 and 2 of the 4-cycle 0123 that take the edges {01, 23} and then {12, 30} are back,
+    and this is the shortest path of its homotopy class.
+
+    >>> def edge(a, b):
+    ...     return Action([a, b], [a, b], [a], [b])
+    >>> is_normal([[edge(0, 1), edge(2, 3)], [edge(1, 2), edge(3, 0)]])
+    True
+    >>> is_normal([[edge(0, 1)], [edge(2, 3)]]), is_normal([[edge(0, 1)], [edge(0, 1)]])
+    (False, False)
+    """
+    return all(len(cube) > 0 and is_cube(cube) for cube in cubes) and not any(
+        action in cube or all(commute(action, before) for before in cube)
+        for cube, following in pairwise(cubes)
+        for action in following
+    )
+
+
+def end_state(path: Iterable[Action | Iterable[Action]], start: State) -> frozenset[Site]:
+    """Return the state at the end of an edge path or a cube path; each item is a move or a cube.
+
+    Definition: an action is admissible when one of its local states is shown, and then the other
+    is put in its place. The actions of a cube are applied one after another; as they commute,
+    any order serves. InputError names the first move that is not admissible, by its cube and
+    its place, both counted from 1. Costs the supports and one copy of the state.
+
+    >>> step, on = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> sorted(end_state([step, on], {1, 7}))
+    [3, 7]
+    >>> end_state([[step], [step, on]], {1})
+    Traceback (most recent call last):
+    ...
+    cubepath.protocol.core.errors.InputError: cube 2, move 2: Action((2, 3)) is not admissible: site
+    2 \
+is off, expected on
+    """
+    state = set(start)
+    for number, item in enumerate(path, start=1):
+        if isinstance(item, Action):
+            _step(item, state, f"move {number}")
+            continue
+        for place, action in enumerate(item, start=1):
+            _step(action, state, f"cube {number}, move {place}")
+    return frozenset(state)
+
+
+def _step(action: Action, state: set[Site], where: str) -> None:
+    try:
+        apply_in_place(action, state)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def obvious_normal_form(actions: Iterable[Action]) -> tuple[frozenset[Action], ...]:
+    """Return the normal cube path of an edge path, by the obvious way: each cube as a set.
+
+    Each move walks down from the last cube for as long as it commutes with the whole cube. If it
+    comes to a cube that holds its equal, both are gone; else it joins the last cube that it passed,
+    or becomes a new one. What lies higher commutes with it, so nothing else changes. Source: Foata
+    normal form, in a right-angled Coxeter group. A move costs up to the whole path: this is for
+    checking `cubepath.coordinator.normal_form.heap`, with which it shares nothing but `commute`.
+
+    >>> out, other = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
+    >>> obvious_normal_form([out, other]) == (frozenset({out, other}),)
+    True
+    >>> obvious_normal_form([out, other, out]) == (frozenset({other}),)
+    True
+    """
+    cubes: list[set[Action]] = []
+    for action in actions:
+        level = len(cubes)
+        while level > 0 and all(commute(action, other) for other in cubes[level - 1]):
+            level -= 1
+        if level > 0 and action in cubes[level - 1]:
+            cubes[level - 1].remove(action)
+            # Only the last cube can become empty: in every other lies what holds up the next.
+            if not cubes[level - 1]:
+                cubes.pop()
+        elif level == len(cubes):
+            cubes.append({action})
+        else:
+            cubes[level].add(action)
+    return tuple(frozenset(cube) for cube in cubes)

@@ -1,0 +1,1 @@
+"""The claims of Abrams and Ghrist, computed one by one."""

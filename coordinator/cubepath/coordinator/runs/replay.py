@@ -1,0 +1,297 @@
+"""Replaying: the recorded bytes go back on zenoh, and a fresh coordinator gathers them again.
+
+Room: coordinator. What modules said goes through a router from one session to another, on the keys
+that it had, under a run id of its own. Whoever else is connected to that router hears it too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import uuid
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import zenoh
+
+from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.coordinator.verification.certificate import look_into
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.keys import everything, key_of, topic_in, topic_key
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Cube,
+    Edges,
+    Message,
+    Report,
+    Summary,
+    decode,
+    site_of,
+)
+from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
+
+SAID = ("here", "note", "claim", "verdict", "report", "observed")
+"""The kinds of messages that modules say: these are put back."""
+
+Progress = Callable[[int], object]
+"""Called now and then with how many messages have arrived since the last call."""
+Announce = Callable[[str, str], object]
+"""Is told the endpoint and the run id before the first message is put."""
+
+_PATIENCE_S_MAX = 30.0
+_POLL_S = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """What a replay came to; `same` tells whether that is what the recording says.
+
+    `differences` names in a line each where it is not, where the recording says nothing, and what
+    could not be read of it.
+    """
+
+    log: str
+    run: str
+    endpoint: str
+    rounds: int
+    moves: int
+    reduced_moves: int
+    cubes: int
+    max_cube_dimension: int
+    path_digest: str
+    same: bool
+    compared: bool
+    """Whether the recording has a result at all: one that was cut off has none."""
+    differences: tuple[str, ...]
+    messages: int
+    seconds: float
+
+    @property
+    def result(self) -> str:
+        """Say how the replay compares with the recording."""
+        if self.same:
+            return "the same as recorded"
+        return "differs from the recording" if self.compared else "nothing to compare it with"
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath replay --json``."""
+        found = {key: getattr(self, key) for key in self.__slots__}
+        return found | {"differences": list(self.differences)}
+
+
+def replay(
+    recording: Recording,
+    *,
+    rate: float | None = None,
+    kinds: Collection[str] = SAID,
+    endpoint: str | None = None,
+    announce: Announce | None = None,
+    progress: Progress | None = None,
+) -> Replayed:
+    """Put what modules said back on zenoh, gather it from there, and compare the results.
+
+    `rate` is in rounds a second (as fast as it goes if None), `kinds` are those of `SAID` to put,
+    `endpoint` where the router listens, "tcp/127.0.0.1:7447" for example, a free loopback port if
+    None. InputError for bad options and for messages that are none; CheckError where reports
+    contradict each other or messages do not arrive.
+    """
+    if rate is not None and not rate > 0:
+        raise InputError(f"rate={rate}: expected more than 0 rounds a second")
+    stray = sorted(set(kinds) - set(SAID))
+    if stray:
+        raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(SAID)}")
+    if "report" not in kinds:
+        raise InputError("kinds without report: without reports there is nothing to gather")
+    with contextlib.ExitStack() as resources:
+        router, found = open_router(endpoint)
+        resources.callback(router.close)
+        player = _Player(recording, found, resources)
+        if announce is not None:
+            announce(found, player.run)
+        return player.play(kinds, rate, progress)
+
+
+class _Player:
+    """One replay: a session that puts, a session that gathers, and a router between them."""
+
+    def __init__(
+        self, recording: Recording, endpoint: str, resources: contextlib.ExitStack
+    ) -> None:
+        self.run = uuid.uuid4().hex[:12]
+        self._endpoint = endpoint
+        self._recording = recording
+        self._gatherer = Gatherer(recording.scene)
+        self._queue: SimpleQueue[tuple[str, bytes]] = SimpleQueue()
+        self._arrived = 0
+        self._progress: Progress | None = None
+        self._mouth = open_client(endpoint)
+        resources.callback(self._mouth.close)
+        ear = open_client(endpoint)
+        resources.callback(ear.close)
+        resources.callback(subscribe(ear, everything(self.run), self._enqueue).undeclare)
+        self._wait_for_the_ear()
+
+    def _enqueue(self, sample: zenoh.Sample) -> None:
+        self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
+
+    def _wait_for_the_ear(self) -> None:
+        # What is put before the subscriber is known here would be lost without a word.
+        deadline = time.monotonic() + _PATIENCE_S_MAX
+        with self._mouth.declare_publisher(topic_key(self.run, "report", "all")) as probe:
+            while True:
+                # The stubs say bool, the module gives an object that holds one.
+                status: Any = probe.matching_status
+                if getattr(status, "matching", status):
+                    return
+                if time.monotonic() > deadline:
+                    raise CheckError(
+                        f"the gathering session was not found through {self._endpoint} within"
+                        f" {_PATIENCE_S_MAX:.0f} s"
+                    )
+                time.sleep(_POLL_S)
+
+    def play(
+        self, kinds: Collection[str], rate: float | None, progress: Progress | None
+    ) -> Replayed:
+        began = time.monotonic()
+        self._progress = progress
+        system = self._recording.scene.system
+        sent = 0
+        for record in self._recording.of_kind(*kinds):
+            key = key_of(self.run, system, _message(self._recording, record))
+            if key is None:
+                continue  # it was addressed to nobody
+            if rate is not None:
+                self._rest_until(began + (record.round - 1) / rate)
+            put(self._mouth, key, record.data)
+            sent += 1
+            self._gather_what_is_there()
+        self._gather(sent)
+        differences = tuple(self._differences())
+        heap = self._gatherer.heap
+        return Replayed(
+            log=str(self._recording.path),
+            run=self.run,
+            endpoint=self._endpoint,
+            rounds=self._gatherer.rounds,
+            moves=heap.moves,
+            reduced_moves=heap.reduced_moves,
+            cubes=heap.cubes,
+            max_cube_dimension=heap.max_cube_dimension,
+            path_digest=self._gatherer.digest,
+            same=not differences,
+            compared=any(record.kind == "summary" for record in self._recording.records),
+            differences=differences,
+            messages=self._arrived,
+            seconds=round(time.monotonic() - began, 3),
+        )
+
+    def _rest_until(self, due: float) -> None:
+        while (left := due - time.monotonic()) > 0:
+            with contextlib.suppress(Empty):
+                self._take(*self._queue.get(timeout=left))
+
+    def _gather_what_is_there(self) -> None:
+        with contextlib.suppress(Empty):
+            while True:
+                self._take(*self._queue.get_nowait())
+
+    def _gather(self, sent: int) -> None:
+        while self._arrived < sent:
+            try:
+                self._take(*self._queue.get(timeout=_PATIENCE_S_MAX))
+            except Empty:
+                raise CheckError(
+                    f"{self._arrived} of {sent} messages arrived, and none for"
+                    f" {_PATIENCE_S_MAX:.0f} s"
+                ) from None
+
+    def _take(self, key: str, data: bytes) -> None:
+        self._arrived += 1
+        if topic_in(self.run, key).startswith("report/"):
+            message = decode(data)
+            if isinstance(message, Report):
+                self._gatherer.receive(message)
+        if self._progress is not None:
+            self._progress(1)
+
+    def _differences(self) -> Iterator[str]:
+        """Yield where what was gathered is not what the recording says was gathered."""
+        yield from self._recording.problems
+        edges: dict[int, Edges] = {}
+        cubes: dict[int, Cube] = {}
+        summary: Summary | None = None
+        for record in self._recording.of_kind("edges", "cube", "summary"):
+            match _message(self._recording, record):
+                case Edges() as message:
+                    edges[message.round] = message
+                case Cube() as message:
+                    cubes[message.index] = message
+                case Summary() as message:
+                    summary = message
+                case _:
+                    pass
+        for step in self._gatherer.steps:
+            known = edges.pop(step.round, None)
+            if known is None:
+                yield f"round {step.round}: gathered, but its edges are not on record"
+            elif known.moves != list(step.executed):
+                yield f"round {step.round}: other moves were gathered than its edges on record"
+        if edges:
+            yield f"round {min(edges)}: edges on record, but not all modules reported it"
+        if summary is None:
+            yield "no summary is on record, so there is no result to compare with"
+            return
+        yield from self._other_cubes(cubes)
+        yield from self._other_numbers(summary)
+        yield from self._not_proved()
+
+    def _other_cubes(self, recorded: dict[int, Cube]) -> Iterator[str]:
+        found = self._gatherer.heap.cube_path()
+        for index in sorted({*recorded, *range(1, len(found) + 1)}):
+            cube = recorded.get(index)
+            told = None if cube is None else self._actions(cube)
+            if not 1 <= index <= len(found) or told != frozenset(found[index - 1]):
+                yield f"cube {index} is another than on record"
+
+    def _actions(self, cube: Cube) -> frozenset[Action]:
+        system = self._recording.scene.system
+        return frozenset(system.action(move.generator, site_of(move.at)) for move in cube.moves)
+
+    def _not_proved(self) -> Iterator[str]:
+        path = [action for step in self._gatherer.steps for action in step.actions]
+        start = self._recording.scene.start_state
+        for record in self._recording.of_kind("certificate"):
+            message = _message(self._recording, record)
+            if not isinstance(message, Certified):
+                continue
+            for check, why in look_into(message.certificate, path, start).items():
+                if why is not None:
+                    yield f"the certificate does not prove what was gathered: {check}: {why}"
+
+    def _other_numbers(self, summary: Summary) -> Iterator[str]:
+        gatherer = self._gatherer
+        found = {
+            "rounds": gatherer.rounds,
+            "moves": gatherer.heap.moves,
+            "reduced_moves": gatherer.heap.reduced_moves,
+            "cubes": gatherer.heap.cubes,
+            "max_cube_dimension": gatherer.heap.max_cube_dimension,
+            "goal_reached": gatherer.reached,
+            "path_digest": gatherer.digest,
+        }
+        for key, value in found.items():
+            if getattr(summary, key) != value:
+                yield f"{key} is {value}, on record is {getattr(summary, key)}"
+
+
+def _message(recording: Recording, record: Record) -> Message:
+    try:
+        return decode(record.data)
+    except CubepathError as error:
+        where = f"{recording.path}: message {record.sequence} ({record.topic})"
+        raise InputError(f"{where}: {error}") from None

@@ -1,0 +1,422 @@
+"""A run: modules in processes, their edge path gathered and shortened, all of it on record.
+
+Room: coordinator. It starts the fleet, paces rounds and listens; it decides nothing for a module.
+"""
+
+from __future__ import annotations
+
+import platform
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from types import FrameType
+from typing import Any, Literal
+
+import msgspec
+
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.scheduled import NAME as SCHEDULE
+from cubepath.coordinator.normal_form.certificate import certificate_of, end_of
+from cubepath.coordinator.runs.gatherer import Gatherer, Step
+from cubepath.coordinator.runs.schedule import (
+    Carrying,
+    Course,
+    course_of,
+    read_schedule,
+    told,
+    with_end,
+)
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.path_files.schedules import schedule_to_jsonl
+from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Cube,
+    Edges,
+    Report,
+    Stopped,
+    Summary,
+    decode,
+    encode,
+)
+
+Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
+MAX_ROUNDS = 1000
+_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Interrupted(Exception):  # noqa: N818 - it is no error, it is what the person asked for
+    """The person asked the run to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run; `rule` None is the rule that reaches the goal of the system's family.
+
+    With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None is then
+    the system of the recording, elsewise "hex". Where it stops the run ends, or with `repair` the
+    modules follow the rule from there. `max_rounds` None is enough for the schedule, and
+    `MAX_ROUNDS` for the rule.
+    """
+
+    system: str | None = None
+    rule: str | None = None
+    seed: int = 0
+    hesitate: float = 0.0
+    processes: int = 4
+    max_rounds: int | None = None
+    log: Path | None = None
+    schedule: Path | None = None
+    repair: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a run did; the first fourteen fields are the keys of ``cubepath run --json``.
+
+    There are two keys more where a schedule was carried out: how many cubes it has, and where it
+    stopped, None if it did not.
+    """
+
+    log: str
+    system: str
+    rule: str
+    seed: int
+    modules: int
+    processes: int
+    rounds: int
+    moves: int
+    reduced_moves: int
+    cubes: int
+    max_cube_dimension: int
+    goal_reached: bool
+    path_digest: str
+    seconds: float
+    ended: Ended
+    error: str | None
+    messages: int
+    schedule_cubes: int | None = None
+    schedule_stopped: Stopped | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``--json``."""
+        extra = {"ended", "error", "messages"}
+        if self.error is not None:
+            extra -= {"error"}
+        if self.schedule_cubes is None:
+            extra |= {"schedule_cubes", "schedule_stopped"}
+        found: dict[str, Any] = msgspec.to_builtins(
+            {key: getattr(self, key) for key in self.__slots__ if key not in extra}
+        )
+        return found
+
+
+Watch = Callable[[Gatherer], None]
+
+
+def run(plan: Plan, watch: Watch | None = None) -> Outcome:
+    """Run the plan to its end and return what came of it, with the recording closed.
+
+    InputError where the plan cannot be run at all; everything that goes wrong later (a process
+    that dies, a rule that gives up, a full disk, an interrupt) is told in the outcome. `watch` is
+    called after each round.
+    """
+    task = task_of(plan)
+    path = plan.log or Path("logs") / _file_name(task, plan.seed)
+    course = task.course
+    schedule = None if course is None else schedule_to_jsonl(course.cubes)
+    with RecordingWriter(path, task.scene, _parameters(plan, task), schedule) as writer:
+        return _Run(plan, task, writer).play(watch)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A plan, checked: what is run where, under which rule, and for how many rounds at most.
+
+    With a `course` the modules follow that first, and the rule only where a schedule is repaired.
+    """
+
+    scene: Scene
+    rule: str
+    max_rounds: int
+    course: Course | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name of the rule that modules begin with."""
+        return self.rule if self.course is None else SCHEDULE
+
+
+def task_of(plan: Plan) -> Task:
+    """Return what a plan comes to; InputError names what cannot be run."""
+    if not 0.0 <= plan.hesitate < 1.0:
+        raise InputError(f"hesitate={plan.hesitate}: expected at least 0 and less than 1")
+    for key, number in (("seed", plan.seed), ("processes", plan.processes)):
+        if number < 0:
+            raise InputError(f"{key}={number}: expected 0 or more")
+    if plan.max_rounds is not None and plan.max_rounds < 0:
+        raise InputError(f"max-rounds={plan.max_rounds}: expected 0 or more")
+    if plan.schedule is not None:
+        return _task_of_schedule(plan, plan.schedule)
+    if plan.repair:
+        raise InputError("repair: there is no schedule that could need it")
+    scene = local_only(scene_from_spec(plan.system or "hex"), "runs")
+    most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
+    return Task(scene, _rule_of(plan, scene), most)
+
+
+def _task_of_schedule(plan: Plan, path: Path) -> Task:
+    if plan.hesitate:
+        raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
+    if plan.rule is not None and not plan.repair:
+        raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
+    schedule = read_schedule(path)
+    scene = schedule.scene
+    if plan.system is not None or scene is None:
+        scene = scene_from_spec(plan.system or "hex")
+    scene = local_only(scene, "runs")
+    course = course_of(schedule, scene)
+    cubes = len(course.cubes)
+    most = cubes + (MAX_ROUNDS if plan.repair else 0)
+    if plan.max_rounds is not None:
+        most = plan.max_rounds if plan.repair else min(plan.max_rounds, cubes)
+    return Task(with_end(scene, schedule, course), _rule_of(plan, scene), most, course)
+
+
+def _rule_of(plan: Plan, scene: Scene) -> str:
+    family = FAMILIES.get(scene.family)
+    rule = plan.rule or (family.rule if family is not None else "random")
+    rule_named(rule, scene.system)
+    return rule
+
+
+@contextmanager
+def _interrupts() -> Generator[Callable[[], None]]:
+    """Turn SIGINT, SIGTERM and SIGHUP into `Interrupted`, raised between two messages.
+
+    A second one is taken at once. Off the main thread there is nothing to take over.
+    """
+    asked = threading.Event()
+
+    def ask(_number: int, _frame: FrameType | None) -> None:
+        if asked.is_set():
+            raise KeyboardInterrupt
+        asked.set()
+
+    def check() -> None:
+        if asked.is_set():
+            raise Interrupted
+
+    if threading.current_thread() is not threading.main_thread():
+        yield check
+        return
+    before = {number: signal.signal(number, ask) for number in _INTERRUPTS}
+    try:
+        yield check
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Run:
+    """A run under way: wire messages go on record as they come, edges by round.
+
+    Cubes, certificate and summary, the coordinator's own results, are written at the end.
+    """
+
+    def __init__(self, plan: Plan, task: Task, writer: RecordingWriter) -> None:
+        self._plan = plan
+        self._task = task
+        self._writer = writer
+        self._gatherer = Gatherer(task.scene, self._step)
+        self._carrying = None if task.course is None else Carrying(task.course)
+        self._began = time.monotonic()
+
+    def play(self, watch: Watch | None) -> Outcome:
+        try:
+            ended, error = self._rounds(watch)
+        except Interrupted:
+            ended, error = "interrupted", "interrupted"
+        except CubepathError as problem:
+            ended, error = "failed", self._with_stop(str(problem))
+        try:
+            self._finish(ended, error)
+            self._writer.close()
+        except CubepathError as problem:
+            ended, error = "failed", error or str(problem)
+        return self._outcome(ended, error)
+
+    @property
+    def _stopped(self) -> Stopped | None:
+        return None if self._carrying is None else self._carrying.stopped
+
+    def _with_stop(self, error: str) -> str:
+        return error if self._stopped is None else f"{told(self._stopped)}; then {error}"
+
+    def _rounds(self, watch: Watch | None) -> tuple[Ended, str | None]:
+        plan, task, gatherer, course = self._plan, self._task, self._gatherer, self._task.course
+        if gatherer.reached and (course is None or not course.cubes):
+            return "goal", None
+        with (
+            _interrupts() as check,
+            Fleet(
+                task.scene,
+                task.rule,
+                seed=plan.seed,
+                hesitate=plan.hesitate,
+                processes=plan.processes,
+                schedule=None if course is None else course.own,
+                sink=self._wire,
+                check=check,
+            ) as fleet,
+        ):
+            ended = self._ended(fleet)
+            if ended is not None:
+                return ended
+            for number in fleet.rounds(task.max_rounds):
+                if gatherer.rounds != number:
+                    return "failed", f"round {number} ended, but not all modules have reported it"
+                if watch is not None:
+                    watch(gatherer)
+                ended = self._ended(fleet)
+                if ended is not None:
+                    return ended
+        return "max-rounds", None
+
+    def _ended(self, fleet: Fleet) -> tuple[Ended, str | None] | None:
+        """Return how the run has ended, if it has, after a round or before the first."""
+        gatherer, carrying = self._gatherer, self._carrying
+        if carrying is not None and not carrying.over:
+            carrying.look(gatherer)
+            if not carrying.over:
+                return None  # whatever it passes on its way
+            if carrying.stopped is not None and not self._plan.repair:
+                return "failed", told(carrying.stopped)
+            if not gatherer.reached and self._plan.repair:
+                fleet.end_schedule()
+                return None
+        elif gatherer.failed is not None:
+            return "failed", self._with_stop(gatherer.failed)
+        return ("goal", None) if gatherer.reached else None
+
+    def _wire(self, topic: str, data: bytes, wall_ns: int) -> None:
+        try:
+            message = decode(data)
+        except InputError as error:  # somebody else has joined the run
+            raise CheckError(f"on {topic}: {error}") from None
+        self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
+        if isinstance(message, Report):
+            self._gatherer.receive(message)
+
+    def _step(self, step: Step) -> None:
+        self._say(Edges(step.round, list(step.executed)))
+
+    def _say(self, message: Edges | Cube | Certified | Summary) -> None:
+        self._writer.write(
+            topic_of(message),
+            encode(message),
+            round_number=message.round,
+            wall_ns=time.time_ns(),
+        )
+
+    def _finish(self, ended: Ended, error: str | None) -> None:
+        gatherer = self._gatherer
+        for index, cube in enumerate(gatherer.schedule(), 1):
+            self._say(Cube(gatherer.rounds, index, list(cube)))
+        path = [action for step in gatherer.steps for action in step.actions]
+        end = end_of(path, self._task.scene.start_state)
+        self._say(Certified(gatherer.rounds, certificate_of(path, end)))
+        heap = gatherer.heap
+        self._say(
+            Summary(
+                round=gatherer.rounds,
+                ended=ended,
+                error=error,
+                rounds=gatherer.rounds,
+                moves=heap.moves,
+                reduced_moves=heap.reduced_moves,
+                cubes=heap.cubes,
+                max_cube_dimension=heap.max_cube_dimension,
+                goal_reached=gatherer.reached,
+                path_digest=gatherer.digest,
+                schedule_cubes=self._schedule_cubes,
+                schedule_stopped=self._stopped,
+            )
+        )
+
+    @property
+    def _schedule_cubes(self) -> int | None:
+        return None if self._task.course is None else len(self._task.course.cubes)
+
+    def _outcome(self, ended: Ended, error: str | None) -> Outcome:
+        plan, gatherer, scene = self._plan, self._gatherer, self._task.scene
+        heap = gatherer.heap
+        modules = len(scene.start)
+        return Outcome(
+            log=str(self._writer.path),
+            system=scene.spec,
+            rule=self._task.name,
+            seed=plan.seed,
+            modules=modules,
+            processes=min(plan.processes, modules),
+            rounds=gatherer.rounds,
+            moves=heap.moves,
+            reduced_moves=heap.reduced_moves,
+            cubes=heap.cubes,
+            max_cube_dimension=heap.max_cube_dimension,
+            goal_reached=gatherer.reached,
+            path_digest=gatherer.digest,
+            seconds=round(time.monotonic() - self._began, 3),
+            ended=ended,
+            error=error,
+            messages=self._writer.messages,
+            schedule_cubes=self._schedule_cubes,
+            schedule_stopped=self._stopped,
+        )
+
+
+def _file_name(task: Task, seed: int) -> str:
+    now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+    return f"{task.scene.family or 'system'}-{task.name}-{seed}-{now}.mcap"
+
+
+def _parameters(plan: Plan, task: Task) -> dict[str, str]:
+    scene = task.scene
+    schedule = {} if plan.schedule is None else {"schedule": str(plan.schedule)}
+    if plan.repair:
+        schedule["repair"] = task.rule
+    return {
+        "system": scene.spec,
+        "family": scene.family,
+        "rule": task.name,
+        "seed": str(plan.seed),
+        "hesitate": str(plan.hesitate),
+        "processes": str(min(plan.processes, len(scene.start))),
+        "modules": str(len(scene.start)),
+        "max_rounds": str(task.max_rounds),
+        **schedule,
+        "python": sys.version.split()[0],
+        "platform": f"{platform.system()} {platform.machine()}",
+        **{
+            package: _version(package)
+            for package in ("cubepath", "eclipse-zenoh", "mcap", "pettingzoo", "numpy")
+        },
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,271 @@
+"""Carrying out a schedule: where it comes from, who makes which move, where it ends or stops.
+
+Room: coordinator. Before the run begins the modules are followed through the cubes from the start
+of the scene, by the traces of the moves alone: that tells who is to make each move, and each module
+is handed its own part. Whether a move is admissible when its round comes, or an obstacle is in its
+way, is for its module to see. During the run the coordinator reads the reports, and begins no
+further round where one says no.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import ExcludedError, InputError
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.path_files.moves import read_cubes
+from cubepath.protocol.path_files.schedules import Cubes, by_generator
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.recordings.salvage import MAGIC
+from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.wire.messages import Placed, Stopped, site_of
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """A schedule as it was read; of a recording also its scene, and where its modules ended."""
+
+    path: Path
+    cubes: Cubes
+    scene: Scene | None = None
+    ends: tuple[Site, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """Who makes which move of a schedule in a scene.
+
+    `cubes` are those of the schedule, each move under the name that the system gives it. `stop` is
+    the first cube with a move for which no module is there; from that cube on nothing is handed
+    out. `ends` is where the modules are then, or after the last cube.
+    """
+
+    cubes: Cubes
+    own: dict[int, dict[int, Placed]]
+    ends: tuple[Site, ...]
+    stop: Stopped | None
+
+
+def read_schedule(path: Path) -> Schedule:
+    """Read a cubes file or a recording; what the file is, its content tells.
+
+    The schedule of a recording is the normal cube path of its run. InputError where the file cannot
+    be read or is damaged, or where a move is named by an id; CheckError where reports of a
+    recording contradict each other.
+    """
+    if not _is_recording(path):
+        try:
+            cubes = tuple(by_generator(n, cube) for n, cube in enumerate(read_cubes(path), 1))
+        except InputError as error:
+            where = "" if str(error).startswith(f"{path}:") else f"{path}: "
+            raise InputError(f"{where}{error}") from None
+        return Schedule(path, cubes)
+    recording = read_recording(path)
+    if recording.problems:
+        raise InputError(
+            f"{path}: {'; '.join(recording.problems)}."
+            f" 'cubepath verify {path} --recover OUT' writes what can be read"
+        )
+    gatherer = gathered(recording)
+    return Schedule(path, gatherer.schedule(), recording.scene, tuple(gatherer.sites))
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+
+
+def course_of(schedule: Schedule, scene: Scene) -> Course:
+    """Follow the modules of the scene through the cubes; return who makes which move.
+
+    InputError where a move is none of the system, or the moves of a cube do not commute.
+    """
+    where: dict[Site, int] = {site: module for module, site in enumerate(scene.start)}
+    own: dict[int, dict[int, Placed]] = {}
+    cubes: list[tuple[Placed, ...]] = []
+    stop: Stopped | None = None
+    system = _open_system(schedule, scene)
+    for number, cube in enumerate(schedule.cubes, 1):
+        actions = _actions(schedule, scene, system, number)
+        found = [_move(system, where, *each) for each in zip(cube, actions, strict=True)]
+        lacking = [each for each in zip(cube, found, strict=True) if isinstance(each[1], str)]
+        if stop is None and lacking:
+            placed, why = lacking[0]
+            stop = Stopped(number, None, placed, str(why))
+        if stop is not None:
+            cubes.append(cube)  # it is looked at only for moves that are none
+            continue
+        made = [move for move in found if isinstance(move, Move)]
+        _follow(made, where, own, number)
+        cubes.append(tuple(Placed(move.generator, move.at) for move in made))
+    by_module = {module: site for site, module in where.items()}
+    ends = tuple(by_module[module] for module in range(len(scene.start)))
+    return Course(tuple(cubes), own, ends, stop)
+
+
+def _open_system(schedule: Schedule, scene: Scene) -> System:
+    """Return a system in which the moves of the schedule are there, whatever is in their way now.
+
+    That of a recording is its own. Elsewise a lattice is without obstacles and bounds, and a graph
+    has the edges that it lacks; of other systems it is not known what would be there.
+    """
+    if schedule.scene is not None:
+        return schedule.scene.system
+    system = scene.system
+    match system:
+        case LatticeSystem():
+            return LatticeSystem(system.catalogue)
+        case GraphSystem():
+            places = [site_of(move.at) for cube in schedule.cubes for move in cube]
+            more = [at[:2] for at in places if isinstance(at, tuple) and len(at) >= 2]
+            edges = dict.fromkeys((*system.edges, *((one, other) for one, other in more)))
+            vertices = dict.fromkeys((*system.vertices, *chain.from_iterable(edges)))
+            try:
+                return GraphSystem(vertices, edges, labels=system.labels, compass=system.compass)
+            except InputError as error:
+                raise InputError(f"{schedule.path}: {error}") from None
+        case _:
+            return system
+
+
+def _actions(
+    schedule: Schedule, scene: Scene, open_system: System, number: int
+) -> list[Action | str]:
+    """Return the actions of a cube, or why there is none; InputError where it is no cube."""
+    found: list[Action | str] = []
+    for placed in schedule.cubes[number - 1]:
+        try:
+            at = site_of(placed.at)
+            with contextlib.suppress(ExcludedError):
+                scene.system.action(placed.generator, at)  # its module will see what is in its way
+            found.append(open_system.action(placed.generator, at))
+        except ExcludedError as error:
+            found.append(str(error))
+        except InputError as error:
+            raise InputError(f"{schedule.path}: cube {number}: {error}") from None
+    if not is_cube([action for action in found if isinstance(action, Action)]):
+        raise InputError(f"{schedule.path}: cube {number}: its moves do not commute")
+    return found
+
+
+def _move(
+    system: System, where: dict[Site, int], placed: Placed, action: Action | str
+) -> Move | str:
+    """Return the move by who is to make it, or why there is nobody."""
+    if isinstance(action, str):
+        return action
+    on = frozenset(site for site in action.trace if site in where)
+    for site in in_order(on):
+        for move in system.moves(site):
+            if (
+                move is not None
+                and move.action == action
+                and on == frozenset(source for source, _ in move.goes)
+            ):
+                return move
+    text = site_text(site_of(placed.at))
+    return f"{placed.generator} at {text}: {_nobody(action, on)}"
+
+
+def _nobody(action: Action, on: frozenset[Site]) -> str:
+    ends = [end & action.trace for end in action.ends]
+    missing = [in_order(end - on)[0] for end in ends if end - on]
+    if len(missing) == len(ends):
+        return f"nobody stands at {' or '.join(map(site_text, dict.fromkeys(missing)))}"
+    taken = in_order({site for end in ends if end <= on for site in on - end})
+    return f"somebody stands at {' and '.join(map(site_text, taken))}"
+
+
+def _follow(
+    moves: Iterable[Move],
+    where: dict[Site, int],
+    own: dict[int, dict[int, Placed]],
+    number: int,
+) -> None:
+    arrived: dict[Site, int] = {}
+    for move in moves:
+        own.setdefault(where[move.source], {})[number] = Placed(move.generator, move.at)
+        for source, target in move.goes:
+            arrived[target] = where.pop(source)
+    where.update(arrived)
+
+
+def with_end(scene: Scene, schedule: Schedule, course: Course) -> Scene:
+    """Return the scene with the end of the schedule as its goal.
+
+    That is where those modules of the recording ended that are there; of a cubes file where the
+    course ends. Where that is not known, or is no state of this scene, the scene keeps its own.
+    """
+    ends = _ends_of(schedule, scene, course)
+    if ends is None or (frozenset(ends) == scene.goal and scene.goals):
+        return scene
+    try:
+        return replace(scene, goal=frozenset(ends), goals=_known_goals(scene, ends))
+    except InputError:
+        return scene
+
+
+def _ends_of(schedule: Schedule, scene: Scene, course: Course) -> tuple[Site, ...] | None:
+    if schedule.scene is None or schedule.ends is None:
+        return course.ends if course.stop is None else None
+    if len(schedule.ends) == len(scene.start):
+        return schedule.ends
+    of_start = dict(zip(schedule.scene.start, schedule.ends, strict=True))
+    if of_start.keys() >= set(scene.start):
+        return tuple(of_start[site] for site in scene.start)
+    return None
+
+
+def _known_goals(scene: Scene, ends: Sequence[Site]) -> tuple[tuple[Site, ...], ...]:
+    """Return for each module the one end that it knows: its own."""
+    system = scene.system
+    if system.labels is None:
+        return tuple((end,) for end in ends)
+    by_code = {system.code_of(end): system.place_of(end) for end in ends}
+    try:
+        return tuple((by_code[system.code_of(site)],) for site in scene.start)
+    except KeyError:
+        raise InputError("the modules have other labels") from None
+
+
+class Carrying:
+    """A schedule under way: how far it is, and whether it has stopped."""
+
+    def __init__(self, course: Course) -> None:
+        """Begin before the first round."""
+        self.course = course
+        self.stopped: Stopped | None = None
+        self.over = False
+        """True when it is done or has stopped, and when the rule has taken over."""
+
+    def look(self, gatherer: Gatherer) -> None:
+        """Look at what was reported of the last round, or at nothing before the first."""
+        if self.over:
+            return
+        number, course = gatherer.rounds, self.course
+        failures = gatherer.steps[-1].failures if number else ()
+        if failures:
+            module, reason = failures[0]
+            self.stopped = Stopped(number, module, course.own[module][number], reason)
+        elif course.stop is not None and number == course.stop.round - 1:
+            self.stopped = course.stop
+        self.over = self.stopped is not None or number == len(course.cubes)
+
+
+def told(stopped: Stopped) -> str:
+    """Return in one line where a schedule stopped, and why."""
+    who = "" if stopped.module is None else f"module_{stopped.module}: "
+    return f"the schedule stopped at round {stopped.round}: {who}{stopped.reason}"

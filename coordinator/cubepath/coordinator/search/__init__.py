@@ -1,0 +1,1 @@
+"""Past the homotopy class: exact optima, lower bounds and shorter paths."""

@@ -1,0 +1,180 @@
+"""Past the homotopy class: an anytime search for a path to the same end with fewer cubes.
+
+The normal cube path is the shortest in its class, so whatever is shorter lies in another. The
+search keeps the best path that it has found, and replaces parts of it: windows of any system
+(`windows`), or a few vehicles with all others as they are (`replan`). Both are sources of their own
+ideas; what they share is that a step never makes the path worse.
+
+Room: coordinator; touches nothing but the clock, and that only to know when to stop.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from random import Random
+from typing import NamedTuple
+
+from cubepath.coordinator.normal_form.heap import Heap
+from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.vehicle_lns import Replanner
+from cubepath.coordinator.search.windows import Windows
+from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import System
+from cubepath.protocol.systems.graph import GraphSystem
+
+CubePath = tuple[tuple[Action, ...], ...]
+_IDLE = 0.2
+"""Of vehicles, so often a window is tried in place of a neighbourhood."""
+_SITES_MAX = 4096
+"""Systems of labelled vehicles with more sites than that are searched by vehicles alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Improved:
+    """A normal cube path, how many steps the search took, and how many of them found a better."""
+
+    cube_path: CubePath
+    steps: int
+    found: int
+
+    @property
+    def cubes(self) -> int:
+        """Return the number of cubes."""
+        return len(self.cube_path)
+
+    @property
+    def moves(self) -> int:
+        """Return the number of moves."""
+        return sum(map(len, self.cube_path))
+
+
+def improve(
+    path: Iterable[Action],
+    start: State,
+    system: System | None,
+    *,
+    seconds: float | None = None,
+    iterations: int | None = None,
+    seed: int = 0,
+    own_ends: bool = False,
+    enough: int = 0,
+    watch: Callable[[Improved], object] | None = None,
+    tick: Callable[[int], object] | None = None,
+) -> Improved:
+    """Return the best path from `start` to where `path` ends that is found in the given time.
+
+    Better is fewer cubes, then fewer moves; the result is never worse than the normal form of the
+    path. Moves are those of `system`; without one, those that occur in the path. `path` must be
+    admissible from `start` on, which is not checked here, and `start` holds the occupied obstacles.
+    With `own_ends` each vehicle ends where it does in the path, though the system gives them no
+    labels.
+
+    The search ends after `seconds` or `iterations`, whichever comes first, and with at most
+    `enough` cubes. Bounded by iterations alone, the result depends on the input and `seed` only.
+    `watch` is told of every better path as it is found, `tick` after each step how many there were.
+
+    InputError where neither bound is given, or `own_ends` is asked of what is no graph.
+    """
+    if seconds is None and iterations is None:
+        raise InputError("an improvement needs seconds or iterations to know when to stop")
+    if own_ends and not isinstance(system, GraphSystem):
+        raise InputError("own ends are those of vehicles on a graph, expected such a system")
+    actions = list(path)
+    best = _normal(actions, 0, 0)
+    search = _Search(system, start, actions, best, own_ends=own_ends)
+    deadline = None if seconds is None else time.monotonic() + seconds
+    random = Random(seed)  # noqa: S311 - nothing secret
+    steps = found = 0
+    while (
+        best.cubes > enough
+        and search.possible
+        and (iterations is None or steps < iterations)
+        and (deadline is None or time.monotonic() < deadline)
+    ):
+        steps += 1
+        proposal = search.step(random)
+        if tick is not None:
+            tick(steps)
+        # To build the moves of a large plan takes longer than many steps.
+        if proposal is None or proposal.cost >= (best.cubes, best.moves):
+            continue
+        new = _normal(proposal.actions(), steps, found + 1)
+        if (new.cubes, new.moves) < (best.cubes, best.moves):
+            found += 1
+            best = new
+            if watch is not None:
+                watch(best)
+    return Improved(best.cube_path, steps, found)
+
+
+def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
+    heap = Heap()
+    heap.extend(path)
+    return Improved(heap.cube_path(), steps, found)
+
+
+class _Proposal(NamedTuple):
+    """A path that a search has come to: its cubes and moves, and how to get it."""
+
+    cost: tuple[int, int]
+    actions: Callable[[], list[Action]]
+
+
+class _Search:
+    """The searches that fit the system, each with a path of its own; the better one is shared."""
+
+    def __init__(
+        self,
+        system: System | None,
+        start: State,
+        path: Sequence[Action],
+        best: Improved,
+        *,
+        own_ends: bool,
+    ) -> None:
+        self._start = start
+        self._system = system
+        self._own_ends = own_ends
+        self._steps: Steps | None = None
+        self._windows: Windows | None = None
+        self._vehicles: Replanner | None = None
+        self.possible = bool(best.cube_path)
+        if not self.possible:
+            return
+        if isinstance(system, GraphSystem) and Replanner.fits(system, len(start), best.cubes):
+            self._vehicles = Replanner(system, start, best.cube_path, own_ends=own_ends)
+        sites = (
+            len(system.vertices) * (system.labels or 1) if isinstance(system, GraphSystem) else 0
+        )
+        if not own_ends and sites <= _SITES_MAX:
+            self._steps = Steps(system, path if system is None else ())
+            self._windows = Windows(self._steps, start, best.cube_path)
+            self._fresh = True
+        self.possible = self._windows is not None or self._vehicles is not None
+
+    def step(self, random: Random) -> _Proposal | None:
+        """Let one of the searches take a step; return the path if that made it better."""
+        windows, vehicles = self._windows, self._vehicles
+        if windows is not None and (vehicles is None or random.random() < _IDLE):
+            # What was cut at the beginning counts as the first step.
+            fresh, self._fresh = self._fresh, False
+            if not windows.step(random) and not fresh:
+                return None
+            if vehicles is not None and windows.cost[0] < vehicles.rounds:
+                self._vehicles = self._replanner(windows.actions())
+            return _Proposal(windows.cost, windows.actions)
+        if vehicles is None or not vehicles.step(random):
+            return None
+        if windows is not None and self._steps is not None and vehicles.rounds < windows.cost[0]:
+            best = _normal(vehicles.actions(), 0, 0)
+            self._windows = Windows(self._steps, self._start, best.cube_path)
+        return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
+
+    def _replanner(self, path: Sequence[Action]) -> Replanner | None:
+        if not isinstance(self._system, GraphSystem):
+            return None
+        cubes = _normal(path, 0, 0).cube_path
+        return Replanner(self._system, self._start, cubes, own_ends=self._own_ends)

@@ -1,0 +1,124 @@
+"""The least number of cubes between two states over all homotopy classes, by exhaustive search.
+
+Breadth first from both ends, a round at a time, where a round is any non-empty set of commuting
+moves. Maximal sets alone do not do: a vehicle that is where it is to be, with a free place beside
+it, would have to leave with the first round. And single moves alone would minimise something else.
+
+Room: coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cubepath.coordinator.search.transitions import Steps
+
+MAX_STATES = 100_000
+"""So many states are looked at, unless told otherwise."""
+_BITS_MAX = 1 << 30
+"""All states together take at most so many bits."""
+
+_Parents = dict[int, tuple[int, tuple[int, ...]]]
+
+
+@dataclass(frozen=True, slots=True)
+class Optimum:
+    """What an exhaustive search found: no path has fewer cubes than `at_least`.
+
+    `cubes` is a shortest cube path, each cube as the numbers of its moves in `Steps`, or None where
+    the search was stopped by its bound first. Then all that is known is `at_least`.
+    """
+
+    at_least: int
+    cubes: tuple[tuple[int, ...], ...] | None
+    states: int
+
+
+def optimum(
+    steps: Steps,
+    start: int,
+    goal: int,
+    *,
+    max_states: int = MAX_STATES,
+    most: int | None = None,
+    still: int = 0,
+) -> Optimum:
+    """Return a cube path from `start` to `goal` with the fewest cubes, if the bound allows it.
+
+    Why it is the fewest. After `a` rounds from the start and `b` from the goal all states at these
+    distances are known, and none is known from both sides, so no path has a + b cubes or fewer. The
+    first state that the next round finds on the other side makes a path of a + b + 1.
+
+    `most` ends the search as soon as all paths have more cubes than that. At most about
+    `max_states` states are kept; a round of the search is either completed or does not count.
+    Sites of `still` are not written: then paths are those of the other modules alone.
+    Where the goal cannot be reached at all, a side runs dry and the answer is as if stopped.
+    """
+    if start == goal:
+        return Optimum(0, (), 1)
+    sides: tuple[_Parents, _Parents] = ({start: (start, ())}, {goal: (goal, ())})
+    fronts = [[start], [goal]]
+    depth = 0
+    while fronts[0] and fronts[1]:
+        if most is not None and depth >= most:
+            break
+        side = 0 if len(fronts[0]) <= len(fronts[1]) else 1
+        room = max_states - len(sides[0]) - len(sides[1])
+        met = _round(steps, fronts, sides, side, (room, still))
+        if met is not None and met >= 0:
+            path = _joined(sides, met)
+            return Optimum(len(path), path, len(sides[0]) + len(sides[1]))
+        if met is None:
+            break
+        depth += 1
+    return Optimum(depth + 1, None, len(sides[0]) + len(sides[1]))
+
+
+_NOT_MET = -1
+
+
+def _round(
+    steps: Steps,
+    fronts: list[list[int]],
+    sides: tuple[_Parents, _Parents],
+    side: int,
+    limits: tuple[int, int],
+) -> int | None:
+    """Take one side a round further.
+
+    `limits` are how many states there is room for, and what is still. Return the state where it
+    meets the other side, `_NOT_MET`, or None where the room is used up.
+    """
+    room, still = limits
+    mine, other = sides[side], sides[1 - side]
+    found: list[int] = []
+    for state in fronts[side]:
+        widest = len(steps.greedy(steps.possible(state, still)))
+        # All subsets of a commuting set lead to states of their own: do not even begin.
+        if 1 << widest > room + len(mine):
+            return None
+        for there, cube in steps.cubes(state, still):
+            if there in mine:
+                continue
+            mine[there] = state, cube
+            if there in other:
+                return there
+            found.append(there)
+            if len(found) > room or len(found) * len(steps.sites) > _BITS_MAX:
+                return None
+    fronts[side] = found
+    return _NOT_MET
+
+
+def _joined(sides: tuple[_Parents, _Parents], met: int) -> tuple[tuple[int, ...], ...]:
+    ahead: list[tuple[int, ...]] = []
+    state = met
+    while sides[0][state][1]:
+        state, cube = sides[0][state]
+        ahead.append(cube)
+    behind: list[tuple[int, ...]] = []
+    state = met
+    while sides[1][state][1]:
+        state, cube = sides[1][state]
+        behind.append(cube)
+    return (*reversed(ahead), *behind)

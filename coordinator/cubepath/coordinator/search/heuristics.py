@@ -1,0 +1,116 @@
+"""How far a state seems to be from another: a number for each site, summed over those that are on.
+
+A search is led by such a sum, and nothing depends on it but how soon it finds something. The sum is
+0 at the goal alone, and a move changes it by what its trace says.
+
+Room: coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+
+from cubepath.coordinator.search.lower_bounds import neighbours_of
+from cubepath.coordinator.search.transitions import Steps, bits_of
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
+from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.point_sets import Edge
+
+_MARGIN = 2
+"""Sites that are so much farther than all modules of the start need no exact distance."""
+
+
+class Ways:
+    """From which site a module can come to which, each asked once; None where that is not known."""
+
+    def __init__(self, system: System | None) -> None:
+        """Ask the system."""
+        found = None if system is None else neighbours_of(system)
+        self._near = None if found is None else found[0]
+        self._known: dict[Site, tuple[Site, ...]] = {}
+
+    @property
+    def known(self) -> bool:
+        """Tell whether there is anything to ask."""
+        return self._near is not None
+
+    def near(self, site: Site) -> tuple[Site, ...]:
+        """Return the sites that are one step away."""
+        found = self._known.get(site)
+        if found is None and self._near is not None:
+            found = self._known[site] = tuple(self._near(site))
+        return found or ()
+
+
+class Potential:
+    """The potential of the sites towards a goal, and what each move changes.
+
+    For triangulations an edge counts the edges of the goal that it crosses (Hanke, Ottmann and
+    Schuierer 1996: some flip lessens them, so the sum falls to 0). For others it is the distance to
+    the nearest site of the goal, along the ways of modules; where these are not known 1 off it.
+    """
+
+    def __init__(self, steps: Steps, start: int, goal: int, ways: Ways | None = None) -> None:
+        """Measure the sites up to where the modules of `start` are, and a little beyond."""
+        self.start, self.goal = start, goal
+        self._steps = steps
+        self._of_bit: dict[int, int] = {}
+        self._changes: dict[int, tuple[int, int]] = {}
+        self._at = _measure(steps, start, goal, Ways(steps.system) if ways is None else ways)
+
+    def of(self, state: int) -> int:
+        """Return the sum over the sites that are on."""
+        return sum(map(self._bit, bits_of(state)))
+
+    def _bit(self, bit: int) -> int:
+        found = self._of_bit.get(bit)
+        if found is None:
+            found = self._of_bit[bit] = self._at(self._steps.sites[bit])
+        return found
+
+    def change(self, number: int, state: int) -> int:
+        """Return by how much a move that is admissible at the state changes the sum."""
+        known = self._changes.get(number)
+        toggle = self._steps.toggle[number]
+        before = toggle & state
+        if known is None:
+            change = self.of(toggle ^ before) - self.of(before)
+            self._changes[number] = before, change
+            return change
+        return known[1] if known[0] == before else -known[1]
+
+
+def _measure(steps: Steps, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
+    goals = steps.decode(goal)
+    system = steps.system
+    if isinstance(system, FlipSystem):
+        cross = system.plane.cross
+        edges = [edge for site in goals for edge in _edge(site)]
+        return lambda site: sum(cross(one, edge) for one in _edge(site) for edge in edges)
+    if not ways.known:
+        return lambda site: int(site not in goals)
+    known = dict.fromkeys(goals, 0)
+    waiting = set(steps.decode(start)) - goals
+    layer: Iterable[Site] = list(known)
+    distance = beyond = 0
+    while layer and beyond <= _MARGIN:
+        distance += 1
+        following: dict[Site, None] = {}
+        for here in layer:
+            for there in ways.near(here):
+                if there not in known:
+                    known[there] = distance
+                    following[there] = None
+        waiting -= following.keys()
+        beyond += not waiting
+        layer = following
+    return lambda site: known.get(site, distance + 1)
+
+
+def _edge(site: Site) -> list[Edge]:
+    match site:
+        case (int(one), int(other)):
+            return [(one, other)]
+        case _:
+            return []

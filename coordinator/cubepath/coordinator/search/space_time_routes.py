@@ -1,0 +1,227 @@
+"""Routes of vehicles through space and time, in compiled code: what `replan` is made of.
+
+A plan has for every vehicle the vertex at which it is after each round. In round t a vehicle holds
+the vertex where it was and the one where it is then, and no other vehicle holds either: that is
+what commuting says of edges, so a plan is a cube path, and any cube path of vehicles is a plan.
+
+Room: coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.compiled import compiled
+
+Numbers = NDArray[np.int32]
+
+FREE = -1
+"""Nobody holds the vertex, there is no further neighbour, or no way."""
+
+
+@compiled
+def distances(near: Numbers, goal: int, found: Numbers) -> None:
+    """Fill in how far each vertex is from `goal`, `FREE` where there is no way.
+
+    `near` has shape (vertices, most neighbours), padded by `FREE`; `found` shape (vertices,).
+    """
+    found[:] = FREE
+    queue = np.empty(len(near), dtype=np.int32)
+    queue[0] = goal
+    found[goal] = 0
+    head, tail = 0, 1
+    while head < tail:
+        here = queue[head]
+        head += 1
+        for there in near[here]:
+            if there == FREE:
+                break
+            if found[there] == FREE:
+                found[there] = found[here] + 1
+                queue[tail] = there
+                tail += 1
+
+
+@compiled
+def settle(plan: Numbers, vertices: int) -> int:
+    """Make every move of a plan as early as it can be; return in which round the last one is.
+
+    `plan` has shape (vehicles, rounds + 1) and is changed in place. Each move falls onto the last
+    one that holds one of its two vertices, as in a heap of pieces; nothing is cancelled.
+    """
+    count, width = plan.shape
+    last = np.zeros(vertices, dtype=np.int32)
+    place = plan[:, 0].copy()
+    filled = np.zeros(count, dtype=np.int32)
+    most = 0
+    for after in range(1, width):
+        for vehicle in range(count):
+            here, there = place[vehicle], plan[vehicle, after]
+            if here == there:
+                continue
+            level = max(last[here], last[there]) + 1
+            last[here] = last[there] = level
+            most = max(most, level)
+            # Up to its last move the row is final: levels of a vehicle rise.
+            for between in range(filled[vehicle] + 1, level):
+                plan[vehicle, between] = here
+            plan[vehicle, level] = there
+            filled[vehicle] = level
+            place[vehicle] = there
+    for vehicle in range(count):
+        for between in range(filled[vehicle] + 1, width):
+            plan[vehicle, between] = place[vehicle]
+    return int(most)
+
+
+@compiled
+def hold(plan: Numbers, vehicle: int, held: Numbers, mark: int) -> None:
+    """Write `mark` at all that a vehicle holds; `held` has shape (rounds + 1, vertices)."""
+    for after in range(1, plan.shape[1]):
+        held[after, plan[vehicle, after - 1]] = mark
+        held[after, plan[vehicle, after]] = mark
+
+
+@compiled
+def arrival(row: Numbers) -> int:
+    """Return the round of the last move of a vehicle."""
+    at = len(row) - 1
+    while at > 0 and row[at] == row[at - 1]:
+        at -= 1
+    return int(at)
+
+
+class World(NamedTuple):
+    """What routes are planned in: vertices are numbers, and so are goals."""
+
+    near: Numbers
+    """Neighbours of each vertex, shape (vertices, most neighbours), padded by `FREE`."""
+    held: Numbers
+    """Which vehicle holds a vertex in a round, shape (rounds + 1, vertices), or `FREE`."""
+    ends: Numbers
+    """The vertex of each goal."""
+    away: Numbers
+    """How far each vertex is from each goal, shape (goals, vertices)."""
+
+
+class _Ways(NamedTuple):
+    """For rounds and vertices the fewest moves to be there then, and from which vertex."""
+
+    moves: Numbers
+    came: Numbers
+
+
+_NEVER = 2**30
+
+
+@compiled
+def _spread(
+    world: World,
+    ways: _Ways,
+    away: Numbers,
+    at: tuple[int, int, int, int],
+    reached: Numbers,
+) -> int:
+    """Go on from a vertex by one round; return how many vertices are reached for the first time.
+
+    `at` holds the vertex, the round, how far the goal may be then, and a random number.
+    """
+    here, after, within, turn = at
+    moves, came = ways.moves[after], ways.came[after]
+    cost = ways.moves[after - 1, here]
+    width = world.near.shape[1]
+    new = 0
+    for choice in range(width + 1):
+        there = here if choice == width else world.near[here, (choice + turn) % width]
+        if there == FREE or away[there] > within or world.held[after, there] != FREE:
+            continue
+        price = cost if choice == width else cost + 1
+        if moves[there] == _NEVER:
+            reached[new] = there
+            new += 1
+        if price < moves[there] or (price == moves[there] and (turn >> 4) & 1):
+            moves[there] = price
+            came[there] = here
+    return new
+
+
+@compiled
+def route(world: World, goal: int, latest: int, turn: int, row: Numbers) -> int:
+    """Fill in the route that arrives first, and of these one with fewest moves; return when.
+
+    `row[0]` is where the vehicle is, `goal` the number of its goal; it has to be there after round
+    `latest` at most, and stay. Dynamic programming over rounds and vertices; `turn` is a random
+    number that decides between equals. `FREE` where there is no such route, and then the row is
+    as it was.
+    """
+    vertices = len(world.near)
+    start, end, away = row[0], world.ends[goal], world.away[goal]
+    if away[start] == FREE or away[start] > latest:
+        return FREE
+    # From then on nobody else holds the goal.
+    free_from = len(world.held) - 1
+    while free_from > 0 and world.held[free_from, end] == FREE:
+        free_from -= 1
+    ways = _Ways(
+        np.full((latest + 1, vertices), _NEVER, dtype=np.int32),
+        np.full((latest + 1, vertices), FREE, dtype=np.int32),
+    )
+    ways.moves[0, start] = 0
+    layer = np.empty(vertices, dtype=np.int32)
+    following = np.empty(vertices, dtype=np.int32)
+    layer[0] = start
+    size, after = 1, 0
+    while size and after < latest and (after < free_from or ways.moves[after, end] == _NEVER):
+        after += 1
+        reached = 0
+        for here in layer[:size]:
+            turn = (turn * 1103515245 + 12345) & 0x7FFFFFFF
+            if world.held[after, here] == FREE:
+                at = (here, after, latest - after, turn >> 8)
+                reached += _spread(world, ways, away, at, following[reached:])
+        layer, following = following, layer
+        size = reached
+    if after < free_from or ways.moves[after, end] == _NEVER:
+        return FREE
+    row[after:] = end
+    for back in range(after, 0, -1):
+        row[back - 1] = ways.came[back, row[back]]
+    return int(after)
+
+
+@compiled
+def reroute(world: World, plan: Numbers, jobs: Numbers, turn: int) -> bool:
+    """Plan some vehicles anew, one after another, with all others as they are.
+
+    `jobs` has a row for each of them: the vehicle, the number of its goal, and when it has to be
+    there at the latest. Tells whether all got a route; if not, all is as it was. Prioritised
+    planning: Erdmann and Lozano-Perez (1987), Silver (2005).
+    """
+    held = world.held
+    kept = plan[jobs[:, 0]].copy()
+    for vehicle in jobs[:, 0]:
+        hold(plan, vehicle, held, FREE)
+    # In the first round each still stands where it is.
+    for vehicle in jobs[:, 0]:
+        held[1, plan[vehicle, 0]] = vehicle
+    done = 0
+    for number in range(len(jobs)):
+        vehicle, goal, latest = jobs[number]
+        held[1, plan[vehicle, 0]] = FREE
+        if route(world, goal, latest, turn + number, plan[vehicle]) == FREE:
+            break
+        hold(plan, vehicle, held, vehicle)
+        done += 1
+    if done == len(jobs):
+        return True
+    for number in range(done):
+        hold(plan, jobs[number, 0], held, FREE)
+    for number in range(len(jobs)):
+        held[1, kept[number, 0]] = FREE
+    for number in range(len(jobs)):
+        plan[jobs[number, 0]] = kept[number]
+        hold(plan, jobs[number, 0], held, jobs[number, 0])
+    return False

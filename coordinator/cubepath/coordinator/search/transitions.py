@@ -1,0 +1,217 @@
+"""States as whole numbers and moves by number: what searches in a state complex walk on.
+
+A site has a bit, a state is the number with the bits of its sites on, and a move turns the bits of
+its `toggle`. Sites and moves are numbered in the order in which they are met, which depends on the
+system and the questions alone. Nothing is enumerated beforehand: the lattice may be infinite.
+
+Room: coordinator; touches nothing. `cubepath.coordinator.complexes.state_masks` is the form for
+compiled code.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.system import System
+
+
+class _Row(NamedTuple):
+    """A move that may be made where a site is on: which bits must be how."""
+
+    number: int
+    need: int
+    shown: int
+    guards: tuple[tuple[int, int], ...]
+
+
+LABELS_MAX = 64
+"""With more labels the supports of vehicles are too large for masks: see `maskable`."""
+
+
+def maskable(system: System | None) -> bool:
+    """Tell whether states of the system are small enough to be whole numbers."""
+    return system is None or (system.labels or 0) <= LABELS_MAX
+
+
+class Steps:
+    """The moves of a system, or of a finite list of actions, on states that are whole numbers.
+
+    `actions` holds the actions by number; `toggle`, `trace` and `support` their masks.
+    """
+
+    def __init__(self, system: System | None, listed: Iterable[Action] = ()) -> None:
+        """Take the moves of `system`; without one, those actions that are listed."""
+        self.system = system
+        self.actions: list[Action] = []
+        self.toggle: list[int] = []
+        self.trace: list[int] = []
+        self.support: list[int] = []
+        self.sites: list[Site] = []
+        self._bits: dict[Site, int] = {}
+        self._numbers: dict[Action, int] = {}
+        self._rows: list[tuple[_Row, ...] | None] = []
+        # Sites at which nothing moves need not be looked at.
+        self._still = 0
+        # Moves that are proposed by no site that is on: only a list has such.
+        self._anywhere: list[_Row] = []
+        self._listed: dict[Site, list[tuple[Action, int]]] = {}
+        for action in dict.fromkeys(listed):
+            self._list(action)
+
+    def _list(self, action: Action) -> None:
+        for end in (0, 1):
+            on = action.ends[end]
+            if on:
+                self._listed.setdefault(in_order(on)[0], []).append((action, end))
+            else:
+                self._anywhere.append(self._row(action, end))
+
+    def bit(self, site: Site) -> int:
+        """Return the number of the bit of a site."""
+        found = self._bits.get(site)
+        if found is None:
+            found = self._bits[site] = len(self.sites)
+            self.sites.append(site)
+            self._rows.append(None)
+        return found
+
+    def encode(self, sites: Iterable[Site]) -> int:
+        """Return the state in which these sites are on."""
+        found = 0
+        for site in in_order(sites):
+            found |= 1 << self.bit(site)
+        return found
+
+    def decode(self, state: int) -> frozenset[Site]:
+        """Return the sites that are on."""
+        return frozenset(self.sites[bit] for bit in bits_of(state))
+
+    def number(self, action: Action) -> int:
+        """Return the number of an action."""
+        found = self._numbers.get(action)
+        if found is None:
+            found = self._numbers[action] = len(self.actions)
+            self.actions.append(action)
+            first, second = map(self.encode, action.ends)
+            self.toggle.append(first ^ second)
+            self.trace.append(self.encode(action.trace))
+            self.support.append(self.encode(action.support))
+        return found
+
+    def possible(self, state: int, still: int = 0) -> list[int]:
+        """Return the numbers of the moves that are admissible at the state, each once.
+
+        Moves that write one of the sites of `still` are left out; of the movers that stand there
+        nothing is asked, so what is still costs nothing.
+        """
+        found: dict[int, None] = {}
+        left = state & ~self._still & ~still
+        while left:
+            low = left & -left
+            left ^= low
+            bit = low.bit_length() - 1
+            rows = self._rows[bit]
+            if rows is None:
+                rows = self._meet(bit)
+            for number, need, shown, guards in rows:
+                if state & need == shown and not (guards and _unheld(guards, state)):
+                    found[number] = None
+        for number, need, shown, guards in self._anywhere:
+            if state & need == shown and not (guards and _unheld(guards, state)):
+                found[number] = None
+        if still:
+            return [number for number in found if not self.trace[number] & still]
+        return list(found)
+
+    def _meet(self, bit: int) -> tuple[_Row, ...]:
+        site = self.sites[bit]
+        if self.system is None:
+            found = [self._row(action, end) for action, end in self._listed.get(site, ())]
+        else:
+            found = [
+                self._row(move.action, end)
+                for move in self.system.moves(site)
+                if move is not None
+                for end in (0, 1)
+                if all(source in move.action.ends[end] for source, _ in move.goes)
+            ]
+        rows = self._rows[bit] = tuple(found)
+        if not rows:
+            self._still |= 1 << bit
+        return rows
+
+    def _row(self, action: Action, end: int) -> _Row:
+        number = self.number(action)
+        guards = tuple(
+            (1 << self.bit(site), 1 << self.bit(neighbour))
+            for site, neighbour in sorted(action.guards, key=site_text)
+        )
+        need = self.encode(action.support - action.free)
+        return _Row(number, need, self.encode(action.ends[end]), guards)
+
+    def commute(self, one: int, other: int) -> bool:
+        """Tell whether two moves commute: `actions.commute` on masks."""
+        return not (self.trace[one] & self.support[other] or self.trace[other] & self.support[one])
+
+    def cubes(self, state: int, still: int = 0) -> Iterator[tuple[int, tuple[int, ...]]]:
+        """Yield each non-empty set of commuting moves at the state, with the state after it."""
+        options = self.possible(state, still)
+        with_later = [
+            sum(
+                1 << later
+                for later in range(place + 1, len(options))
+                if self.commute(one, options[later])
+            )
+            for place, one in enumerate(options)
+        ]
+        waiting: list[tuple[int, int, tuple[int, ...]]] = [(state, (1 << len(options)) - 1, ())]
+        while waiting:
+            here, allowed, chosen = waiting.pop()
+            while allowed:
+                low = allowed & -allowed
+                allowed ^= low
+                place = low.bit_length() - 1
+                there = here ^ self.toggle[options[place]]
+                cube = (*chosen, options[place])
+                yield there, cube
+                further = allowed & with_later[place]
+                if further:
+                    waiting.append((there, further, cube))
+
+    def greedy(self, options: Sequence[int]) -> list[int]:
+        """Return a largest set of commuting moves that is built in the order of `options`."""
+        chosen: list[int] = []
+        traces = supports = 0
+        for number in options:
+            if not (self.trace[number] & supports or self.support[number] & traces):
+                chosen.append(number)
+                traces |= self.trace[number]
+                supports |= self.support[number]
+        return chosen
+
+    def states(self, start: State, cubes: Iterable[Iterable[Action]]) -> list[int]:
+        """Return the states before the first cube and after each; none is checked."""
+        found = [self.encode(start)]
+        for cube in cubes:
+            state = found[-1]
+            for action in cube:
+                state ^= self.toggle[self.number(action)]
+            found.append(state)
+        return found
+
+
+def _unheld(guards: tuple[tuple[int, int], ...], state: int) -> bool:
+    return any(state & site and not state & neighbour for site, neighbour in guards)
+
+
+def bits_of(state: int) -> list[int]:
+    """Return the numbers of the bits that are on, in ascending order."""
+    found: list[int] = []
+    while state:
+        low = state & -state
+        found.append(low.bit_length() - 1)
+        state ^= low
+    return found

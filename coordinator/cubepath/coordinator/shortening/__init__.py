@@ -1,0 +1,1 @@
+"""Paths from files and recordings, shortened, explained, converted and written."""

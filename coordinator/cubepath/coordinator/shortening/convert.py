@@ -1,0 +1,70 @@
+"""Converting a path from one form of file to another, and binary cubes to lines.
+
+Room: coordinator. What comes in is checked as for shortening.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.coordinator.shortening.shorten import path_of
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.path_files.moves import write_cubes
+from cubepath.protocol.path_files.npz import (
+    MAGIC,
+    holds_cubes,
+    read_cubes_npz,
+    write_moves_npz,
+)
+from cubepath.protocol.path_files.numbered import Progress, write_path
+from cubepath.protocol.plans.formats import NOTHING_SAID, Said
+
+
+@dataclass(frozen=True, slots=True)
+class Converted:
+    """What was written: "moves" or "cubes", and how many of them."""
+
+    what: str
+    count: int
+
+
+def convert(
+    source: Path,
+    target: Path,
+    *,
+    system: str | None = None,
+    progress: Progress | None = None,
+    said: Said = NOTHING_SAID,
+) -> Converted:
+    """Write a path, or the cubes of a binary cubes file, in the form that the target's name tells.
+
+    ``.npz`` is the binary form, all else JSON Lines. Moves by generator stay so. InputError where
+    the source is no such file or not as it should be, or the target cannot be written.
+    """
+    if target.exists() and source.exists() and target.samefile(source):
+        raise InputError(f"{target}: is the input, expected another file")
+    binary = target.suffix == ".npz"
+    if _is_binary(source) and holds_cubes(source):
+        if binary:
+            raise InputError(
+                f"{source}: holds cubes already as .npz, expected another name than"
+                f" {target} for JSON Lines"
+            )
+        cubes = read_cubes_npz(source)
+        write_cubes(target, cubes)
+        return Converted("cubes", len(cubes))
+    path = path_of(source, system, progress, said)
+    if binary:
+        write_moves_npz(target, path)
+    else:
+        write_path(target, path)
+    return Converted("moves", len(path.numbers))
+
+
+def _is_binary(source: Path) -> bool:
+    try:
+        with source.open("rb") as stream:
+            return stream.read(len(MAGIC)) == MAGIC
+    except OSError as error:
+        raise InputError(f"{source}: {error.strerror or error}") from None

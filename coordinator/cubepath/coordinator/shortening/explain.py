@@ -1,0 +1,146 @@
+"""Explaining a schedule: its certificate in plain words, and when each move begins and ends.
+
+Room: coordinator; touches nothing. What is said of a certificate is said only after
+`cubepath.coordinator.verification.proof` has accepted it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+
+import msgspec
+
+from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
+from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
+from cubepath.coordinator.shortening.path_input import KnownPath
+from cubepath.coordinator.verification.certificate import look_into
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.path_files.moves import PathMove, known_of_named
+from cubepath.protocol.path_files.timetables import Durations, TimedLine, time_text
+from cubepath.protocol.wire.messages import Placed
+
+
+def certified_path(path: KnownPath) -> Certificate:
+    """Return the certificate of a path, checked; CheckError where it does not hold, which it must.
+
+    It says what is on at the end where the path says what is on at the start.
+    """
+    actions = path.actions
+    end = None if path.start is None else end_of(actions, path.start)
+    found = certificate_of(actions, end)
+    for check, why in look_into(found, actions, path.start).items():
+        if why is not None:
+            raise CheckError(f"the certificate does not hold: {check}: {why}")
+    return found
+
+
+def chain_in_words(moves: Sequence[PathMove], chain: Sequence[int]) -> Iterator[str]:
+    """Yield a line for each move of a chain: its cube, its place, its name, why it waits."""
+    if not chain:
+        return
+    width = len(str(max(chain)))
+    names = [name_text(moves[move - 1]) for move in chain]
+    longest = max(map(len, names))
+    why = [""] + [f"  {_why(moves, *each)}" for each in pairwise(chain)]
+    for number, (move, name, reason) in enumerate(zip(chain, names, why, strict=True), 1):
+        head = f"  cube {number:<{len(str(len(chain)))}}  move {move:<{width}}"
+        yield f"{head}  {name:<{longest}}{reason}".rstrip()
+
+
+def _why(moves: Sequence[PathMove], before: int, move: int) -> str:
+    one, other = moves[before - 1], moves[move - 1]
+    # What stands for an id, and is no site of the input, is of no interest to anybody.
+    support, hidden = other.action.support, frozenset[Site]()
+    if not isinstance(other.name, Placed):
+        hidden = support - known_of_named(other.name, support)
+    found = link(one.action, other.action, hidden)
+    site = site_text(found.site)
+    if found.before_writes and found.writes:
+        return f"changes {site}, as move {before} does"
+    if found.writes:
+        return f"changes {site}, which move {before} needs as it is"
+    return f"needs {site}, which move {before} changes"
+
+
+def name_text(move: PathMove) -> str:
+    """Return how a move is written, for people: ``edge at [[0,0],[1,0]]``, or its id."""
+    if isinstance(move.name, Placed):
+        return f"{move.name.generator} at {msgspec.json.encode(move.name.at).decode()}"
+    return str(move.name)
+
+
+def certificate_in_words(path: KnownPath, certificate: Certificate) -> list[str]:
+    """Return lines that say what cancelled, what the chain is, and what this proves."""
+    pairs, cubes = len(certificate.cancelled), len(certificate.cubes)
+    left = _count(certificate.moves - 2 * pairs, "move")
+    lines = [f"{_count(pairs, 'pair')} of equal moves cancelled; {left} left, and none cancel."]
+    if cubes:
+        what = "A chain of one move" if cubes == 1 else f"A chain of {cubes} moves"
+        lines.append(f"{what}, each of which does not commute with the one before:")
+        lines += chain_in_words(path.moves, certificate.chain)
+    end = "" if certificate.end is None else " It ends where the input ends."
+    lines.append(
+        "Checked, so proved: the schedule is in the homotopy class of the input, and as the moves"
+        f" of the chain must run one after another, no schedule in the class has fewer than"
+        f" {_count(cubes, 'cube')}.{end}"
+    )
+    return lines
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+@dataclass(frozen=True, slots=True)
+class TimedPath:
+    """The moves of a path that are left, with their times.
+
+    `places` are those of the moves in the input, from 1, in its order; `times` has as many starts.
+    """
+
+    moves: tuple[PathMove, ...]
+    places: tuple[int, ...]
+    durations: tuple[Fraction, ...]
+    times: Timetable
+
+    @property
+    def makespan(self) -> int | str:
+        """Return when the last move ends, as answers have it."""
+        return time_text(self.times.makespan)
+
+    def lines(self) -> list[TimedLine]:
+        """Return the lines of the timetable: by start, and then by place in the input."""
+        order = sorted(range(len(self.places)), key=lambda place: self.times.starts[place])
+        return [
+            TimedLine(
+                time_text(self.times.starts[place]),
+                time_text(self.durations[place]),
+                self.moves[place].name,
+            )
+            for place in order
+        ]
+
+    def in_words(self) -> list[str]:
+        """Return lines that say why no timetable of the class is shorter."""
+        lines = [f"No timetable in the class is shorter than {self.makespan}; one after another:"]
+        for place in self.times.critical:
+            start, duration = self.times.starts[place], self.durations[place]
+            lines.append(
+                f"  from {time_text(start)} to {time_text(start + duration)}"
+                f"  move {self.places[place]}  {name_text(self.moves[place])}"
+            )
+        return lines if self.times.critical else []
+
+
+def timed_path(path: KnownPath, certificate: Certificate, durations: Durations) -> TimedPath:
+    """Return the shortest timetable of the class; InputError as `durations_of`."""
+    times = durations_of(path.moves, durations)
+    places = tuple(sorted(move for cube in certificate.cubes for move in cube))
+    left = tuple(path.moves[place - 1] for place in places)
+    taken = tuple(times[place - 1] for place in places)
+    return TimedPath(left, places, taken, earliest([move.action for move in left], taken))

@@ -1,0 +1,339 @@
+"""Shortening a path from a file: a recording, a moves file, a scenario, or another program's plan.
+
+Room: coordinator. What the file says is checked as far as it can be before anything is made of
+it; the normal cube path itself is `cubepath.coordinator.normal_form.array_heap`.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from cubepath.coordinator.normal_form.admissibility import first_misfit
+from cubepath.coordinator.normal_form.array_heap import NumberedHeap
+from cubepath.coordinator.normal_form.compiled_heap import Numbering, in_cubes
+from cubepath.coordinator.runs.gatherer import gathered
+from cubepath.protocol.core.actions import Action, State, apply_in_place, misfit
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.path_files.moves import MoveName, PathMove, read_moves
+from cubepath.protocol.path_files.npz import MAGIC, NumberedCubes, read_moves_npz
+from cubepath.protocol.path_files.numbered import (
+    IrregularError,
+    NumberedPath,
+    Progress,
+    number_moves,
+    read_path,
+)
+from cubepath.protocol.plans.formats import NOTHING_SAID, Said, read_plan
+from cubepath.protocol.plans.imported import Imported
+from cubepath.protocol.plans.vehicles import vehicles_scene
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
+from cubepath.protocol.wire.messages import Placed
+
+_T = TypeVar("_T")
+_MAGIC = b"\x89MCAP0\r\n"
+_STARTS = re.compile(rb'"starts"\s*:')
+
+
+@dataclass(frozen=True, eq=False)
+class Shortened:
+    """The normal cube path of a path, and the figures that ``cubepath shorten --json`` gives.
+
+    `path` is the path that came in, and `left` are its moves that are left, cube by cube.
+    `planner_rounds` is how many rounds the planner of a plan counts itself, None where nobody says.
+    """
+
+    moves: int
+    reduced_moves: int
+    cubes: int
+    max_cube_dimension: int
+    seconds: float
+    path: NumberedPath
+    left: NumberedCubes
+    planner_rounds: int | None = None
+
+    @cached_property
+    def cube_path(self) -> tuple[tuple[Action, ...], ...]:
+        """The cubes as actions."""
+        actions, numbers = self.path.actions, self.path.numbers[self.left.moves]
+        return self._cubes([actions[number] for number in numbers.tolist()])
+
+    @cached_property
+    def named(self) -> tuple[tuple[MoveName, ...], ...]:
+        """The cubes with each move as a cubes file has it: as the input names it."""
+        return self._cubes([self.path.name(move) for move in self.left.moves.tolist()])
+
+    def _cubes(self, each: Sequence[_T]) -> tuple[tuple[_T, ...], ...]:
+        starts = self.left.starts.tolist()
+        return tuple(tuple(each[begin:end]) for begin, end in pairwise(starts))
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``--json``."""
+        keys = (
+            "moves",
+            "reduced_moves",
+            "cubes",
+            "max_cube_dimension",
+            "planner_rounds",
+            "seconds",
+        )
+        return {key: getattr(self, key) for key in keys}
+
+
+def shorten(
+    path: Path,
+    *,
+    system: str | None = None,
+    progress: Progress | None = None,
+    said: Said = NOTHING_SAID,
+) -> Shortened:
+    """Return the normal cube path of the path in a file; what the file is, its content tells.
+
+    A recording begins with the magic of MCAP, a binary moves file with that of .npz, a scenario is
+    a JSON object with "starts"; plans of other programs are told by `said`, or by what
+    `cubepath.protocol.plans.formats` looks for. All else is a moves file, whose generators are
+    those of `system`. An empty file is a path of no moves, and that a path of no cubes.
+
+    InputError where the file cannot be read, is damaged, or holds a move that is not admissible;
+    CheckError where the reports of a recording contradict each other.
+    """
+    began = time.perf_counter()
+    plan = plan_of(path, system, said)
+    found = path_of(path, system, progress) if plan is None else number_moves(plan.moves, progress)
+    table = Numbering(found.actions).table()
+    heap = NumberedHeap()
+    if table is not None:
+        heap.add_actions(table)
+        heap.append(found.numbers)
+    pieces, starts = in_cubes(heap.pieces(), found.actions)
+    return Shortened(
+        moves=heap.moves,
+        reduced_moves=heap.reduced_moves,
+        cubes=heap.cubes,
+        max_cube_dimension=heap.max_cube_dimension,
+        seconds=round(time.perf_counter() - began, 3),
+        path=found,
+        left=NumberedCubes(starts, pieces.moves.astype(np.int64)),
+        planner_rounds=None if plan is None else plan.rounds,
+    )
+
+
+def plan_of(path: Path, system: str | None, said: Said) -> Imported | None:
+    """Return the plan in a file, a scenario's too; None for recordings and moves files.
+
+    InputError as `shorten`; also where a plan's files are named beside what is none.
+    """
+    if (
+        path.suffix.lower() in {".json", ".mcap", ".npz"}
+        and path.is_file()
+        and not path.stat().st_size
+    ):
+        raise InputError(f"{path}: empty file, expected what its name says")
+    kind = _content(path)
+    if kind not in {"recording", "arrays"} or said.format is not None:
+        found = read_plan(path, said.format, beside=said.beside, system=system)
+        if found is not None:
+            return found
+    if said.beside:
+        what = "binary moves file" if kind == "arrays" else kind.replace("moves", "moves file")
+        raise InputError(f"{path}: a {what}, which needs no other file: expected no --with")
+    return _scenario(path) if _kind(path, system) == "scenario" else None
+
+
+def path_of(
+    path: Path,
+    system: str | None = None,
+    progress: Progress | None = None,
+    said: Said = NOTHING_SAID,
+) -> NumberedPath:
+    """Return the path in a file, every move of it checked; `shorten` says what is refused."""
+    plan = plan_of(path, system, said)
+    if plan is not None:
+        return number_moves(plan.moves, progress)
+    kind = _kind(path, system)
+    if kind == "recording":
+        return number_moves(_recorded(path), progress)
+    scene = _scene(system)
+    start = None if scene is None else scene.start_state
+    if kind == "arrays":
+        found = _arrays(path, start)
+        if progress is not None:
+            progress(len(found.numbers))
+        return found
+    told = 0
+
+    def tell(count: int) -> None:
+        nonlocal told
+        told += count
+        if progress is not None:
+            progress(count)
+
+    try:
+        found = read_path(path, scene, tell)
+    except IrregularError:
+        pass
+    else:
+        if first_misfit(found, start) is None:
+            return found
+    # Read line by line, it says what is wrong and where; or nothing is, and it is unusual.
+    found = number_moves(read_moves(path, scene))
+    tell(len(found.numbers) - told)
+    return found
+
+
+def moves_of(
+    path: Path, system: str | None = None, said: Said = NOTHING_SAID
+) -> tuple[str, Iterator[PathMove]]:
+    """Return what a file is, "recording", "plan" or "moves", and its moves in order.
+
+    Each move is checked when its turn comes; `shorten` says what is refused.
+    """
+    plan = plan_of(path, system, said)
+    if plan is not None:
+        return "plan", plan.moves
+    kind = _kind(path, system)
+    if kind == "recording":
+        return kind, _recorded(path)
+    scene = _scene(system)
+    if kind == "arrays":
+        return "moves", _arrays(path, None if scene is None else scene.start_state).moves()
+    return kind, read_moves(path, scene)
+
+
+def _scene(system: str | None) -> Scene | None:
+    return None if system is None else local_only(scene_from_spec(system), "shortening")
+
+
+def _arrays(path: Path, start: State | None) -> NumberedPath:
+    """Return the path in a binary moves file; InputError names the first bad move."""
+    found = read_moves_npz(path)
+    wrong = first_misfit(found, start)
+    if wrong is not None:
+        reason = misfit(found.actions[found.numbers[wrong.move]], wrong.state)
+        raise InputError(f"{path}: moves[{wrong.move}]: {reason}")
+    return found
+
+
+def _kind(path: Path, system: str | None) -> str:
+    """Return what a file is; InputError where it says what its system is and one is given."""
+    kind = _content(path)
+    if system is not None and kind in {"recording", "scenario"}:
+        raise InputError(
+            f"{path}: a {kind}, which says itself what its system is: expected no --system"
+        )
+    return kind
+
+
+def _content(path: Path) -> str:
+    """Return "recording", "arrays", "scenario" or "moves", by content."""
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(len(_MAGIC))
+            if head.startswith(MAGIC):
+                return "arrays"
+            # Of a recording that was cut off at once, what is left is the magic's beginning.
+            if head and _MAGIC.startswith(head):
+                return "recording"
+            stream.seek(0)
+            first = next((line for line in stream if line.strip()), b"")
+            if _STARTS.search(first):
+                return "scenario"
+            # An object over many lines is no moves file, but may be a scenario.
+            if first.lstrip().startswith(b"{") and not _is_json(first):
+                return "scenario" if _STARTS.search(stream.read()) else "moves"
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    return "moves"
+
+
+def _is_json(text: bytes) -> bool:
+    try:
+        msgspec.json.decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return False
+    return True
+
+
+def _recorded(path: Path) -> Iterator[PathMove]:
+    """Yield the moves of the complete rounds of a recording, from its reports."""
+    recording = read_recording(path)
+    if recording.problems:
+        raise InputError(
+            f"{path}: {'; '.join(recording.problems)}."
+            f" 'cubepath verify {path} --recover OUT' writes what can be read"
+        )
+    gatherer = gathered(recording)
+    if gatherer.begun > gatherer.rounds + 1:
+        raise InputError(
+            f"{path}: round {gatherer.rounds + 1} is not complete, but there are reports of"
+            f" round {gatherer.begun}: expected all rounds up to the last"
+        )
+    state = set(recording.scene.start_state)
+    for step in gatherer.steps:
+        for executed, action in zip(step.executed, step.actions, strict=True):
+            before = action.support & state
+            try:
+                apply_in_place(action, state)
+            except InputError as error:
+                raise InputError(
+                    f"{path}: round {step.round}, module_{executed.module}: {error}"
+                ) from None
+            yield PathMove(action, Placed(executed.generator, executed.at), before)
+
+
+def _scenario(path: Path) -> Imported:
+    scenario = scenario_from_json(path)
+    return Imported(
+        _planned(path, scenario),
+        scenario.peer_makespan,
+        lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
+        own_ends=True,
+    )
+
+
+def _planned(path: Path, scenario: Scenario) -> Iterator[PathMove]:
+    """Yield the moves of a scenario's vehicles, each checked on the grid from the starts on."""
+    taken, free = set(scenario.starts), set(scenario.graph.vertices)
+    edges = set(scenario.graph.edges)
+    actions: dict[tuple[Site, ...], Action] = {}
+    for number, (source, target) in enumerate(scenario.moves, 1):
+        try:
+            for cell in (source, target):
+                _expect(cell in free, f"{_text(cell)} is an obstacle or outside, expected free")
+            beside = (source, target) in edges or (target, source) in edges
+            _expect(beside, "no edge of the grid, expected a step to a cell beside")
+            _expect(source in taken, f"{_text(source)} is empty, expected a vehicle")
+            _expect(target not in taken, f"{_text(target)} is occupied, expected it empty")
+        except InputError as error:
+            where = f"{path}: move {number}, {_text(source)} to {_text(target)}"
+            raise InputError(f"{where}: {error}") from None
+        taken.remove(source)
+        taken.add(target)
+        ends = in_order((source, target))
+        # The system of one edge says what its action is; that of a large grid takes long to make.
+        action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
+        actions[ends] = action
+        yield PathMove(action, Placed("edge", ends), frozenset({source}))
+
+
+def _expect(holds: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence
+    if not holds:
+        raise InputError(otherwise)
+
+
+def _text(site: Site) -> str:
+    return msgspec.json.encode(site).decode()

@@ -1,0 +1,1 @@
+"""Recordings and certificates derived again, by code that shares nothing with the run."""

@@ -1,0 +1,137 @@
+"""What `cubepath verify` makes of a certificate: of one in a recording, and of one in a file.
+
+Room: coordinator. The proof itself is looked at by `cubepath.coordinator.verification.proof`; what
+is added here is the state at the end, and that the cubes that somebody has are those of the
+certificate. Nothing that builds certificates or shortens is used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import TypeAlias
+
+from cubepath.coordinator.verification.proof import examine
+from cubepath.coordinator.verification.rounds import make, why_not
+from cubepath.coordinator.verification.transcript import Evidence, Fail, site_in
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.path_files.moves import MoveName, PathMove
+from cubepath.protocol.wire.messages import Placed
+
+CHECKS = {
+    "form": "each move of the path is in one cancelled pair or in one cube",
+    "cancelled": "the moves of a pair are equal, and nothing that is left comes between them",
+    "schedule": "of two moves that do not commute the earlier is in an earlier cube",
+    "reduced": "of the moves that remain none cancel",
+    "chain": "as many moves as there are cubes, each not commuting with the next",
+    "end": "the cubes are admissible one after another, and end where the path ends",
+    "cubes": "the cubes file has the moves of the certificate, cube by cube",
+}
+"""The checks of a certificate by name, with what holds when they pass."""
+
+Found: TypeAlias = dict[str, str | None]
+"""For each check that was made why it fails, None where it holds."""
+
+
+def look_into(
+    certificate: Certificate, path: Sequence[Action], start: frozenset[Site] | None = None
+) -> Found:
+    """Return what comes of checking a certificate against its path; nothing is raised.
+
+    Where the start is known, the cubes are carried out from there: the check `end`. Where it is
+    not, a certificate that says where the path ends fails it.
+    """
+    if certificate.moves != len(path):
+        return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}
+    found = examine(path, certificate.cancelled, certificate.cubes, certificate.chain)
+    if len(found) > 1 and (start is not None or certificate.end is not None):
+        found["end"] = _end(certificate, path, start)
+    return found
+
+
+def _end(
+    certificate: Certificate, path: Sequence[Action], start: frozenset[Site] | None
+) -> str | None:
+    if start is None:
+        return "it says what is on at the end, but nobody knows what is on at the start"
+    after_path, after_cubes = set(start), set(start)
+    why = _carry_out(after_path, ((f"path, move {n}", each) for n, each in enumerate(path, 1)))
+    cubes = enumerate(certificate.cubes, 1)
+    moves = ((f"cube {n}, move {move}", path[move - 1]) for n, cube in cubes for move in cube)
+    why = why or _carry_out(after_cubes, moves)
+    if why is None and after_cubes != after_path:
+        why = f"{_stray(after_cubes ^ after_path)} is not after the cubes as after the path"
+    if why is None and certificate.end is not None:
+        told = {site_in(site) for site in certificate.end}
+        if told != after_path:
+            why = f"{_stray(told ^ after_path)} is not at the end as it says"
+    return why
+
+
+def _carry_out(state: set[Site], steps: Iterable[tuple[str, Action]]) -> str | None:
+    for where, action in steps:
+        why = why_not(action, state)
+        if why is not None:
+            return f"{where}: {why}"
+        make(action, state)
+    return None
+
+
+def _stray(sites: set[Site]) -> str:
+    return min(map(site_text, sites))
+
+
+def compare_cubes(
+    certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[MoveName]]
+) -> str | None:
+    """Return where the cubes of a cubes file are not those of the certificate; None if they are.
+
+    Moves are compared by how they are written. Only for a certificate whose `form` holds.
+    """
+    for number, (ours, theirs) in enumerate(zip(certificate.cubes, cubes, strict=False), 1):
+        names = sorted(_name(moves[move - 1].name) for move in ours)
+        if names != sorted(map(_name, theirs)):
+            return f"cube {number} has other moves than the certificate"
+    if len(cubes) != len(certificate.cubes):
+        return f"{len(cubes)} cubes, and the certificate has {len(certificate.cubes)}"
+    return None
+
+
+def _name(name: MoveName) -> str:
+    if isinstance(name, Placed):
+        return site_text((name.generator, site_in(name.at)))
+    return site_text(name)
+
+
+def check_certificate(scene: Scene, evidence: Evidence, path: Sequence[Action], fail: Fail) -> None:
+    """Check the certificate of a recording, if it has one, as the check `certificate`.
+
+    It must be of the moves of all complete rounds, and its cubes must be those on record.
+    """
+    certificate = evidence.certificate
+    if certificate is None:
+        return
+    found = look_into(certificate, path, scene.start_state)
+    for check, why in found.items():
+        if why is not None:
+            fail("certificate", f"{check}: {why}")
+    if found["form"] is not None:
+        return
+    ours = [frozenset(path[move - 1] for move in cube) for cube in certificate.cubes]
+    theirs = [_actions(scene.system, cube.moves) for cube in evidence.result]
+    for number, (one, other) in enumerate(zip(ours, theirs, strict=False), 1):
+        if one != other:
+            fail("certificate", f"cube {number} is another than on record")
+            return
+    if len(ours) != len(theirs):
+        fail("certificate", f"it has {len(ours)} cubes, on record are {len(theirs)}")
+
+
+def _actions(system: System, moves: Sequence[Placed]) -> frozenset[Action] | None:
+    try:
+        return frozenset(system.action(move.generator, site_in(move.at)) for move in moves)
+    except InputError:
+        return None  # the check `normal` tells of it

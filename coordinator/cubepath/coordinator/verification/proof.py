@@ -1,0 +1,185 @@
+"""Checking a certificate: a few lines that trust nothing but what an action is and `commute`.
+
+A certificate of an edge path a1 ... an names the pairs of moves that cancel, the cube of each move
+that remains, and a chain of N dependent moves, N being the number of cubes. `examine` looks at five
+things, and if all hold, then the cubes are a schedule in the homotopy class of the path, and no
+schedule in the class has fewer of them:
+
+1. `form`: each move of the path is in one pair or in one cube, no other number is, and no cube is
+   empty.
+2. `cancelled`: going through the path, when the later move of a pair comes, it equals the earlier,
+   and of the moves between them each commutes with them or has been taken out before. So the two
+   can be brought side by side and taken out: they are a detour there and back.
+3. `schedule`: of two moves that remain and do not commute, the earlier is in an earlier cube. So
+   the moves of a cube commute, and cube by cube is the path again, with commuting moves swapped.
+4. `reduced`: between two equal moves that remain lies one that does not commute with them. So there
+   is nothing left to cancel, and by the normal form theorem for graph products of groups (Green
+   1990; Hermiller and Meier 1995), here of groups of order two, as for right-angled Coxeter groups
+   by Tits: any path of the class, once all that cancels in it is taken out, is made of these very
+   moves, in an order that differs by swaps of commuting ones. So the path holds all of them, and
+   those that do not commute in the order that they have here.
+5. `chain`: it has as many of the moves that remain as there are cubes, in the order of the path,
+   and no two neighbours in it commute. In any schedule of the
+   class these moves come in this order, no two in one cube: there are at least as many cubes.
+
+Cost: each check is one pass over the path with a column for each site, and takes time and space
+proportional to the sizes of the supports. Only what is refused is gone through once more by the
+definition, to name the moves that are at fault.
+
+Room: coordinator; touches nothing. Of the project it imports the definition of an action alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.sites import Site
+
+Pairs = Sequence[tuple[int, int]]
+Cubes = Sequence[Sequence[int]]
+
+
+def examine(
+    path: Sequence[Action], cancelled: Pairs, cubes: Cubes, chain: Sequence[int]
+) -> dict[str, str | None]:
+    """Return for each check why it fails, None where it holds; see the head of this module.
+
+    Moves are meant by their place in the path, from 1. Where `form` fails it is the only check.
+
+    >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
+    >>> examine([step, far, step], [(1, 3)], [[2]], [2])
+    {'form': None, 'cancelled': None, 'schedule': None, 'reduced': None, 'chain': None}
+    >>> examine([step, far, step], [(1, 2)], [[3]], [3])["cancelled"]
+    'moves 1 and 2 are a pair, but they are not equal'
+    """
+    form = _form(len(path), cancelled, cubes)
+    if form is not None:
+        return {"form": form}
+    cube_of = {move: number for number, cube in enumerate(cubes, 1) for move in cube}
+    left = [move for move in range(1, len(path) + 1) if move in cube_of]
+    return {
+        "form": None,
+        "cancelled": _cancelled(path, cancelled),
+        "schedule": _schedule(path, left, cube_of),
+        "reduced": _reduced(path, left),
+        "chain": _chain(path, len(cubes), chain, cube_of),
+    }
+
+
+def _form(moves: int, cancelled: Pairs, cubes: Cubes) -> str | None:
+    pairs = [(f"pair {number}", pair) for number, pair in enumerate(cancelled, 1)]
+    where: dict[int, str] = {}
+    for name, members in [*pairs, *((f"cube {n}", cube) for n, cube in enumerate(cubes, 1))]:
+        if not members:
+            return f"{name} holds no move"
+        for move in members:
+            if not 1 <= move <= moves:
+                return f"{name} has move {move}, and the path has {moves} moves"
+            if move in where:
+                return f"move {move} is in {where[move]}, and again in {name}"
+            where[move] = name
+    if len(where) < moves:
+        missing = next(move for move in range(1, moves + 1) if move not in where)
+        return f"move {missing} is in no pair and in no cube"
+    return None
+
+
+def _cancelled(path: Sequence[Action], cancelled: Pairs) -> str | None:
+    earlier = {later: first for first, later in cancelled}
+    # Over each site: the moves left that write it, each with how many that read it lie over it.
+    columns: dict[Site, list[tuple[int, int]]] = {}
+    for move, action in enumerate(path, 1):
+        first = earlier.get(move)
+        if first is not None and first > move:
+            return f"moves {first} and {move} are a pair, but the later one stands first"
+        if first is not None and path[first - 1] != action:
+            return f"moves {first} and {move} are a pair, but they are not equal"
+        for site in action.trace:
+            column = columns.setdefault(site, [(0, 0)])
+            if first is None:
+                column.append((move, 0))
+            elif column.pop() != (first, 0):
+                return _between(path, cancelled, first, move)
+        for site in action.reads:
+            column = columns.setdefault(site, [(0, 0)])
+            writer, readers = column[-1]
+            if first is not None and writer > first:
+                return _between(path, cancelled, first, move)
+            column[-1] = (writer, readers + (1 if first is None else -1))
+    return None
+
+
+def _between(path: Sequence[Action], cancelled: Pairs, first: int, later: int) -> str:
+    gone = {move for pair in cancelled if pair[1] < later for move in pair}
+    for move in range(first + 1, later):
+        if move not in gone and not commute(path[move - 1], path[first - 1]):
+            return f"moves {first} and {later} are a pair, but move {move} is between them"
+    raise AssertionError(f"nothing is between moves {first} and {later}")
+
+
+def _schedule(
+    path: Sequence[Action], left: Sequence[int], cube_of: Mapping[int, int]
+) -> str | None:
+    # Over each site: the last cube with a move so far that writes it, and with one that has it.
+    written: dict[Site, int] = {}
+    touched: dict[Site, int] = {}
+    for move in left:
+        action, cube = path[move - 1], cube_of[move]
+        if any(touched.get(site, 0) >= cube for site in action.trace) or any(
+            written.get(site, 0) >= cube for site in action.reads
+        ):
+            return _not_in_order(path, cube_of, move)
+        for site in action.support:
+            touched[site] = max(cube, touched.get(site, 0))
+        for site in action.trace:
+            written[site] = cube
+    return None
+
+
+def _not_in_order(path: Sequence[Action], cube_of: Mapping[int, int], move: int) -> str:
+    action, cube = path[move - 1], cube_of[move]
+    for other in range(1, move):
+        if cube_of.get(other, 0) >= cube and not commute(path[other - 1], action):
+            return (
+                f"move {move} does not commute with move {other} before it, but is in cube {cube},"
+                f" and that in cube {cube_of[other]}"
+            )
+    raise AssertionError(f"nothing is in the way of move {move}")
+
+
+def _reduced(path: Sequence[Action], left: Sequence[int]) -> str | None:
+    # Over each site: the last move that writes it, and the last that has it. By action: the last.
+    written: dict[Site, int] = {}
+    touched: dict[Site, int] = {}
+    last: dict[Action, int] = {}
+    for move in left:
+        action = path[move - 1]
+        before = last.get(action)
+        if (
+            before is not None
+            and all(touched[site] == before for site in action.trace)
+            and all(written.get(site, 0) < before for site in action.reads)
+        ):
+            return f"moves {before} and {move} remain, but are equal with nothing between them"
+        last[action] = move
+        touched.update(dict.fromkeys(action.support, move))
+        written.update(dict.fromkeys(action.trace, move))
+    return None
+
+
+def _chain(
+    path: Sequence[Action], cubes: int, chain: Sequence[int], cube_of: Mapping[int, int]
+) -> str | None:
+    if len(chain) != cubes:
+        return f"the chain has {len(chain)} moves, and there are {cubes} cubes"
+    for move in chain:
+        if move not in cube_of:
+            return f"move {move} is in the chain, but in no cube"
+    for move, following in pairwise(chain):
+        if move >= following:
+            return f"move {following} comes after move {move} in the chain, but not in the path"
+        if commute(path[move - 1], path[following - 1]):
+            return f"moves {move} and {following} are neighbours in the chain, but they commute"
+    return None

@@ -1,0 +1,277 @@
+"""Verifying: everything in a recording derived again from the start state, by other code.
+
+Room: coordinator. With what made the recording this shares the catalogue, `commute` and the
+decoding of messages; see `cubepath.coordinator.verification.rounds` for the rounds. It uses neither
+the gatherer nor the heap, nor anything of the agents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cubepath.coordinator.normal_form.definitions import is_cube, is_normal, obvious_normal_form
+from cubepath.coordinator.verification.certificate import check_certificate
+from cubepath.coordinator.verification.rounds import Rederivation, make, why_not
+from cubepath.coordinator.verification.schedule import check_schedule
+from cubepath.coordinator.verification.transcript import Evidence, Fail, evidence_of, site_in
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording
+from cubepath.protocol.wire.messages import Cube, Summary
+
+CHECKS = {
+    "readable": "the file is whole",
+    "messages": "each message decodes, and stands under its own topic and round",
+    "complete": "the run came to its end: a summary, and all cubes that it counts",
+    "reports": "each round has one report of each module",
+    "said": "modules say that they are here, and speak from where they stand",
+    "admissible": "every move was admissible when it was made",
+    "commuting": "the moves of a round commute pairwise",
+    "sites": "modules stand where the moves have taken them",
+    "claims": "a claim is executed iff every claim that outranks and conflicts with it is lost",
+    "deliveries": "what a module heard was said to it, from within its sensing radius",
+    "hearing": "no module missed what was said to it",
+    "schedule": "the rounds are the cubes of the schedule, if there is one, up to where it stopped",
+    "edges": "the coordinator's edges are the moves reported",
+    "normal": "no action of a cube is in the cube before or commutes with all of it",
+    "ends": "the cubes are admissible from the start on, and end where the moves end",
+    "class": "the cubes are the normal form of the moves: the same homotopy class",
+    "certificate": "the certificate, if there is one, proves that none in the class is shorter",
+    "summary": "the numbers and the digest of the summary are those of the moves",
+}
+"""The checks by name, with what holds when they pass."""
+
+Progress = Callable[[int], object]
+"""Called now and then with how many rounds have been checked since the last call."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check: `detail` says in one line where it first fails, and is empty when it holds."""
+
+    name: str
+    ok: bool
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verification:
+    """What came of verifying a recording; the numbers are those derived, not those recorded."""
+
+    ok: bool
+    checks: tuple[Check, ...]
+    moves: int
+    rounds: int
+    cubes: int
+    path_digest: str
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath verify --json``."""
+        checks = [
+            {"name": check.name, "ok": check.ok, "detail": check.detail} for check in self.checks
+        ]
+        return {key: getattr(self, key) for key in self.__slots__} | {"checks": checks}
+
+
+@dataclass(frozen=True, slots=True)
+class Recovered:
+    """What could be read of a damaged recording and was written out again."""
+
+    out: Path
+    messages: int
+    rounds: int
+    """The rounds from the first on that every module has reported."""
+    problems: tuple[str, ...]
+
+
+class _Failures:
+    """The first failure of each check, and how many there are."""
+
+    def __init__(self) -> None:
+        self._first: dict[str, str] = {}
+        self._count: dict[str, int] = dict.fromkeys(CHECKS, 0)
+
+    def __call__(self, check: str, detail: str) -> None:
+        self._first.setdefault(check, detail)
+        self._count[check] += 1
+
+    def checks(self) -> tuple[Check, ...]:
+        return tuple(
+            Check(name, not count, self._said(name)) for name, count in self._count.items()
+        )
+
+    def _said(self, name: str) -> str:
+        more = self._count[name] - 1
+        return self._first.get(name, "") + (f" (and {more} more)" if more > 0 else "")
+
+
+def verify(recording: Recording, progress: Progress | None = None) -> Verification:
+    """Derive all that a recording holds again from its start state, and compare.
+
+    Every check of `CHECKS` is made whatever becomes of the others; those on rounds are made on the
+    rounds from the first on that all modules have reported, and what a recording lost of its end
+    fails `complete` and nothing else. Nothing is raised.
+    """
+    fail = _Failures()
+    for problem in recording.problems:
+        fail("readable", problem)
+    evidence = evidence_of(recording, fail)
+    derived = Rederivation(recording.scene, _seed(recording), fail)
+    for number in range(1, evidence.complete_rounds + 1):
+        derived.round(number, evidence.rounds[number])
+        if progress is not None:
+            progress(1)
+    check_schedule(recording, evidence, fail)
+    derived.check_edges(evidence)
+    normal_form = obvious_normal_form(derived.actions)
+    digest = _digest(derived)
+    _check_cubes(recording.scene, evidence, derived, normal_form, fail)
+    check_certificate(recording.scene, evidence, derived.actions, fail)
+    if evidence.summary is not None:
+        expected = {
+            "round": evidence.complete_rounds,
+            "rounds": evidence.complete_rounds,
+            "moves": len(derived.executed),
+            "reduced_moves": sum(map(len, normal_form)),
+            "cubes": len(normal_form),
+            "max_cube_dimension": max(map(len, normal_form), default=0),
+            "goal_reached": frozenset(derived.sites) == recording.scene.goal,
+            "path_digest": digest,
+        }
+        most = recording.parameters.get("max_rounds")
+        _check_summary(evidence.summary, expected, most, fail)
+    checks = fail.checks()
+    return Verification(
+        ok=all(check.ok for check in checks),
+        checks=checks,
+        moves=len(derived.executed),
+        rounds=evidence.complete_rounds,
+        cubes=len(normal_form),
+        path_digest=digest,
+    )
+
+
+def recover(path: Path, out: Path) -> Recovered:
+    """Write what can be read of the recording at `path` as a proper recording to `out`.
+
+    It says in its parameter `recovered` what it comes from. InputError where nothing can be read,
+    where `out` is the recording itself, or where it cannot be written.
+    """
+    recording = read_recording(path)
+    evidence = evidence_of(recording, _Failures())
+    count = len(recording.records)
+    problems = "; ".join(recording.problems) or "no problems"
+    note = f"{count} messages of {path.name}: {problems}"
+    messages = copy_recording(recording, out, {"recovered": note})
+    return Recovered(out, messages, evidence.complete_rounds, recording.problems)
+
+
+def _seed(recording: Recording) -> int | None:
+    try:
+        return int(recording.parameters["seed"])
+    except (KeyError, ValueError):
+        return None
+
+
+def _digest(derived: Rederivation) -> str:
+    """Return the SHA-256 over a line ``[round, module, generator, at]`` a move, in their order."""
+    lines = [
+        msgspec.json.encode([number, move.module, move.generator, move.at]) + b"\n"
+        for number, move in derived.executed
+    ]
+    return sha256(b"".join(lines)).hexdigest()
+
+
+def _check_cubes(
+    scene: Scene,
+    evidence: Evidence,
+    derived: Rederivation,
+    normal_form: Sequence[frozenset[Action]],
+    fail: Fail,
+) -> None:
+    cubes: list[list[Action]] = []
+    for cube in evidence.result:
+        actions = _actions(scene, cube, fail)
+        if actions is None:
+            return  # there is nothing to go on with
+        cubes.append(actions)
+    _check_normal(cubes, fail)
+    end = _end(scene, cubes, fail)
+    found = tuple(map(frozenset, cubes))
+    if evidence.summary is None:
+        # What is missing at the end is known already: those that are there must be the first.
+        normal_form = normal_form[: len(found)]
+    elif end is not None and end != derived.state:
+        stray = min(end ^ derived.state, key=repr)
+        where = "cubes" if stray in end else "moves"
+        fail("ends", f"after the {where} {stray!r} is on, but not after the other")
+    for number, (one, other) in enumerate(zip(found, normal_form, strict=False), 1):
+        if one != other:
+            fail("class", f"cube {number} is not that of the moves: {_apart(one, other)}")
+            return
+    if len(found) != len(normal_form):
+        fail("class", f"{len(found)} cubes, the moves have {len(normal_form)}")
+
+
+def _actions(scene: Scene, cube: Cube, fail: Fail) -> list[Action] | None:
+    found = []
+    for placed in cube.moves:
+        try:
+            found.append(scene.system.action(placed.generator, site_in(placed.at)))
+        except InputError as error:
+            fail("normal", f"cube {cube.index}: {error}")
+            return None
+    return found
+
+
+def _check_normal(cubes: Sequence[Sequence[Action]], fail: Fail) -> None:
+    for number, cube in enumerate(cubes, 1):
+        if not cube:
+            fail("normal", f"cube {number} holds no move")
+        elif not is_cube(cube):
+            fail("normal", f"cube {number}: its moves do not commute")
+    for number, (cube, following) in enumerate(pairwise(cubes), 2):
+        for action in following:
+            if is_cube(cube) and not is_normal([cube, [action]]):
+                fail("normal", f"cube {number}: {action.label} belongs in the cube before")
+
+
+def _end(scene: Scene, cubes: Sequence[Sequence[Action]], fail: Fail) -> set[Site] | None:
+    """Return the state after the cubes; None where one is not admissible."""
+    state = set(scene.start) | scene.system.filled
+    for number, cube in enumerate(cubes, 1):
+        for action in cube:
+            why = why_not(action, state)
+            if why is not None:
+                fail("ends", f"cube {number}: {why}")
+                return None
+            make(action, state)
+    return state
+
+
+def _apart(one: frozenset[Action], other: frozenset[Action]) -> str:
+    extra = min((action.label for action in one - other), default=None)
+    if extra is not None:
+        return f"{extra} is too many"
+    return f"{min(action.label for action in other - one)} is missing"
+
+
+def _check_summary(
+    summary: Summary, expected: Mapping[str, object], most: str | None, fail: Fail
+) -> None:
+    for key, value in expected.items():
+        if getattr(summary, key) != value:
+            fail("summary", f"{key} is {getattr(summary, key)}, derived is {value}")
+    if summary.ended == "goal" and not expected["goal_reached"]:
+        fail("summary", "it says that the goal was reached, which it is not")
+    if summary.ended == "max-rounds" and most not in (None, str(expected["rounds"])):
+        fail("summary", f"ended after {most} rounds, but there are {expected['rounds']}")

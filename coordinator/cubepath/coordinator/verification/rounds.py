@@ -1,0 +1,307 @@
+"""Rounds derived again from the start state, and held against what a recording says of them.
+
+Room: coordinator. Part of `cubepath verify`, so nothing here is what a run uses, but for the
+catalogue (`System.moves`), `commute`, and the neighbourhoods of the system (`sensed`, `reach`).
+States, ranks, who wins and who hears are worked out anew, by their definitions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from hashlib import blake2b
+
+from cubepath.coordinator.verification.transcript import Evidence, Fail, Round, Said, named, site_in
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.messages import Claim, Executed, Json, Placed, Report, Verdict
+
+Moves = dict[int, Move]
+"""Moves by the module that makes them."""
+
+
+def why_not(action: Action, state: set[Site]) -> str | None:
+    """Return why the action is not admissible at the state, in one line; None where it is.
+
+    Definition: in the fixed part of the support exactly one of the two local states is on, and
+    wherever a guarded site is on, so is its neighbour.
+    """
+    on = frozenset(site for site in action.support if site in state)
+    if on - action.free not in action.ends:
+        return f"{action.label}: {list(in_order(on))} of its support are on, which is neither end"
+    for site, neighbour in action.guards:
+        if site in on and neighbour not in on:
+            return f"{action.label}: {site!r} is on, and {neighbour!r} is not"
+    return None
+
+
+def make(action: Action, state: set[Site]) -> None:
+    """Change the state by an admissible action: one local state goes, the other comes."""
+    one, other = action.ends
+    on = frozenset(site for site in action.support - action.free if site in state)
+    gone, come = (one, other) if on == one else (other, one)
+    state -= gone
+    state |= come
+
+
+class Rederivation:
+    """The edge path, derived a round at a time; `fail` is told what does not hold."""
+
+    def __init__(self, scene: Scene, seed: int | None, fail: Fail) -> None:
+        """Begin at the start; without a seed nothing can be said of who outranks whom."""
+        self.state: set[Site] = set(scene.start) | scene.system.filled
+        self.sites: list[Site] = list(scene.start)
+        self.actions: list[Action] = []
+        self.executed: list[tuple[int, Executed]] = []
+        """The moves as reported, with their rounds, in order of rounds and modules."""
+        self._scene = scene
+        self._system = scene.system
+        self._seed = seed
+        self._fail = fail
+        if seed is None:
+            fail("claims", "the recording names no seed, so nobody's rank is known")
+
+    def round(self, number: int, said: Round) -> None:
+        """Derive a round and check all that was said and reported in it."""
+        where = f"round {number}"
+        moves = self._moves(where, said.reports)
+        self._check_commuting(where, moves)
+        self._check_said(where, said)
+        self._check_claims(number, said)
+        self._check_hearing(said)
+        before = list(self.sites)
+        self._execute(where, moves)
+        self._check_sites(said.reports, before)
+        for module in sorted(said.reports):
+            placed = said.reports[module].move
+            if placed is not None:
+                self.executed.append((number, Executed(module, placed.generator, placed.at)))
+
+    def check_edges(self, evidence: Evidence) -> None:
+        """Check that the coordinator's edges are the moves that modules reported."""
+        last = evidence.complete_rounds
+        for number in sorted(evidence.edges):
+            if not 1 <= number <= last:
+                self._fail("edges", f"round {number}: edges, but not every module has reported")
+        by_round: dict[int, list[Executed]] = {}
+        for number, move in self.executed:
+            by_round.setdefault(number, []).append(move)
+        for number in range(1, last + 1):
+            edges = evidence.edges.get(number)
+            if edges is None:
+                # A run that was killed may have had no time to write those of its last round.
+                if number < last or evidence.summary is not None:
+                    self._fail("edges", f"round {number}: no edges on record")
+            elif edges.moves != by_round.get(number, []):
+                self._fail("edges", f"round {number}: the edges are not the moves reported")
+
+    def _move(self, module: int, generator: str, at: Json) -> Move | None:
+        """Return the move of that name that the module can propose from where it stands."""
+        place = site_in(at)
+        for move in self._system.moves(self.sites[module]):
+            if move is not None and move.generator == generator and move.at == place:
+                return move
+        return None
+
+    def _moves(self, where: str, reports: Mapping[int, Report]) -> Moves:
+        moves: Moves = {}
+        for module in sorted(reports):
+            placed = reports[module].move
+            if placed is None:
+                continue
+            move = self._move(module, placed.generator, placed.at)
+            if move is None:
+                why: str | None = f"{_text(placed)} is no move from {self.sites[module]!r}"
+            else:
+                moves[module] = move
+                why = why_not(move.action, self.state)
+            if why is not None:
+                self._fail("admissible", f"{where}, module_{module}: {why}")
+        return moves
+
+    def _check_commuting(self, where: str, moves: Moves) -> None:
+        for module, other in _conflicts({m: move.action for m, move in moves.items()}):
+            self._fail(
+                "commuting",
+                f"{where}: the moves of module_{module} and module_{other} do not commute",
+            )
+
+    def _execute(self, where: str, moves: Moves) -> None:
+        goes: dict[Site, Site] = {}
+        for module, move in moves.items():
+            # In a round that commutes no move makes another inadmissible.
+            why = why_not(move.action, self.state)
+            if why is not None:
+                self._fail("admissible", f"{where}, module_{module}: {why}")
+                continue
+            make(move.action, self.state)
+            self.actions.append(move.action)
+            goes.update(move.goes)
+        self.sites = [goes.get(site, site) for site in self.sites]
+        if set(self.sites) | self._system.filled != self.state:
+            self._fail("sites", f"{where}: where modules are is not what is on")
+
+    def _check_sites(self, reports: Mapping[int, Report], before: list[Site]) -> None:
+        for module, report in reports.items():
+            for what, told, true in (
+                ("stood", report.before, before[module]),
+                ("stands", report.site, self.sites[module]),
+            ):
+                if site_in(told) != true:
+                    self._fail(
+                        "sites", f"{named(report)} says it {what} at {told}, not at {true!r}"
+                    )
+
+    def _check_said(self, where: str, said: Round) -> None:
+        for message in said.said.values():
+            if site_in(message.site) != self.sites[message.module]:
+                self._fail(
+                    "said",
+                    f"{named(message)} is from {message.site}, but it stood at"
+                    f" {self.sites[message.module]!r}",
+                )
+        for module, site in enumerate(self.sites):
+            if ("here", module) not in said.said and self._system.listeners(self._place(site)):
+                self._fail("said", f"{where}, module_{module}: no here")
+
+    def _place(self, site: Site) -> Site:
+        return self._system.place_of(site)
+
+    def _check_claims(self, number: int, said: Round) -> None:
+        claims: Moves = {}
+        for message in said.said.values():
+            if not isinstance(message, Claim):
+                continue
+            move = self._move(message.module, message.generator, message.at)
+            if move is None:
+                self._fail("claims", f"{named(message)} is for no move from where it stands")
+                continue
+            why = why_not(move.action, self.state)
+            if why is not None:
+                self._fail(
+                    "claims", f"{named(message)} is for a move that is not admissible: {why}"
+                )
+            claims[message.module] = move
+        if self._seed is None:
+            return
+        rivals = _rivals(claims)
+        granted: dict[int, bool] = {}
+        ranked = sorted(claims, key=lambda module: self._rank(number, module), reverse=True)
+        for module in ranked:
+            # Executed iff every claim that outranks it and conflicts with it is lost.
+            granted[module] = not any(granted.get(rival) for rival in rivals[module])
+        for module, report in said.reports.items():
+            self._check_outcome(report, claims.get(module), granted.get(module))
+            # Whom it outranks, and whom it takes along, waits for its verdict.
+            waiting = {
+                claims[rival].source
+                for rival in rivals.get(module, ())
+                if self._rank(number, rival) < self._rank(number, module)
+            }
+            if module in claims:
+                waiting |= {source for source, _ in claims[module].goes[1:]}
+            self._check_verdict(
+                f"round {number}, module_{module}: verdict",
+                said.said.get(("verdict", module)),
+                granted.get(module),
+                {self._place(site) for site in waiting},
+            )
+
+    def _rank(self, number: int, module: int) -> tuple[int, int]:
+        text = f"{self._seed}/{number}/{module}".encode()
+        return int.from_bytes(blake2b(text, digest_size=8).digest(), "big"), module
+
+    def _check_outcome(self, report: Report, claim: Move | None, granted: bool | None) -> None:  # noqa: FBT001
+        expected = {None: "none", True: "granted", False: "lost"}[granted]
+        if report.claim != expected:
+            self._fail(
+                "claims", f"{named(report)} says claim {report.claim}, by rank it is {expected}"
+            )
+        due = (claim.generator, claim.at) if claim is not None and granted else None
+        made = report.move and (report.move.generator, site_in(report.move.at))
+        if made != due:
+            self._fail("claims", f"{named(report)}: its move is not the claim that it was granted")
+
+    def _check_verdict(
+        self,
+        where: str,
+        verdict: Said | None,
+        granted: bool | None,  # noqa: FBT001
+        waiting: set[Site],
+    ) -> None:
+        if not isinstance(verdict, Verdict):
+            if waiting:
+                self._fail("claims", f"{where}: there is none, and others wait for it")
+            return
+        if granted is None:
+            self._fail("claims", f"{where}: it claimed nothing")
+        elif verdict.granted != granted:
+            self._fail("claims", f"{where}: granted is {verdict.granted}, by rank it is {granted}")
+        if {site_in(place) for place in verdict.to} != waiting:
+            self._fail("claims", f"{where}: it goes to others than those who wait for it")
+
+    def _check_hearing(self, said: Round) -> None:
+        standing = {self._place(site): module for module, site in enumerate(self.sites)}
+        for module, report in said.reports.items():
+            place = self._place(self.sites[module])
+            near = {standing[other] for other in self._system.sensed(place) if other in standing}
+            within = {standing[other] for other in self._system.reach(place) if other in standing}
+            due: dict[tuple[str, int], Said] = {}
+            for kind, speakers in (
+                ("here", near),
+                ("note", within),
+                ("claim", within),
+                ("verdict", within),
+            ):
+                for speaker in speakers - {module}:
+                    message = said.said.get((kind, speaker))
+                    if message is not None and _addressed(message, place):
+                        due[kind, speaker] = message
+            self._compare(report, due, said)
+
+    def _compare(self, report: Report, due: Mapping[tuple[str, int], Said], said: Round) -> None:
+        heard: set[tuple[str, int]] = set()
+        for entry in report.heard:
+            key = (entry.kind, entry.module)
+            what = f"{named(report)} says it heard {entry.kind} of module_{entry.module}"
+            if key in heard:
+                self._fail("deliveries", f"{what} twice")
+            elif key not in said.said:
+                self._fail("deliveries", f"{what}, which was not said")
+            elif key not in due:
+                self._fail("deliveries", f"{what}, which stood at {entry.site}: out of earshot")
+            elif site_in(entry.site) != site_in(due[key].site):
+                self._fail("deliveries", f"{what} from {entry.site}, not from {due[key].site}")
+            heard.add(key)
+        for kind, speaker in sorted(due.keys() - heard):
+            self._fail("hearing", f"{named(report)}: it missed {kind} of module_{speaker}")
+
+
+def _addressed(message: Said, place: Site) -> bool:
+    return not isinstance(message, Verdict) or place in map(site_in, message.to)
+
+
+def _text(placed: Placed) -> str:
+    return f"{placed.generator} at {placed.at}"
+
+
+def _conflicts(actions: Mapping[int, Action]) -> Iterable[tuple[int, int]]:
+    """Yield the pairs that do not commute, each once; only those that share a site can be."""
+    over: dict[Site, list[int]] = {}
+    for module, action in actions.items():
+        met = {other for site in action.support for other in over.get(site, ())}
+        for other in sorted(met):
+            if not commute(action, actions[other]):
+                yield other, module
+        for site in action.support:
+            over.setdefault(site, []).append(module)
+
+
+def _rivals(claims: Moves) -> dict[int, set[int]]:
+    """Return for each claim the modules whose claims do not commute with it."""
+    rivals: dict[int, set[int]] = {module: set() for module in claims}
+    for one, other in _conflicts({module: move.action for module, move in claims.items()}):
+        rivals[one].add(other)
+        rivals[other].add(one)
+    return rivals

@@ -1,0 +1,120 @@
+"""Whether what was run is the schedule that it was to carry out, up to where that stopped.
+
+Room: coordinator. Part of `cubepath verify`: it reads the schedule on record and the reports, and
+uses nothing of what handed the schedule out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cubepath.coordinator.verification.transcript import Evidence, Fail, Round, site_in
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Go, Placed, Stopped, Summary, decode
+
+_Moves = set[tuple[str, Site | None]]
+
+
+def check_schedule(recording: Recording, evidence: Evidence, fail: Fail) -> None:
+    """Check that the rounds are the cubes of the schedule, and the stop as the modules said.
+
+    In the round in which a module cannot make its move the others make theirs. What is after the
+    schedule is not looked at here.
+    """
+    summary = evidence.summary
+    if recording.schedule is None:
+        told = summary is not None and (summary.schedule_cubes, summary.schedule_stopped)
+        if "schedule" in recording.parameters or told not in (False, (None, None)):
+            fail("schedule", "there was one, but it is not on record")
+        return
+    try:
+        cubes = schedule_from_jsonl(recording.schedule)
+    except InputError as error:
+        fail("schedule", str(error))
+        return
+    over = _over(recording)
+    last = evidence.complete_rounds if over is None else min(over, evidence.complete_rounds)
+    for number in range(1, last + 1):
+        if number > len(cubes):
+            fail("schedule", f"round {number}: the schedule has {len(cubes)} cubes")
+            return
+        _check_round(number, cubes[number - 1], evidence.rounds[number], fail, last=number == last)
+    if summary is not None:
+        _check_told(summary, cubes, evidence, last, fail)
+        if summary.schedule_stopped is None and last != len(cubes):
+            if over is not None:
+                fail(
+                    "schedule", f"it was over after {over} of {len(cubes)} cubes, and did not stop"
+                )
+            elif summary.ended == "goal":
+                fail("schedule", f"the run ended after {last} of {len(cubes)} cubes")
+
+
+def _over(recording: Recording) -> int | None:
+    """Return the last round of the schedule, where the rule took over from there."""
+    for record in recording.of_kind("go"):
+        try:
+            message = decode(record.data)
+        except InputError:
+            continue  # that is for another check to tell
+        if isinstance(message, Go) and message.phase == "over":
+            return message.round
+    return None
+
+
+def _moves(placed: Iterable[Placed]) -> _Moves:
+    return {(move.generator, site_in(move.at)) for move in placed}
+
+
+def _made(said: Round) -> _Moves:
+    return _moves(report.move for report in said.reports.values() if report.move is not None)
+
+
+def _gave_up(said: Round) -> list[tuple[int, str]]:
+    return [
+        (module, report.failed)
+        for module, report in sorted(said.reports.items())
+        if report.failed is not None
+    ]
+
+
+def _check_round(
+    number: int, cube: tuple[Placed, ...], said: Round, fail: Fail, *, last: bool
+) -> None:
+    due, made, gave_up = _moves(cube), _made(said), _gave_up(said)
+    for what, moves in (("is not in its cube", made - due), ("is not made", due - made)):
+        if moves and not (gave_up and moves <= due):
+            generator, at = min(moves, key=repr)
+            fail("schedule", f"round {number}: {generator} at {site_text(at)} {what}")
+    if gave_up and not last:
+        fail("schedule", f"it went on after round {number}, where module_{gave_up[0][0]} gave up")
+
+
+def _check_told(summary: Summary, cubes: Cubes, evidence: Evidence, last: int, fail: Fail) -> None:
+    """Check what the summary says of the schedule."""
+    if summary.schedule_cubes != len(cubes):
+        fail(
+            "schedule",
+            f"the summary counts {summary.schedule_cubes} cubes, on record are {len(cubes)}",
+        )
+    said = evidence.rounds.get(last, Round())
+    gave_up = _gave_up(said)
+    stopped = summary.schedule_stopped
+    if gave_up:
+        due = (last, *gave_up[0])
+        told = None if stopped is None else (stopped.round, stopped.module, stopped.reason)
+        if told != due:
+            fail("schedule", f"module_{due[1]} gave up in round {last}: {due[2]}")
+    elif stopped is not None and (stopped.round, stopped.module) != (last + 1, None):
+        fail("schedule", f"the summary says it stopped at round {stopped.round}, nobody else does")
+    if stopped is not None and not _was_due(stopped, cubes, evidence):
+        fail("schedule", f"it did not stop for {stopped.move.generator}: not due, or it was made")
+
+
+def _was_due(stopped: Stopped, cubes: Cubes, evidence: Evidence) -> bool:
+    cube = cubes[stopped.round - 1] if 1 <= stopped.round <= len(cubes) else ()
+    move = _moves([stopped.move])
+    return move <= _moves(cube) and not move <= _made(evidence.rounds.get(stopped.round, Round()))

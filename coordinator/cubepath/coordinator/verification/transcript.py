@@ -1,0 +1,178 @@
+"""Evidence: what a recording says, sorted by round and speaker, before any of it is believed.
+
+Room: coordinator. Part of `cubepath verify`: shares the decoding of messages with the run and
+nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Claim,
+    Cube,
+    Edges,
+    Here,
+    Json,
+    Message,
+    Note,
+    Report,
+    Summary,
+    Verdict,
+    decode,
+    kind_of,
+    site_of,
+)
+
+Said: TypeAlias = Here | Note | Claim | Verdict
+"""What a module says to its neighbours."""
+Fail = Callable[[str, str], None]
+"""Is told the name of a check that fails, and one line on where and why."""
+
+
+@dataclass(slots=True)
+class Round:
+    """What modules said in a round, by kind and speaker, and what they reported at its end."""
+
+    said: dict[tuple[str, int], Said] = field(default_factory=dict)
+    reports: dict[int, Report] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class Evidence:
+    """All that a recording says that counts for its result."""
+
+    rounds: dict[int, Round] = field(default_factory=dict)
+    edges: dict[int, Edges] = field(default_factory=dict)
+    cubes: dict[int, Cube] = field(default_factory=dict)
+    certificate: Certificate | None = None
+    summary: Summary | None = None
+    complete_rounds: int = 0
+    """The rounds from the first on that every module has reported."""
+
+    @property
+    def result(self) -> tuple[Cube, ...]:
+        """Return the cubes in order of their index."""
+        return tuple(self.cubes[index] for index in sorted(self.cubes))
+
+
+def evidence_of(recording: Recording, fail: Fail) -> Evidence:
+    """Sort out a recording; `fail` is told what does not hold already by itself.
+
+    Checks `messages` (each decodes, and stands under its own topic and round), `said` and
+    `reports` as far as nothing comes twice and differs, and `complete`.
+    """
+    found = Evidence()
+    for record in recording.records:
+        message = _message(record, fail)
+        if message is not None:
+            _sort(found, message, len(recording.scene.start), fail)
+    modules = set(range(len(recording.scene.start)))
+    while found.rounds.get(found.complete_rounds + 1, Round()).reports.keys() == modules:
+        found.complete_rounds += 1
+    _check_reports(found, len(modules), fail)
+    _check_complete(found, fail)
+    return found
+
+
+def site_in(value: Json) -> Site | None:
+    """Return the site in a message; None, which is no site, where there is none."""
+    try:
+        return site_of(value)
+    except InputError:
+        return None
+
+
+def _message(record: Record, fail: Fail) -> Message | None:
+    try:
+        message = decode(record.data)
+    except InputError as error:
+        fail("messages", f"message {record.sequence} ({record.topic}): {error}")
+        return None
+    topic = topic_of(message)
+    if topic != record.topic or message.round != record.round:
+        where = f"message {record.sequence} ({record.topic}, round {record.round})"
+        fail("messages", f"{where} is {topic} of round {message.round}")
+    return message
+
+
+def _sort(found: Evidence, message: Message, modules: int, fail: Fail) -> None:
+    match message:
+        case Here() | Note() | Claim() | Verdict() | Report():
+            _sort_said(found, message, modules, fail)
+        case Edges(round=number):
+            if found.edges.setdefault(number, message) != message:
+                fail("edges", f"round {number}: its edges come twice, and differ")
+        case Cube(index=index):
+            if found.cubes.setdefault(index, message) != message:
+                fail("complete", f"cube {index} comes twice, and differs")
+        case Certified(certificate=certificate):
+            if found.certificate not in (None, certificate):
+                fail("certificate", "the certificate comes twice, and differs")
+            found.certificate = certificate
+        case Summary():
+            if found.summary not in (None, message):
+                fail("complete", "the summary comes twice, and differs")
+            found.summary = message
+        case _:
+            pass
+
+
+def _sort_said(found: Evidence, message: Said | Report, modules: int, fail: Fail) -> None:
+    check = "reports" if isinstance(message, Report) else "said"
+    if not 0 <= message.module < modules:
+        fail(check, f"{named(message)}: there is no such module in this run")
+        return
+    this = found.rounds.setdefault(message.round, Round())
+    known: Said | Report
+    if isinstance(message, Report):
+        known = this.reports.setdefault(message.module, message)
+    else:
+        known = this.said.setdefault((kind_of(message), message.module), message)
+    # What is delivered twice is said once.
+    if known != message:
+        fail(check, f"{named(message)} comes twice, and differs")
+
+
+def named(message: Said | Report) -> str:
+    """Return how a message of a module is named in what is said about it."""
+    return f"round {message.round}, module_{message.module}: {kind_of(message)}"
+
+
+def _check_reports(found: Evidence, modules: int, fail: Fail) -> None:
+    reported = [number for number, each in found.rounds.items() if each.reports]
+    after = found.complete_rounds + 1
+    last = max(reported, default=0)
+    # A run that was ended from outside may stop between two reports of its last round.
+    ended_well = found.summary is not None and found.summary.ended in ("goal", "max-rounds")
+    if last > after or (last == after and ended_well):
+        known = found.rounds.get(after, Round()).reports
+        absent = next(module for module in range(modules) if module not in known)
+        fail("reports", f"round {after}, module_{absent}: no report")
+    if min(reported, default=1) < 1:
+        fail("reports", f"round {min(reported)}: rounds count from 1")
+
+
+def _check_complete(found: Evidence, fail: Fail) -> None:
+    summary = found.summary
+    if summary is None:
+        fail(
+            "complete",
+            f"no summary: the run did not end, or its end is lost after round"
+            f" {found.complete_rounds}",
+        )
+        return
+    absent = [index for index in range(1, summary.cubes + 1) if index not in found.cubes]
+    if absent:
+        fail("complete", f"cube {absent[0]} of {summary.cubes} is missing")
+    stray = [index for index in sorted(found.cubes) if not 1 <= index <= summary.cubes]
+    if stray:
+        fail("complete", f"cube {stray[0]}: the summary counts {summary.cubes}")

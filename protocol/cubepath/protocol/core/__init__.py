@@ -1,0 +1,1 @@
+"""The formal core: sites, actions, what commutes, catalogues, systems and scenes."""

@@ -1,0 +1,207 @@
+"""Lattices, generators, and catalogues of generators placed by translation.
+
+Source: Abrams and Ghrist, definition of catalogue and action; the hexagonal, arm generators as
+their examples describe them. A catalogue is data: it can be written to and read from a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from cubepath.protocol.core.actions import Action, State, end_at
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+
+Cell: TypeAlias = tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Lattice:
+    """A lattice whose sites are integer tuples, of which the first `dimension` translate.
+
+    The further entries name the orbit (for lattice edges, the axis). `drawing` says how sites
+    look: "hexagons", "squares" or "edges".
+    """
+
+    name: str
+    dimension: int
+    arity: int
+    drawing: str
+
+    def check(self, site: Site) -> Cell:
+        """Return `site` as a cell of this lattice, or raise InputError."""
+        if (
+            isinstance(site, tuple)
+            and len(site) == self.arity
+            and all(type(item) is int for item in site)
+        ):
+            return site
+        raise InputError(f"a site of lattice {self.name} is {self.arity} integers, found {site!r}")
+
+    def shift(self, cell: Cell, by: Cell) -> Cell:
+        """Return the cell translated by `by` (length `dimension`)."""
+        moved = tuple(cell[axis] + by[axis] for axis in range(self.dimension))
+        return moved + cell[self.dimension :]
+
+    def between(self, origin: Cell, cell: Cell) -> Cell | None:
+        """Return the translation that takes `origin` to `cell`; None if there is none."""
+        if origin[self.dimension :] != cell[self.dimension :]:
+            return None
+        return tuple(cell[axis] - origin[axis] for axis in range(self.dimension))
+
+
+HEXAGONS = Lattice("hexagons", dimension=2, arity=2, drawing="hexagons")
+SQUARES = Lattice("squares", dimension=2, arity=2, drawing="squares")
+EDGES = Lattice("edges", dimension=2, arity=3, drawing="edges")
+LATTICES = {lattice.name: lattice for lattice in (HEXAGONS, SQUARES, EDGES)}
+
+
+@dataclass(frozen=True, slots=True)
+class Generator:
+    """A generator at the origin of a lattice.
+
+    `goes` lists where each module of the trace goes, from `before` to `after`; the first is the
+    mover, the module that proposes. Read the other way round it serves the reverse.
+    """
+
+    name: str
+    support: tuple[Cell, ...]
+    trace: tuple[Cell, ...]
+    before: tuple[Cell, ...]
+    after: tuple[Cell, ...]
+    goes: tuple[tuple[Cell, Cell], ...]
+    free: tuple[Cell, ...] = ()
+    guards: tuple[tuple[Cell, Cell], ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.goes:
+            raise InputError(f"generator {self.name!r}: no module goes anywhere")
+        self.place(Lattice("origin", 0, len(self.support[0]) if self.support else 0, ""), ())
+        sources, targets = zip(*self.goes, strict=True)
+        trace = set(self.trace)
+        if set(sources) != trace & set(self.before) or set(targets) != trace & set(self.after):
+            raise InputError(
+                f"generator {self.name!r}: 'goes' must take every site of the trace that is on"
+                " before to one that is on after"
+            )
+
+    def place(self, lattice: Lattice, by: Cell) -> Action:
+        """Return the action of this generator translated by `by`."""
+
+        def put(cells: Iterable[Cell]) -> list[Cell]:
+            return [lattice.shift(cell, by) for cell in cells]
+
+        return Action(
+            put(self.support),
+            put(self.trace),
+            put(self.before),
+            put(self.after),
+            free=put(self.free),
+            guards=[(lattice.shift(a, by), lattice.shift(b, by)) for a, b in self.guards],
+            label=f"{self.name} at {list(by)}" if by else f"generator {self.name!r}",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """What a module can propose: an action, which generator it is of, and where modules go."""
+
+    action: Action
+    generator: str
+    at: Site
+    goes: tuple[tuple[Site, Site], ...]
+
+    @property
+    def source(self) -> Site:
+        """Return the site of the mover before the move."""
+        return self.goes[0][0]
+
+    @property
+    def target(self) -> Site:
+        """Return the site of the mover after the move."""
+        return self.goes[0][1]
+
+    def possible(self, state: State) -> bool:
+        """Tell whether the action is admissible and its modules are where the move takes them from.
+
+        The mover alone does not say that: in a run of squares that slides by one, most places are
+        taken before and after.
+        """
+        end = end_at(self.action, state)
+        if end is None:
+            return False
+        on = self.action.ends[end]
+        if len(self.goes) == 1:  # nearly always: a comprehension would cost as much as the rest
+            return self.goes[0][0] in on
+        return all(source in on for source, _ in self.goes)
+
+
+@dataclass(frozen=True, slots=True)
+class _Template:
+    """A generator in one direction: what a module at `source` can propose."""
+
+    generator: Generator
+    reverse: bool
+
+    @property
+    def source(self) -> Cell:
+        return self.generator.goes[0][1 if self.reverse else 0]
+
+    def goes(self) -> tuple[tuple[Cell, Cell], ...]:
+        if not self.reverse:
+            return self.generator.goes
+        return tuple((after, before) for before, after in self.generator.goes)
+
+
+@dataclass(frozen=True)
+class Catalogue:
+    """A finite set of generators on a lattice, with what follows from it for neighbourhoods.
+
+    All offsets are computed from the generators once: nothing about radii is typed in by hand.
+    """
+
+    lattice: Lattice
+    generators: tuple[Generator, ...]
+    by_name: dict[str, Generator] = field(init=False, repr=False, compare=False)
+    templates: dict[Cell, tuple[_Template, ...]] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        names = [generator.name for generator in self.generators]
+        if not names:
+            raise InputError("a catalogue has at least one generator, found none")
+        twice = [name for name in names if names.count(name) > 1]
+        if twice:
+            raise InputError(f"generator {twice[0]!r} stands twice in the catalogue")
+        for generator in self.generators:
+            for cell in generator.support:
+                self.lattice.check(cell)
+        object.__setattr__(self, "by_name", dict(zip(names, self.generators, strict=True)))
+        templates: dict[Cell, list[_Template]] = {}
+        for generator in self.generators:
+            for reverse in (False, True):
+                template = _Template(generator, reverse)
+                templates.setdefault(self.orbit(template.source), []).append(template)
+        object.__setattr__(
+            self, "templates", {orbit: tuple(found) for orbit, found in templates.items()}
+        )
+
+    def orbit(self, cell: Cell) -> Cell:
+        """Return the representative of the cell's orbit under translation."""
+        return (0,) * self.lattice.dimension + cell[self.lattice.dimension :]
+
+    def proposals(self, cell: Cell) -> tuple[Move, ...]:
+        """Return all moves whose mover stands at `cell`, in the order of the catalogue."""
+        lattice, found = self.lattice, []
+        for template in self.templates.get(self.orbit(cell), ()):
+            by = lattice.between(template.source, cell)
+            if by is None:  # the template is filed under this orbit
+                raise AssertionError(f"{template.generator.name} does not reach {cell}")
+            goes = tuple(
+                (lattice.shift(source, by), lattice.shift(target, by))
+                for source, target in template.goes()
+            )
+            action = template.generator.place(lattice, by)
+            found.append(Move(action, template.generator.name, by, goes))
+        return tuple(found)

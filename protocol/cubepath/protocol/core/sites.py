@@ -1,0 +1,64 @@
+"""Sites: the hashable places of a workspace, their JSON form, canonical order and key chunks.
+
+A site is any JSON scalar or a tuple of sites: a lattice cell ``(q, r)``, a lattice edge
+``(x, y, axis)``, a graph vertex ``"dock"``, a labelled place ``((x, y), 3)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable
+from functools import lru_cache
+from urllib.parse import quote
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+
+Site = Hashable
+
+_encode = msgspec.json.Encoder().encode
+
+
+def site_from_json(value: object) -> Site:
+    """Return the site that a JSON value stands for: lists become tuples, at any depth.
+
+    Raises InputError for objects and null, which name no place.
+    """
+    if isinstance(value, list | tuple):
+        return tuple(site_from_json(item) for item in value)
+    if isinstance(value, float) and value.is_integer():
+        return int(value)  # 1.0 and 1 are one site, so they need one text
+    if isinstance(value, str | int | float):
+        return value
+    raise InputError(f"a site is a JSON number, string or list, found {value!r}")
+
+
+def site_text(site: Site) -> str:
+    """Return the compact JSON text of a site; equal sites have equal texts."""
+    return _encode(site).decode()
+
+
+def in_order(sites: Iterable[Site]) -> tuple[Site, ...]:
+    """Return the sites in canonical order, which depends on their content alone."""
+    return tuple(sorted(sites, key=_order))
+
+
+def _order(site: Site) -> tuple[object, ...]:
+    # Numbers as numbers, so that a lattice reads row by row and not as text ("10" < "9").
+    if isinstance(site, tuple):
+        return (2, tuple(_order(item) for item in site))
+    if isinstance(site, str):
+        return (1, site)
+    return (0, site)
+
+
+@lru_cache(maxsize=1 << 16)
+def site_chunk(place: Site) -> str:
+    """Return the chunk that names a place in a zenoh key expression.
+
+    No chunk may be empty or hold ``/ * $ ? #``; integers of a tuple are joined by ``,``
+    and everything else is percent-encoded.
+    """
+    if isinstance(place, tuple) and place and all(type(item) is int for item in place):
+        return ",".join(str(item) for item in place)
+    return "'" + quote(site_text(place), safe=",[]-_.")

@@ -1,1 +1,0 @@
-"""Plans of other programs: each format in a module of its own, all read into one `Imported`."""

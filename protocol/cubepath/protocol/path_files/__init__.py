@@ -1,0 +1,1 @@
+"""Files that hold paths: moves, cubes, schedules, timetables and certificates."""

@@ -1,0 +1,85 @@
+"""Certificates: what lets anyone check that a schedule is a shortest one of its path's class.
+
+Room: protocol. This is the form, as a file and in recordings; see docs/certificates.md. It is built
+and checked in the coordinator's room, by modules that share nothing but this.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.path_files.jsonl import line_schema, write_lines
+
+FORMAT = "cubepath-certificate-1"
+SUFFIX = ".certificate.json"
+"""Where a cubes file ``NAME.jsonl`` has a certificate beside it, that is ``NAME`` and this."""
+
+
+class Certificate(
+    msgspec.Struct,
+    frozen=True,
+    omit_defaults=True,
+    forbid_unknown_fields=True,
+    tag_field="format",
+    tag=FORMAT,
+):
+    """A proof, by the places of moves in the input: the first move is move 1.
+
+    `moves` is how many there are. `cancelled` holds the pairs that undo each other, each as
+    (earlier, later) and all in increasing order of the later. `cubes` holds the moves that remain,
+    cube by cube: the schedule. `chain` has one move of each cube, and no two neighbours in it
+    commute. `end` holds the sites that are on at the end, None where nobody knows the start.
+    """
+
+    moves: int
+    cancelled: list[tuple[int, int]]
+    cubes: list[list[int]]
+    chain: list[int]
+    end: list[Any] | None = None
+
+
+_decode = msgspec.json.Decoder(Certificate).decode
+
+
+def certificate_from_json(text: bytes) -> Certificate:
+    """Return the certificate in a JSON text; InputError says what in it is none, and where."""
+    try:
+        return _decode(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"no {FORMAT}: {error}") from None
+
+
+def read_certificate(path: Path) -> Certificate:
+    """Read a certificate; InputError, with the file, where it cannot be read or is none."""
+    try:
+        return certificate_from_json(path.read_bytes())
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def write_certificate(path: Path, certificate: Certificate) -> None:
+    """Write a certificate, as one line; the file is complete or as it was before.
+
+    InputError where it cannot be written.
+    """
+    write_lines(path, [certificate])
+
+
+def companion(cubes: Path) -> Path:
+    """Return the path of the certificate beside a cubes file.
+
+    >>> companion(Path("plans/cubes.jsonl")).name
+    'cubes.certificate.json'
+    """
+    return cubes.with_name(cubes.stem + SUFFIX)
+
+
+def certificate_schema() -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of a certificate."""
+    return line_schema(Certificate)

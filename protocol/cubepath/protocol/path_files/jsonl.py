@@ -1,0 +1,88 @@
+"""JSON Lines: read as a stream with line numbers, and written whole or not at all.
+
+Room: protocol. It touches the files that it is told to, and knows nothing of what is in them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Generator, Iterable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO, TypeVar
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_Line = TypeVar("_Line")
+_encode = msgspec.json.Encoder().encode
+
+
+def numbered_lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Yield the lines that are not empty, each with its number from 1 and without its ending.
+
+    CRLF and a byte order mark are taken off. InputError where the file cannot be read.
+    """
+    try:
+        with path.open("rb") as stream:
+            for number, line in enumerate(stream, 1):
+                text = (line.removeprefix(BYTE_ORDER_MARK) if number == 1 else line).strip()
+                if text:
+                    yield number, text
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+
+
+def decode_line(decode: Callable[[bytes], _Line], line: bytes, keys: str) -> _Line:
+    """Return what `decode` makes of a line; InputError says what was found and the keys."""
+    try:
+        return decode(line)
+    except msgspec.ValidationError as error:
+        raise InputError(f"{error}; a line has {keys}") from None
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"found no whole JSON object, expected one a line: {error}") from None
+
+
+def line_schema(line: type[msgspec.Struct]) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of a kind of line, with the object itself on top."""
+    schema = msgspec.json.schema(line)
+    definitions = schema["$defs"]
+    top: dict[str, Any] = definitions.pop(line.__name__)
+    return {**top, "$defs": definitions} if definitions else top
+
+
+def write_lines(path: Path, lines: Iterable[object]) -> None:
+    """Write one JSON document a line; afterwards the file is complete, or as it was before.
+
+    InputError where it cannot be written; errors of `lines` itself go through.
+    """
+    with written_whole(path) as stream:
+        for line in lines:
+            stream.write(_encode(line) + b"\n")
+
+
+@contextlib.contextmanager
+def written_whole(path: Path) -> Generator[BinaryIO]:
+    """Open a file for writing that is complete afterwards, or as it was before.
+
+    InputError where it cannot be written; errors of the body itself go through.
+    """
+    part: Path | None = None
+    try:
+        # Through links to the file itself. What is no file (a pipe, /dev/null) is written in place.
+        target = path.resolve()
+        if not target.exists() or target.is_file():
+            part = target.with_name(f".{target.name}.{os.getpid()}.part")
+        with (part or target).open("wb") as stream:
+            yield stream
+        if part is not None:
+            part.replace(target)
+    except (OSError, RuntimeError) as error:  # the second for a loop of links, up to Python 3.12
+        reason = error.strerror if isinstance(error, OSError) else None
+        raise InputError(f"{path}: cannot be written: {reason or error}") from None
+    finally:
+        if part is not None:
+            with contextlib.suppress(OSError):
+                part.unlink(missing_ok=True)

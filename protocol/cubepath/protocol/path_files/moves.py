@@ -1,0 +1,392 @@
+"""Moves files and cubes files: how another planner's path comes in, and how its cubes go out.
+
+Both are JSON Lines, read as a stream and refused with file, line and reason; see docs/files.md.
+A moves file has one move a line, all of one of two forms: ``{"generator", "at"}`` against a system,
+or self-contained ``{"id", "support", "trace", "before", "after"}``. A cubes file has one cube a
+line, ``{"moves": [...]}``.
+
+Room: protocol. It touches the files that it is told to, and knows nothing of shortening.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, TypeAlias
+
+import msgspec
+
+from cubepath.protocol.core.actions import Action, apply_in_place, end_at
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
+from cubepath.protocol.wire.messages import Json, Placed
+
+MoveName: TypeAlias = str | int | Placed
+"""How a move is written in a cubes file: its id, or its generator and where that is placed."""
+
+_encode = msgspec.json.Encoder().encode
+# The name of a move of which only support and trace are known, as one more site that it writes.
+# No file has a reason to name a site so; if one did, moves would wait for each other, no more.
+_NAME = "\0id"
+
+
+class GeneratorLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A move as a generator of the system, and where it is placed."""
+
+    generator: str
+    at: Json
+
+
+class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
+    """A move by its contents; `before` and `after` are the sites of the support that are on.
+
+    Where these two are left out, only commuting is known and the id names the action.
+    """
+
+    id: str | int
+    support: list[Json]
+    trace: list[Json]
+    before: list[Json] | None = None
+    after: list[Json] | None = None
+
+
+class CubeLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
+    """A cube: the moves that can be executed at one time."""
+
+    moves: list[MoveName]
+
+
+@dataclass(frozen=True, slots=True)
+class PathMove:
+    """One move of a path: its action, how it is written, and the local state that it was made at.
+
+    `before` holds the sites of the support that were on, or is None where the file does not say.
+    An id is also the label of the action, as JSON text.
+    """
+
+    action: Action
+    name: MoveName
+    before: frozenset[Site] | None = None
+
+
+def id_of(action: Action) -> str | int:
+    """Return the id of an action of a `PathMove`, from its label; InputError where it has none."""
+    try:
+        return _id(action.label)
+    except msgspec.DecodeError:
+        raise InputError(f"{action!r} has no id: expected the label to be one as JSON") from None
+
+
+def read_moves(path: Path, scene: Scene | None = None) -> Iterator[PathMove]:
+    """Yield the moves of a moves file in order, each as soon as its line is read and checked.
+
+    Checked as far as can be: every move must be admissible (one of its two local states shown) at
+    what is known of the state. With a scene that is all, from its start on; without one, a site
+    is what the first move that has it in its support says `before`. After a move without `before`
+    and `after` its trace is unknown again.
+
+    Such a move becomes an action with its id as one more site, in support and trace, which is
+    turned on and off. So it equals its like and nothing else, and commutes as support and trace
+    say; its local states mean nothing.
+
+    InputError, as ``FILE:LINE: what was found, what was expected``, at the first line that is no
+    move, or no admissible one. Empty lines, CRLF and a byte order mark are no errors, and an
+    empty file is a path of no moves.
+    """
+    reader = _Reader(scene)
+    for number, line in numbered_lines(path):
+        try:
+            move = reader.move(number, line)
+        except InputError as error:
+            raise InputError(f"{path}:{number}: {error}") from None
+        except RecursionError:
+            raise InputError(f"{path}:{number}: lists in lists, nested too deeply") from None
+        yield move
+
+
+def write_moves(path: Path, moves: Iterable[PathMove]) -> None:
+    """Write a moves file that `read_moves` reads back; the file is complete or as it was before.
+
+    InputError where it cannot be written, or an action has free sites or guards and is to be
+    written by its contents with local states, which cannot say that.
+    """
+    write_lines(path, (_move_line(move) for move in moves))
+
+
+def contents_line(
+    name: MoveName,
+    support: Iterable[Site],
+    trace: Iterable[Site],
+    states: tuple[Iterable[Site], Iterable[Site]] | None,
+) -> ContentsLine:
+    """Return a self-contained line, sites in canonical order; `states` are before and after."""
+    if isinstance(name, Placed):
+        raise InputError(f"move {name} has a generator and no id, expected an id")
+    both = (None, None) if states is None else tuple(list(in_order(each)) for each in states)
+    return ContentsLine(name, list(in_order(support)), list(in_order(trace)), *both)
+
+
+def named_action(name: str | int, support: Iterable[Site], trace: Iterable[Site]) -> Action:
+    """Return the action of a move of which only support and trace are known; see `read_moves`."""
+    site = (_NAME, name)
+    label = _encode(name).decode()
+    return Action([*support, site], [*trace, site], (), (site,), label=label)
+
+
+def known_of_named(name: MoveName, sites: Iterable[Site]) -> frozenset[Site]:
+    """Return the sites of a `named_action` without the one that stands for its name."""
+    return frozenset(sites) - {(_NAME, name)}
+
+
+def read_cubes(path: Path) -> Iterator[tuple[MoveName, ...]]:
+    """Yield the cubes of a cubes file, each as the names of its moves; InputError as `read_moves`.
+
+    Whether they are cubes is not asked: names alone do not tell.
+    """
+    for number, line in numbered_lines(path):
+        try:
+            yield tuple(decode_line(_cube, line, 'the key "moves"').moves)
+        except InputError as error:
+            raise InputError(f"{path}:{number}: {error}") from None
+
+
+def write_cubes(path: Path, cubes: Iterable[Iterable[MoveName]]) -> None:
+    """Write a cubes file; it is complete or as it was before. InputError where it cannot be."""
+    write_lines(path, (CubeLine(list(cube)) for cube in cubes))
+
+
+def move_schemas() -> dict[str, dict[str, Any]]:
+    """Return the JSON Schemas (2020-12) of the two forms of a line of a moves file, by name."""
+    contents = line_schema(ContentsLine)
+    contents["dependentRequired"] = {"before": ["after"], "after": ["before"]}
+    return {"generator": line_schema(GeneratorLine), "contents": contents}
+
+
+def cube_schema() -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of a line of a cubes file."""
+    return line_schema(CubeLine)
+
+
+class _Form(NamedTuple):
+    """A kind of line: what decodes it, and how it is told to people."""
+
+    decode: Callable[[bytes], GeneratorLine | ContentsLine]
+    keys: str
+
+
+_GENERATOR = _Form(msgspec.json.Decoder(GeneratorLine).decode, 'the keys "generator" and "at"')
+_CONTENTS = _Form(
+    msgspec.json.Decoder(ContentsLine).decode,
+    'the keys "id", "support", "trace", and "before" with "after" or neither',
+)
+_id: Callable[[str], str | int] = msgspec.json.Decoder(str | int).decode
+_cube = msgspec.json.Decoder(CubeLine).decode
+
+
+def _form_of(line: bytes) -> _Form | None:
+    """Return the form that the keys of a line speak for, None where it is no object."""
+    try:
+        found = msgspec.json.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    if not isinstance(found, dict):
+        return None
+    return _GENERATOR if "generator" in found or "at" in found else _CONTENTS
+
+
+class _Reader:
+    """What reading one file remembers: its form, its ids, its sites, and the state so far."""
+
+    def __init__(self, scene: Scene | None) -> None:
+        self._scene = scene
+        self._form: _Form | None = None
+        self._known = _Known(None if scene is None else scene.start_state)
+        self._sites = _Sites()
+        self._placed: dict[tuple[str, Site], Action] = {}
+        # By the sites as they stand in a line: to build an action costs more than all the rest.
+        self._contents: dict[tuple[tuple[Site, ...], ...], Action] = {}
+        # By id: the line where it came first, and the action where the id names one.
+        self._first: dict[str | int, int] = {}
+        self._named: dict[str | int, Action] = {}
+
+    def move(self, number: int, line: bytes) -> PathMove:
+        found = self._read(line)
+        if isinstance(found, GeneratorLine):
+            return self._by_generator(found)
+        self._sites.watch(line)
+        if (found.before is None) != (found.after is None):
+            given, left_out = ("before", "after") if found.after is None else ("after", "before")
+            raise InputError(f'found "{given}" without "{left_out}", expected both or neither')
+        if not found.trace:
+            raise InputError("the trace is empty, a move changes something")
+        if found.before is None or found.after is None:
+            return self._by_name(found, number)
+        return self._by_contents(found, found.before, found.after, number)
+
+    def _read(self, line: bytes) -> GeneratorLine | ContentsLine:
+        if self._form is None:
+            # The first line decides. One that is no object is told what both forms are.
+            self._form = _form_of(line)
+        if self._form is None:
+            return decode_line(_CONTENTS.decode, line, f"{_GENERATOR.keys}, or {_CONTENTS.keys}")
+        try:
+            return decode_line(self._form.decode, line, self._form.keys)
+        except InputError:
+            form = _form_of(line)
+            if form is None or form is self._form:
+                raise
+        raise InputError(
+            f"a line with {form.keys}, where those before have {self._form.keys}:"
+            " expected one form in a file"
+        )
+
+    def _by_generator(self, line: GeneratorLine) -> PathMove:
+        if self._scene is None:
+            raise InputError(
+                f"generator {line.generator!r} without a system, expected --system SYSTEM"
+                ' (or moves with "id", "support" and "trace")'
+            )
+        key = line.generator, site_from_json(line.at)
+        action = self._placed.get(key)
+        if action is None:
+            action = self._placed[key] = self._scene.system.action(*key)
+        before = action.support & self._known.on
+        apply_in_place(action, self._known.on)
+        return PathMove(action, Placed(line.generator, line.at), before)
+
+    def _by_name(self, line: ContentsLine, number: int) -> PathMove:
+        trace = self._sites.read(line.trace)
+        action = named_action(line.id, self._sites.read(line.support), trace)
+        label = action.label
+        first = self._first.setdefault(line.id, number)
+        if first == number:
+            self._named[line.id] = action
+        known = self._named.get(line.id)
+        if known is None:
+            raise InputError(
+                f'id {label} has "before" and "after" in line {first}, but not here:'
+                " expected another id, for here it names the action"
+            )
+        if known != action:
+            what = "trace" if known.support == action.support else "support"
+            raise InputError(
+                f"id {label} has another {what} in line {first}, expected the same:"
+                ' without "before" and "after" the id names the action'
+            )
+        self._known.forget(trace)
+        return PathMove(known, line.id)
+
+    def _by_contents(
+        self, line: ContentsLine, before: list[Json], after: list[Json], number: int
+    ) -> PathMove:
+        read = self._sites.read
+        label = _encode(line.id).decode()
+        parts = [tuple(read(sites)) for sites in (line.support, line.trace, before, after)]
+        known = self._contents.get(key := tuple(parts))
+        if known is None:
+            known = self._contents[key] = Action(*parts, label=label)
+        action = known if known.label == label else known.labelled(label)
+        first = self._first.setdefault(line.id, number)
+        if line.id in self._named:
+            raise InputError(
+                f'id {label} has no "before" and "after" in line {first}, where it names the'
+                " action: expected another id"
+            )
+        shown = frozenset(parts[2])
+        self._known.learn(action.support, shown)
+        state = self._known.on
+        end = end_at(action, state)
+        if end is None:
+            # Told from the local state that the line starts from, as a planner reads it.
+            site = in_order((action.support & state) ^ shown)[0]
+            found, expected = ("on", "off") if site in state else ("off", "on")
+            text = _encode(site).decode()
+            raise InputError(
+                f"move {label} is not admissible: site {text} is {found}, expected {expected}"
+            )
+        apply_in_place(action, self._known.on)
+        return PathMove(action, line.id, action.ends[end])
+
+
+class _Known:
+    """What is known of a state: all of it from a start on, or what moves have told."""
+
+    def __init__(self, start: Iterable[Site] | None) -> None:
+        self.on: set[Site] = set(start or ())
+        self._whole = start is not None
+        # The sites that are not as the rest: unknown where the whole is known, and known elsewise.
+        self._odd: set[Site] = set()
+
+    def learn(self, support: Iterable[Site], shown: Collection[Site]) -> None:
+        """Take over those sites of a support that are not known yet; `shown` are on."""
+        if self._whole and not self._odd:
+            return
+        for site in support:
+            if (site in self._odd) is self._whole:
+                self._odd ^= {site}
+                (self.on.add if site in shown else self.on.discard)(site)
+
+    def forget(self, sites: Iterable[Site]) -> None:
+        """Know nothing of these sites from here on."""
+        if self._whole:
+            self._odd.update(sites)
+        else:
+            self._odd.difference_update(sites)
+
+
+class _Sites:
+    """The sites of a file, each kept once; in Python true equals 1, in JSON it does not."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Site, Site] = {}
+        self._booleans = False
+
+    def watch(self, line: bytes) -> None:
+        """Look out for booleans from the first line on that may have one."""
+        self._booleans = self._booleans or b"true" in line or b"false" in line
+
+    def read(self, values: Iterable[Json]) -> list[Site]:
+        """Return the sites; InputError where one is none, or is another only in Python's eyes."""
+        return [self._seen(value) or self._new(value) for value in values]
+
+    def _seen(self, value: Json) -> Site | None:
+        # Most sites come again and again, and most are flat: then this is all that they cost.
+        if self._booleans:
+            return None
+        try:
+            return self._kept.get(tuple(value) if isinstance(value, list) else value)
+        except TypeError:  # a list in a list
+            return None
+
+    def _new(self, value: Json) -> Site:
+        site = site_from_json(value)
+        known = self._kept.setdefault(site, site)
+        if self._booleans and not _alike(known, site):
+            raise InputError(
+                f"site {_encode(site).decode()} where another is {_encode(known).decode()}:"
+                " expected booleans or the numbers 0 and 1, not both"
+            )
+        return known
+
+
+def _alike(one: Site, other: Site) -> bool:
+    """Tell whether equal sites have their booleans in the same places."""
+    if isinstance(one, tuple) and isinstance(other, tuple):
+        return all(_alike(a, b) for a, b in zip(one, other, strict=True))
+    return isinstance(one, bool) is isinstance(other, bool)
+
+
+def _move_line(move: PathMove) -> GeneratorLine | ContentsLine:
+    if isinstance(move.name, Placed):
+        return GeneratorLine(move.name.generator, move.name.at)
+    action = move.action
+    support, trace = (known_of_named(move.name, part) for part in (action.support, action.trace))
+    if move.before is None:
+        return contents_line(move.name, support, trace, None)
+    if action.free or action.guards:
+        raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
+    after = action.ends[1] if move.before == action.ends[0] else action.ends[0]
+    return contents_line(move.name, support, trace, (move.before, after))

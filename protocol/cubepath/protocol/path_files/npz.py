@@ -1,0 +1,309 @@
+"""The binary form of moves and cubes: a table of actions and numbers into it, as one .npz file.
+
+What each array holds is told in docs/files.md. Nothing in such a file is code: it is read without
+pickles, and what it says is checked before it is used.
+
+Room: protocol. It touches the files that it is told to, and knows nothing of shortening.
+"""
+
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.path_files.jsonl import written_whole
+from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
+from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.wire.messages import Json, Placed
+
+MAGIC = b"PK\x03\x04"
+"""What every such file begins with."""
+
+_MOVES = "cubepath-moves-1"
+_CUBES = "cubepath-cubes-1"
+_T = TypeVar("_T")
+_encode = msgspec.json.Encoder().encode
+_names = msgspec.json.Decoder(list[str | int | Placed]).decode
+_values = msgspec.json.Decoder(list[Json]).decode
+Arrays = Mapping[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NumberedCubes:
+    """A cube path in numbers: which moves of a path are left, cube by cube.
+
+    `starts` has shape (cubes + 1,) and `moves` (reduced moves,), both int64: cube i has the moves
+    ``moves[starts[i]:starts[i + 1]]``, as places in the path from 0.
+    """
+
+    starts: NDArray[np.int64]
+    moves: NDArray[np.int64]
+
+
+def write_moves_npz(target: Path, path: NumberedPath) -> None:
+    """Write a path; the file is complete or as it was before. InputError where it cannot be."""
+    _write(target, _path_arrays(_MOVES, path))
+
+
+def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> None:
+    """Write the cubes of a path, with the moves that are left; as `write_moves_npz`."""
+    left = NumberedPath(
+        path.actions,
+        path.action_names,
+        path.stated,
+        path.numbers[cubes.moves],
+        # A cube's move is not always made from the state that it was made at in the path.
+        np.full(len(cubes.moves), -1, dtype=np.int8),
+        None if path.names is None else [path.names[move] for move in cubes.moves.tolist()],
+    )
+    places = {"cube_starts": cubes.starts, "places": cubes.moves}
+    _write(target, {**_path_arrays(_CUBES, left), **places})
+
+
+def read_moves_npz(source: Path) -> NumberedPath:
+    """Return the path in a file; whether its moves are admissible is not asked.
+
+    InputError, as ``FILE: ARRAY: what was found, what was expected``, where the file is damaged or
+    its arrays do not fit together.
+    """
+    arrays = _read(source, _MOVES)
+    return _refusing(source, lambda: _path(arrays))
+
+
+def read_cubes_npz(source: Path) -> tuple[tuple[MoveName, ...], ...]:
+    """Return the cubes in a file as the names of their moves; InputError as `read_moves_npz`."""
+    arrays = _read(source, _CUBES)
+
+    def cubes() -> tuple[tuple[MoveName, ...], ...]:
+        path = _path(arrays)
+        starts = _starts(arrays, "cube_starts", len(path.numbers), least=1).tolist()
+        names = [path.name(move) for move in range(len(path.numbers))]
+        return tuple(tuple(names[begin:end]) for begin, end in pairwise(starts))
+
+    return _refusing(source, cubes)
+
+
+def holds_cubes(source: Path) -> bool:
+    """Tell whether a file has cubes rather than moves; InputError where it has neither."""
+    return _text(source, _load(source), "format") == _CUBES
+
+
+def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
+    sites: dict[Site, int] = {}
+    parts: dict[str, list[list[Site]]] = {
+        part: [] for part in ("support", "trace", "before", "after", "free", "guard")
+    }
+    for action, name, stated in zip(path.actions, path.action_names, path.stated, strict=True):
+        support, trace = action.support, action.trace
+        if not stated:
+            support, trace = (known_of_named(name, each) for each in (support, trace))
+        before, after = action.ends if stated else ((), ())
+        guards = [site for pair in in_order(action.guards) for site in _pair(pair)]
+        for part, found in (
+            ("support", support),
+            ("trace", trace),
+            ("before", before),
+            ("after", after),
+            ("free", action.free),
+        ):
+            parts[part].append(list(in_order(found)))
+        parts["guard"].append(guards)
+        for site in parts["support"][-1]:
+            sites.setdefault(site, len(sites))
+    arrays: dict[str, NDArray[Any]] = {
+        "format": np.array(form),
+        "sites": _json(list(sites)),
+        "names": _json(path.action_names),
+    }
+    for part, rows in parts.items():
+        if part in {"free", "guard"} and not any(rows):
+            continue
+        arrays[f"{part}_starts"] = np.cumsum([0, *map(len, rows)], dtype=np.int32)
+        arrays[f"{part}_sites"] = np.array([sites[site] for row in rows for site in row], np.int32)
+    if not all(path.stated):
+        arrays["stated"] = np.array(path.stated, dtype=np.bool_)
+    arrays["moves"] = path.numbers
+    if (path.ends >= 0).any():
+        arrays["ends"] = path.ends
+    if path.names is not None and any(
+        name != path.action_names[number]
+        for name, number in zip(path.names, path.numbers.tolist(), strict=True)
+    ):
+        arrays["move_names"] = _json(path.names)
+    return arrays
+
+
+def _pair(pair: Site) -> Sequence[Site]:
+    if not isinstance(pair, tuple):
+        raise InputError(f"a guard {pair!r}, expected a pair of sites")
+    return pair
+
+
+def _json(value: object) -> NDArray[np.uint8]:
+    return np.frombuffer(_encode(value), dtype=np.uint8)
+
+
+def _write(target: Path, arrays: Arrays) -> None:
+    with written_whole(target) as stream:
+        np.savez(stream, allow_pickle=False, **arrays)
+
+
+def _load(source: Path) -> dict[str, NDArray[Any]]:
+    try:
+        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as found:
+            return {name: found[name] for name in found.files}
+    except OSError as error:
+        raise InputError(f"{source}: {error.strerror or error}") from None
+    except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, struct.error) as error:
+        raise InputError(f"{source}: damaged, or no .npz file: {error}") from None
+
+
+def _read(source: Path, form: str) -> Arrays:
+    arrays = _load(source)
+    found = _text(source, arrays, "format")
+    if found != form:
+        raise InputError(f"{source}: format: found {found!r}, expected {form!r}")
+    return arrays
+
+
+def _text(source: Path, arrays: Arrays, name: str) -> str:
+    found = arrays.get(name)
+    if found is None or found.ndim or found.dtype.kind != "U":
+        raise InputError(f"{source}: no array {name!r} with a text, expected a file of cubepath")
+    return str(found)
+
+
+def _refusing(source: Path, make: Callable[[], _T]) -> _T:
+    try:
+        return make()
+    except InputError as error:
+        raise InputError(f"{source}: {error}") from None
+
+
+def _path(arrays: Arrays) -> NumberedPath:
+    sites = [site_from_json(value) for value in _decoded(arrays, "sites", _values)]
+    if len(set(sites)) != len(sites):
+        raise InputError("sites: a site is there twice, expected each once")
+    names = _decoded(arrays, "names", _names)
+    count = len(names)
+    stated = _flags(arrays, count)
+    rows = {
+        part: _rows(arrays, part, sites, count, optional=part in {"free", "guard"})
+        for part in ("support", "trace", "before", "after", "free", "guard")
+    }
+    actions = [
+        _action(number, names[number], stated[number], {part: rows[part][number] for part in rows})
+        for number in range(count)
+    ]
+    if len(set(actions)) != count:
+        raise InputError("actions: two are equal, expected each once")
+    numbers = _integers(arrays, "moves", 0, count)
+    ends = np.full(len(numbers), -1, dtype=np.int8)
+    if "ends" in arrays:
+        ends = _integers(arrays, "ends", -1, 2, size=len(numbers)).astype(np.int8)
+    given = None
+    if "move_names" in arrays:
+        given = _decoded(arrays, "move_names", _names)
+        if len(given) != len(numbers):
+            raise InputError(f"move_names: found {len(given)}, expected {len(numbers)}")
+    return NumberedPath(actions, names, stated, numbers.astype(np.int32), ends, given)
+
+
+def _action(number: int, name: MoveName, stated: bool, parts: dict[str, list[Site]]) -> Action:  # noqa: FBT001 - a flag of the file
+    guards = parts["guard"]
+    wrong = ""
+    if not parts["trace"]:
+        wrong = "the trace is empty, a move changes something"
+    elif len(guards) % 2:
+        wrong = f"guards of {len(guards)} sites, expected pairs"
+    elif not stated and isinstance(name, Placed):
+        wrong = "a generator and no local states, expected an id"
+    if wrong:
+        raise InputError(f"action {number}: {wrong}")
+    try:
+        if not stated and not isinstance(name, Placed):
+            return named_action(name, parts["support"], parts["trace"])
+        return Action(
+            parts["support"],
+            parts["trace"],
+            parts["before"],
+            parts["after"],
+            free=parts["free"],
+            guards=zip(guards[::2], guards[1::2], strict=True),
+            label=_encode(name).decode(),
+        )
+    except InputError as error:
+        raise InputError(f"action {number}: {error}") from None
+
+
+def _flags(arrays: Arrays, count: int) -> list[bool]:
+    if "stated" not in arrays:
+        return [True] * count
+    found = arrays["stated"]
+    if found.shape != (count,) or found.dtype != np.bool_:
+        raise InputError(f"stated: found {_kind(found)}, expected {count} booleans")
+    return [bool(each) for each in found]
+
+
+def _rows(
+    arrays: Arrays, part: str, sites: Sequence[Site], count: int, *, optional: bool
+) -> list[list[Site]]:
+    if optional and f"{part}_starts" not in arrays:
+        return [[] for _ in range(count)]
+    numbers = _integers(arrays, f"{part}_sites", 0, len(sites))
+    starts = _starts(arrays, f"{part}_starts", len(numbers), size=count + 1).tolist()
+    found = [sites[number] for number in numbers.tolist()]
+    return [found[begin:end] for begin, end in pairwise(starts)]
+
+
+def _starts(
+    arrays: Arrays, name: str, total: int, *, size: int | None = None, least: int = 0
+) -> NDArray[np.int64]:
+    found = _integers(arrays, name, 0, total + 1, size=size)
+    if not len(found) or found[0] != 0 or found[-1] != total or (np.diff(found) < least).any():
+        raise InputError(f"{name}: expected numbers that rise from 0 to {total}")
+    return found
+
+
+def _integers(
+    arrays: Arrays, name: str, low: int, stop: int, *, size: int | None = None
+) -> NDArray[np.int64]:
+    found = arrays.get(name)
+    if found is None:
+        raise InputError(f"no array {name!r}, expected one of integers")
+    if found.ndim != 1 or found.dtype.kind not in "iu" or size not in {None, len(found)}:
+        expected = "integers" if size is None else f"{size} integers"
+        raise InputError(f"{name}: found {_kind(found)}, expected {expected}")
+    wrong = np.flatnonzero((found < low) | (found >= stop))
+    if len(wrong):
+        where = int(wrong[0])
+        raise InputError(f"{name}[{where}]: found {found[where]}, expected {low} to {stop - 1}")
+    return found.astype(np.int64)
+
+
+def _kind(found: NDArray[Any]) -> str:
+    return f"an array of shape {found.shape} and type {found.dtype}"
+
+
+def _decoded(arrays: Arrays, name: str, decode: Callable[[bytes], list[_T]]) -> list[_T]:
+    found = arrays.get(name)
+    if found is None or found.ndim != 1 or found.dtype != np.uint8:
+        what = "no such array" if found is None else _kind(found)
+        raise InputError(f"{name}: {what}, expected JSON text as bytes (uint8)")
+    try:
+        return decode(found.tobytes())
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{name}: {error}, expected a JSON list") from None

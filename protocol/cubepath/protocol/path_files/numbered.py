@@ -1,0 +1,338 @@
+"""A path as numbers: each distinct action once, and for every move the number of its action.
+
+How a path of a million moves comes in and goes out: a line that was seen before costs a look into
+a dict, and a new line in the self-contained form one decoding, whatever its sites are.
+
+Room: protocol. It touches the files that it is told to, and knows nothing of shortening.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK, written_whole
+from cubepath.protocol.path_files.moves import (
+    ContentsLine,
+    GeneratorLine,
+    MoveName,
+    PathMove,
+    contents_line,
+    known_of_named,
+    named_action,
+)
+from cubepath.protocol.wire.messages import Placed
+
+Progress = Callable[[int], object]
+"""Called now and then with how many moves have come in since the last call."""
+
+PORTION = 1000
+"""Moves that are read, and written, at a time."""
+
+_KEPT = 1 << 20
+_encode = msgspec.json.Encoder().encode
+
+
+@dataclass(slots=True, eq=False)
+class NumberedPath:
+    """A path of moves whose actions are numbers.
+
+    `numbers` has shape (moves,), int32: for each move its place in `actions`, which are distinct.
+    `action_names` says how each of these is written; where `names` is given, it says so for each
+    move. `ends` has shape (moves,), int8: which of its two local states the move says that it
+    starts from, 0 or 1, and -1 where it does not say. `stated` tells for each action whether its
+    local states are known; where not, only support and trace are, and it is a
+    `cubepath.protocol.path_files.moves.named_action`.
+    """
+
+    actions: list[Action]
+    action_names: list[MoveName]
+    stated: list[bool]
+    numbers: NDArray[np.int32]
+    ends: NDArray[np.int8]
+    names: list[MoveName] | None = None
+
+    def name(self, move: int) -> MoveName:
+        """Return how a move is written."""
+        if self.names is not None:
+            return self.names[move]
+        return self.action_names[int(self.numbers[move])]
+
+    def moves(self) -> Iterator[PathMove]:
+        """Yield the moves one by one; an id is also the label of the action, as JSON text."""
+        for move, (number, end) in enumerate(
+            zip(self.numbers.tolist(), self.ends.tolist(), strict=True)
+        ):
+            action, name = self.actions[number], self.name(move)
+            if not isinstance(name, Placed):
+                label = _encode(name).decode()
+                if label != action.label:
+                    action = action.labelled(label)
+            yield PathMove(action, name, action.ends[end] if end >= 0 else None)
+
+
+class IrregularError(CubepathError):
+    """The path is not as `read_path` can take it in; `read_moves` can, or says what is wrong."""
+
+
+def read_path(
+    path: Path, scene: Scene | None = None, progress: Progress | None = None
+) -> NumberedPath:
+    """Return the path in a moves file; what `moves.read_moves` gives, in numbers.
+
+    Whether the moves are admissible one after another is not asked. IrregularError where a line is
+    not as it should be, or could only be understood with the ones before: then `read_moves`
+    reads the file, and says what is wrong if anything is.
+    """
+    return _Numberer(scene).read(path, progress)
+
+
+def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
+    """Return the path of moves that come one by one."""
+    kept = _Kept()
+    names: list[MoveName] = []
+    rest = iter(moves)
+    while some := list(islice(rest, PORTION)):
+        for move in some:
+            action = move.action
+            stated = move.before is not None or isinstance(move.name, Placed)
+            number = kept.add(action, move.name, stated=stated)
+            end = -1 if move.before is None else int(action.ends[0] != move.before - action.free)
+            kept.numbers.append(number)
+            kept.ends.append(end)
+            names.append(move.name)
+        if progress is not None:
+            progress(len(some))
+    if all(isinstance(name, Placed) for name in names):
+        return kept.path(None)
+    return kept.path(names)
+
+
+def write_path(target: Path, path: NumberedPath) -> None:
+    """Write a moves file that `read_path` reads back; the file is complete or as it was before.
+
+    Every action is put into words once for each of its two directions. InputError as
+    `cubepath.protocol.path_files.moves.write_moves`.
+    """
+    with written_whole(target) as stream:
+        for portion in _lines(path):
+            stream.write(b"".join(portion))
+
+
+def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
+    tails: dict[tuple[int, int], bytes] = {}
+    pairs = zip(path.numbers.tolist(), path.ends.tolist(), strict=True)
+    names = path.names
+    move = 0
+    while some := list(islice(pairs, PORTION)):
+        portion: list[bytes] = []
+        for key in some:
+            tail = tails.get(key)
+            if tail is None:
+                tail = tails[key] = _tail(path, *key)
+            name = path.action_names[key[0]] if names is None else names[move]
+            if isinstance(name, Placed):
+                portion.append(tail)
+            else:
+                portion.append(b'{"id":' + _encode(name) + tail)
+            move += 1
+        yield portion
+
+
+def _tail(path: NumberedPath, number: int, end: int) -> bytes:
+    """Return the line of a move by its generator, or what follows on its id."""
+    action, name = path.actions[number], path.action_names[number]
+    if isinstance(name, Placed):
+        return _encode(GeneratorLine(name.generator, name.at)) + b"\n"
+    support, trace = (known_of_named(name, part) for part in (action.support, action.trace))
+    if not path.stated[number]:
+        line = contents_line(0, support, trace, None)
+    else:
+        if action.free or action.guards:
+            raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
+        before, after = action.ends[end], action.ends[1 - end]
+        line = contents_line(0, support, trace, (before, after))
+    return _encode(line).removeprefix(b'{"id":0') + b"\n"
+
+
+class _RawLine(msgspec.Struct, forbid_unknown_fields=True):
+    """A self-contained line whose sites are left as text: the same text is the same action."""
+
+    id: str | int
+    support: msgspec.Raw
+    trace: msgspec.Raw
+    before: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
+    after: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
+
+
+_raw = msgspec.json.Decoder(_RawLine).decode
+_contents = msgspec.json.Decoder(ContentsLine).decode
+_generator = msgspec.json.Decoder(GeneratorLine).decode
+
+
+@dataclass(slots=True)
+class _Kept:
+    """What is known of a path so far."""
+
+    actions: list[Action] = field(default_factory=list)
+    names: list[MoveName] = field(default_factory=list)
+    stated: list[bool] = field(default_factory=list)
+    numbers: list[int] = field(default_factory=list)
+    ends: list[int] = field(default_factory=list)
+    _number: dict[Action, int] = field(default_factory=dict)
+
+    def add(self, action: Action, name: MoveName, *, stated: bool = True) -> int:
+        """Return the number of an action."""
+        found = self._number.setdefault(action, len(self.actions))
+        if found == len(self.actions):
+            self.actions.append(action)
+            self.names.append(name)
+            self.stated.append(stated)
+        return found
+
+    def path(self, names: list[MoveName] | None) -> NumberedPath:
+        return NumberedPath(
+            self.actions,
+            self.names,
+            self.stated,
+            np.array(self.numbers, dtype=np.int32),
+            np.array(self.ends, dtype=np.int8),
+            names,
+        )
+
+
+class _Numberer:
+    """What reading one file remembers: its texts and what they stand for."""
+
+    def __init__(self, scene: Scene | None) -> None:
+        self._scene = scene
+        self._kept = _Kept()
+        self._sites: dict[Site, Site] = {}
+        # By the text of a line, or of its contents: the number of the action, and the end.
+        self._lines: dict[bytes, int] = {}
+        self._texts: dict[tuple[object, ...], tuple[int, int]] = {}
+        self._ids: dict[MoveName, int] = {}
+
+    def read(self, path: Path, progress: Progress | None) -> NumberedPath:
+        names: list[MoveName] = []
+        by_generator = False
+        try:
+            with path.open("rb") as stream:
+                if stream.read(len(BYTE_ORDER_MARK)) != BYTE_ORDER_MARK:
+                    stream.seek(0)
+                for portion, lines in enumerate(_portions(stream)):
+                    before = len(self._kept.numbers)
+                    if portion == 0:
+                        by_generator = _is_by_generator(lines[0])
+                    if by_generator:
+                        self._generators(lines)
+                    else:
+                        names += self._contents(lines)
+                    if progress is not None:
+                        progress(len(self._kept.numbers) - before)
+        except OSError as error:
+            raise InputError(f"{path}: {error.strerror or error}") from None
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InputError) as error:
+            raise IrregularError(f"{path}: {error}") from None
+        if by_generator:
+            self._kept.ends = [-1] * len(self._kept.numbers)
+            return self._kept.path(None)
+        self._check_ids(path, names)
+        return self._kept.path(names)
+
+    def _check_ids(self, path: Path, names: list[MoveName]) -> None:
+        """Refuse an id that names an action in one line and labels contents in another."""
+        if not self._ids:
+            return
+        stated = self._kept.stated
+        labels = (
+            name for name, number in zip(names, self._kept.numbers, strict=True) if stated[number]
+        )
+        if not self._ids.keys().isdisjoint(labels):
+            raise IrregularError(f"{path}: an id with and without local states")
+
+    def _generators(self, lines: list[bytes]) -> None:
+        known = self._lines
+        found = [known.get(line, -1) for line in lines]
+        if -1 in found:
+            found = [known[line] if line in known else self._by_generator(line) for line in lines]
+        self._kept.numbers += found
+
+    def _by_generator(self, line: bytes) -> int:
+        if self._scene is None:
+            raise IrregularError("a generator without a system")
+        found = _generator(line)
+        action = self._scene.system.action(found.generator, site_from_json(found.at))
+        number = self._kept.add(action, Placed(found.generator, found.at))
+        if len(self._lines) >= _KEPT:
+            self._lines.clear()
+        self._lines[line] = number
+        return number
+
+    def _contents(self, lines: list[bytes]) -> list[MoveName]:
+        texts, numbers, ends = self._texts, self._kept.numbers, self._kept.ends
+        names: list[MoveName] = []
+        for line in lines:
+            raw = _raw(line)
+            before, after = raw.before, raw.after
+            key: tuple[object, ...]
+            if before is msgspec.UNSET or after is msgspec.UNSET:
+                key = bytes(raw.support), bytes(raw.trace), raw.id
+            else:
+                key = bytes(raw.support), bytes(raw.trace), bytes(before), bytes(after)
+            found = texts.get(key)
+            if found is None:
+                if len(texts) >= _KEPT:
+                    texts.clear()
+                found = texts[key] = self._by_contents(line, named=len(key) == 3)
+            numbers.append(found[0])
+            ends.append(found[1])
+            names.append(raw.id)
+        return names
+
+    def _by_contents(self, line: bytes, *, named: bool) -> tuple[int, int]:
+        # In Python true equals 1, in JSON it does not: who is who, the whole file decides.
+        if b"true" in line or b"false" in line:
+            raise IrregularError("booleans")
+        found = _contents(line)
+        if not (found.before is None) == (found.after is None) == named or not found.trace:
+            raise IrregularError("no trace, one local state, or null for one")
+        support, trace = self._read(found.support), self._read(found.trace)
+        if found.before is None or found.after is None:
+            number = self._kept.add(named_action(found.id, support, trace), found.id, stated=False)
+            if self._ids.setdefault(found.id, number) != number:
+                raise IrregularError("an id with two contents")
+            return number, -1
+        before = self._read(found.before)
+        label = _encode(found.id).decode()
+        action = Action(support, trace, before, self._read(found.after), label=label)
+        return self._kept.add(action, found.id), int(action.ends[0] != frozenset(before))
+
+    def _read(self, values: Iterable[object]) -> list[Site]:
+        kept = self._sites
+        sites = [site_from_json(value) for value in values]
+        return [kept.setdefault(site, site) for site in sites]
+
+
+def _portions(stream: BinaryIO) -> Iterator[list[bytes]]:
+    """Yield the lines that are not empty, some at a time."""
+    while lines := list(islice(stream, PORTION)):
+        filled = [line for line in lines if not line.isspace()]
+        if filled:
+            yield filled
+
+
+def _is_by_generator(line: bytes) -> bool:
+    found = msgspec.json.decode(line)
+    return isinstance(found, dict) and ("generator" in found or "at" in found)

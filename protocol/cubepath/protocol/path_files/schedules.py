@@ -1,0 +1,60 @@
+"""Schedules: cubes to be carried out one a round, each move by its generator and its place.
+
+Room: protocol. As text a schedule has the form of a cubes file, see docs/files.md; so it stands in
+the recording of a run that carried it out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TypeAlias
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import site_from_json
+from cubepath.protocol.path_files.moves import CubeLine
+from cubepath.protocol.wire.messages import Placed
+
+Cubes: TypeAlias = tuple[tuple[Placed, ...], ...]
+"""The cubes of a schedule; the first is that of round 1."""
+OwnMoves: TypeAlias = Mapping[int, Placed]
+"""A module's own part of a schedule: by round, the move of which it is the mover."""
+
+_encoder = msgspec.json.Encoder()
+_decoder = msgspec.json.Decoder(CubeLine)
+
+
+def schedule_to_jsonl(cubes: Iterable[Iterable[Placed]]) -> bytes:
+    """Return a schedule as text, a cube a line."""
+    return _encoder.encode_lines(CubeLine(list(cube)) for cube in cubes)
+
+
+def schedule_from_jsonl(text: bytes) -> Cubes:
+    """Read a schedule from text; InputError where a line is no cube of moves by generator."""
+    try:
+        lines = _decoder.decode_lines(text)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"no schedule: {error}") from None
+    return tuple(by_generator(number, line.moves) for number, line in enumerate(lines, 1))
+
+
+def by_generator(number: int, moves: Iterable[str | int | Placed]) -> tuple[Placed, ...]:
+    """Return the moves of a cube; InputError where one is named by an id, or is at no site.
+
+    `number` is that of the cube, for the error.
+    """
+    found: list[Placed] = []
+    for move in moves:
+        if not isinstance(move, Placed):
+            named = msgspec.json.encode(move).decode()
+            raise InputError(
+                f"cube {number}: move {named} is named by an id, expected generator and place:"
+                " a module has to know what to do"
+            )
+        try:
+            site_from_json(move.at)
+        except InputError as error:
+            raise InputError(f"cube {number}: {error}") from None
+        found.append(move)
+    return tuple(found)

@@ -1,0 +1,1 @@
+"""Plans of other planners, read as moves of the systems here."""

@@ -1,0 +1,106 @@
+"""CG:SHOP 2021, coordinated motion planning: an instance and the steps of a solution.
+
+Source: the competition's own reader and validator, package cgshop2021-pyutils 0.1.1 on PyPI
+(`instance/instance_reader.py`, `solution/solution_reader.py`, `solution/solution.py`)::
+
+    {"name": "demo", "obstacles": [[1, 1]], "starts": [[0, 0], [1, 0]], "targets": [[1, 0], [2, 0]]}
+    {"instance": "demo", "steps": [{"0": "E", "1": "E"}]}
+
+A step is an object from the numbers of robots, as text, to N (0, 1), E (1, 0), S (0, -1) or
+W (-1, 0); robots that are not named wait. There a robot may enter a cell in the step in which
+another leaves it, in the same direction. Here the moves are made one after the other (see
+`cubepath.protocol.plans.vehicles`), and the two directions may differ. The plane is not
+bounded there: the workspace here is the box of all that is named or visited, and one cell more.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only, text
+from cubepath.protocol.plans.vehicles import Cell, Vehicles, vehicles_scene
+from cubepath.protocol.systems.graphs import graph_round
+
+_NUMBER = re.compile(r"[0-9]{1,9}")
+_DIRECTIONS = {"N": (0, 1), "E": (1, 0), "S": (0, -1), "W": (-1, 0)}
+
+
+class _Instance(msgspec.Struct):
+    starts: list[Cell]
+    targets: list[Cell]
+    obstacles: list[Cell]
+    name: str | None = None
+
+
+class _Solution(msgspec.Struct):
+    instance: str
+    steps: list[dict[str, str]]
+
+
+def looks_like_cgshop2021(head: bytes) -> bool:
+    """Tell whether a JSON object has the keys of a solution."""
+    return b'"steps"' in head and b'"instance"' in head
+
+
+def read_cgshop2021(request: Request) -> Imported:
+    """Read a solution, with its instance beside it; InputError as `Imported` says."""
+    path = request.path
+    no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
+    beside = only(request, "instance")
+    instance = decode_file(beside, _Instance)
+    solution = decode_file(path, _Solution)
+    if instance.name not in (None, solution.instance):
+        raise InputError(
+            f"{path}: a solution of {solution.instance!r}, but {beside} is {instance.name!r}"
+        )
+    if len(instance.starts) != len(instance.targets):
+        raise InputError(
+            f"{beside}: {len(instance.starts)} starts and {len(instance.targets)} targets"
+        )
+    obstacles = frozenset(instance.obstacles)
+    try:
+        vehicles = Vehicles(instance.starts, lambda cell: cell not in obstacles, called="robot")
+    except InputError as error:
+        raise InputError(f"{beside}: {error}") from None
+
+    def moves() -> Iterator[PathMove]:
+        for number, step in enumerate(solution.steps):
+            try:
+                yield from vehicles.go(_targets(step, vehicles.at))
+            except InputError as error:
+                raise InputError(f"{path}: steps[{number}], {error}") from None
+
+    def scene() -> Scene:
+        named = [*instance.starts, *instance.targets, *instance.obstacles]
+        at = list(instance.starts)
+        for step in solution.steps:
+            for who, cell in _targets(step, at).items():
+                at[who] = cell
+                named.append(cell)
+        graph = graph_round(str(beside), named, obstacles)
+        return vehicles_scene(str(path), graph, instance.starts, instance.targets)
+
+    return Imported(moves(), len(solution.steps), scene, own_ends=True)
+
+
+def _targets(step: Mapping[str, str], at: list[Cell]) -> dict[int, Cell]:
+    """Return where the robots of a step go, by number; `at` is where each of them is."""
+    found: dict[int, Cell] = {}
+    for name, letter in step.items():
+        if not (_NUMBER.fullmatch(name) and int(name) < len(at)):
+            raise InputError(f"robot {text(name)}: expected a number, 0 to {len(at) - 1}")
+        if letter not in _DIRECTIONS:
+            raise InputError(f"robot {name} goes {text(letter)}, expected N, E, S or W")
+        who = int(name)
+        if who in found:
+            raise InputError(f"robot {who} is named twice, expected once")
+        x, y = at[who]
+        dx, dy = _DIRECTIONS[letter]
+        found[who] = (x + dx, y + dy)
+    return dict(sorted(found.items()))

@@ -1,0 +1,187 @@
+"""CG:SHOP 2026, parallel flips of triangulations: an instance and the flips of a solution.
+
+Source: the competition's own schemas and verifier, package cgshop2026-pyutils, CG-SHOP/pyutils26 on
+GitHub (`schemas/instance.py`, `schemas/solution.py`, `verify.py`, `geometry/flip_partner_map.py`)::
+
+    {"content_type": "CGSHOP2026_Instance", "instance_uid": "demo-square",
+     "points_x": [0, 1, 0, 1], "points_y": [0, 0, 1, 1], "triangulations": [[[0, 3]], [[1, 2]]]}
+    {"content_type": "CGSHOP2026_Solution", "instance_uid": "demo-square",
+     "flips": [[[[0, 3]]], []], "meta": {"author": "you"}}
+
+Coordinates are whole numbers; a triangulation is a list of edges, from which those of the hull may
+be left out. For each triangulation `flips` has a list of rounds, and a round is a list of edges
+that are all flipped at one time: each is in the triangulation before the round, with a triangle
+on either side that make a strictly convex quadrilateral, and no two of them are of one triangle.
+All that holds here too, for two flips commute iff they share no triangle (two quadrilaterals that
+share a side do commute). Each triangulation has a path of its own; the key `triangulation` chooses.
+
+The actions are those of `cubepath.protocol.systems.flips`, made from the triangles at hand, so that
+the number of points is not bounded as there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only
+from cubepath.protocol.plans.triangles import Triangles
+from cubepath.protocol.systems.flips import FlipSystem, flip_of
+from cubepath.protocol.systems.point_sets import Edge, Point, Quadrilateral, edge_of
+from cubepath.protocol.wire.messages import Placed
+
+_INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
+
+
+class _Instance(msgspec.Struct):
+    instance_uid: str
+    points_x: list[int]
+    points_y: list[int]
+    triangulations: list[list[Edge]]
+    content_type: str = _INSTANCE
+
+
+class _Solution(msgspec.Struct):
+    instance_uid: str
+    flips: list[list[list[Edge]]]
+    content_type: str = _SOLUTION
+    meta: dict[str, Any] = {}
+
+
+def looks_like_cgshop2026(head: bytes) -> bool:
+    """Tell whether a JSON object has the keys of a solution."""
+    return b'"flips"' in head and b'"instance_uid"' in head
+
+
+def read_cgshop2026(request: Request) -> Imported:
+    """Read the flips of one triangulation, with the instance beside; InputError as `Imported`."""
+    path = request.path
+    no_system(request, "a CG:SHOP 2026 solution, whose instance says what the system is")
+    beside = only(request, "instance")
+    instance, solution = decode_file(beside, _Instance), decode_file(path, _Solution)
+    _check_pair(request, beside, instance, solution)
+    points = _points(beside, instance)
+    chosen = _chosen(path, request.values["triangulation"], len(solution.flips))
+    where = f"{beside}: triangulations[{chosen}]"
+    edges = [_edge(edge, len(points), where) for edge in instance.triangulations[chosen]]
+    try:
+        triangles = Triangles(points, edges)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+    start = triangles.edges()
+    rounds = solution.flips[chosen]
+
+    def moves() -> Iterator[PathMove]:
+        for number, flips in enumerate(rounds):
+            try:
+                yield from _round(triangles, flips)
+            except InputError as error:
+                raise InputError(
+                    f"{path}: triangulation {chosen}, round {number}, {error}"
+                ) from None
+
+    def scene() -> Scene:
+        try:
+            system = FlipSystem(points)
+        except InputError as error:
+            raise InputError(f"{beside}: {error}") from None
+        return Scene(str(path), "triangulation", system, system.modules_of(start))
+
+    return Imported(moves(), len(rounds), scene)
+
+
+def _check_pair(request: Request, beside: Path, instance: _Instance, solution: _Solution) -> None:
+    """Check that both files are what they say, and of one instance."""
+    path = request.path
+    for where, found, expected in (
+        (beside, instance.content_type, _INSTANCE),
+        (path, solution.content_type, _SOLUTION),
+    ):
+        if found != expected:
+            raise InputError(f"{where}: content_type is {found!r}, expected {expected!r}")
+    if instance.instance_uid != solution.instance_uid:
+        raise InputError(
+            f"{path}: a solution of {solution.instance_uid!r}, but {beside} is"
+            f" {instance.instance_uid!r}"
+        )
+    if len(solution.flips) != len(instance.triangulations):
+        raise InputError(
+            f"{path}: flips of {len(solution.flips)} triangulations, the instance has"
+            f" {len(instance.triangulations)}"
+        )
+
+
+def _points(path: Path, instance: _Instance) -> list[Point]:
+    if len(instance.points_x) != len(instance.points_y):
+        raise InputError(
+            f"{path}: points_x has {len(instance.points_x)} numbers,"
+            f" points_y {len(instance.points_y)}"
+        )
+    return list(zip(instance.points_x, instance.points_y, strict=True))
+
+
+def _chosen(path: Path, value: str, count: int) -> int:
+    if not count:
+        raise InputError(f"{path}: no triangulation, expected at least one")
+    last = count - 1
+    if not value:
+        if count > 1:
+            raise InputError(
+                f"{path}: {count} triangulations, each with a path of its own: expected"
+                f" --format cgshop2026:triangulation=K with K of 0 to {last}"
+            )
+        return 0
+    if not (value.isascii() and value.isdecimal() and int(value[:9]) <= last):
+        raise InputError(f"{path}: triangulation={value}: expected 0 to {last}")
+    return int(value)
+
+
+def _edge(edge: Edge, count: int, where: str) -> Edge:
+    one, other = edge
+    if not (0 <= one < count and 0 <= other < count and one != other):
+        raise InputError(f"{where}: edge {list(edge)}: expected two points of 0 to {count - 1}")
+    return edge_of(one, other)
+
+
+def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:
+    """Flip the edges of a round; InputError names the first that cannot, and nothing is flipped."""
+    found: list[PathMove] = []
+    quadrilaterals: list[tuple[int, int, int, int]] = []
+    taken: dict[tuple[int, ...], Edge] = {}
+    for given in flips:
+        edge = edge_of(*given)
+        try:
+            corners = triangles.corners(edge)
+        except InputError as error:
+            raise InputError(f"flip of {list(given)}: {error}") from None
+        a, d, b, c = corners
+        both = [tuple(sorted(triangle)) for triangle in ((a, b, c), (a, b, d))]
+        for triangle in both:
+            other = taken.get(triangle)
+            if other is not None:
+                shared = f"triangle {list(triangle)} is that of {list(other)} too"
+                why = "it stands twice" if other == edge else shared
+                raise InputError(
+                    f"flip of {list(given)}: {why}, expected the flips of a round to be possible"
+                    " at one time"
+                )
+        taken.update(dict.fromkeys(both, edge))
+        found.append(_move(edge, corners))
+        quadrilaterals.append(corners)
+    for corners in quadrilaterals:
+        triangles.flip(corners)
+    return found
+
+
+def _move(edge: Edge, corners: tuple[int, int, int, int]) -> PathMove:
+    a, d, b, c = corners
+    sides = frozenset((edge_of(a, d), edge_of(d, b), edge_of(b, c), edge_of(c, a)))
+    first, second = sorted((edge, edge_of(c, d)))
+    move = flip_of(Quadrilateral((first, second), sides))
+    return PathMove(move.action, Placed("flip", move.at), sides | {edge})

@@ -1,0 +1,160 @@
+"""The formats of plans that can be read: by name, or by what a file looks like.
+
+Room: protocol.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK
+from cubepath.protocol.plans.cgshop2021 import looks_like_cgshop2021, read_cgshop2021
+from cubepath.protocol.plans.cgshop2026 import looks_like_cgshop2026, read_cgshop2026
+from cubepath.protocol.plans.imported import Imported, Request
+from cubepath.protocol.plans.mapf import (
+    looks_like_agents,
+    looks_like_lists,
+    looks_like_log,
+    read_agents,
+    read_lists,
+    read_log,
+)
+from cubepath.protocol.plans.plain import looks_like_plain, read_plain
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """What a user says of a plan: `name` or `name:key=value,...`, and the files it is about."""
+
+    format: str | None = None
+    beside: tuple[Path, ...] = ()
+
+
+NOTHING_SAID = Said()
+_HEAD = 1 << 16
+"""Bytes that are looked at to tell what a file is."""
+_OURS = re.compile(rb'\s*\{\s*"(generator|at|id|support|trace|before|after)"\s*:')
+_INSTANCES = re.compile(rb'"(points_x|targets)"\s*:')
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """A format of plans: its keys with their defaults and one line on each, and its reader."""
+
+    name: str
+    summary: str
+    keys: Mapping[str, tuple[str, str]]
+    looks_like: Callable[[bytes], bool]
+    read: Callable[[Request], Imported]
+
+
+_ORDER = "xy for (x, y), rc for (row, column)"
+FORMATS: dict[str, Format] = {
+    each.name: each
+    for each in (
+        Format(
+            "mapf-log",
+            "log of pibt2 or LaCAM, a timestep a line",
+            {"order": ("", f"{_ORDER}; xy when left out")},
+            looks_like_log,
+            read_log,
+        ),
+        Format(
+            "mapf-agents",
+            "paths of EECBS or MAPF-LNS2, an agent a line",
+            {"order": ("", f"{_ORDER}; what the scenario or map allows when left out")},
+            looks_like_agents,
+            read_agents,
+        ),
+        Format(
+            "mapf-json",
+            "lists of cells as JSON",
+            {
+                "by": ("agent", "agent for a list for each agent, step for one for each timestep"),
+                "order": ("", f"{_ORDER}; xy when left out"),
+            },
+            looks_like_lists,
+            read_lists,
+        ),
+        Format(
+            "cgshop2021",
+            "solution of CG:SHOP 2021, coordinated motion planning",
+            {},
+            lambda head: head.lstrip()[:1] == b"{" and looks_like_cgshop2021(head),
+            read_cgshop2021,
+        ),
+        Format(
+            "cgshop2026",
+            "solution of CG:SHOP 2026, parallel flips",
+            {"triangulation": ("", "number of the triangulation; 0 if it is the only one")},
+            lambda head: head.lstrip()[:1] == b"{" and looks_like_cgshop2026(head),
+            read_cgshop2026,
+        ),
+        Format(
+            "plain",
+            "a list of moves 'SITE -> SITE' of --system",
+            {},
+            looks_like_plain,
+            read_plain,
+        ),
+    )
+}
+
+
+def read_plan(
+    path: Path,
+    spec: str | None = None,
+    *,
+    beside: Sequence[Path] = (),
+    system: str | None = None,
+) -> Imported | None:
+    """Read a plan; what it is says `spec`, `name` or `name:key=value,...`, or else its content.
+
+    None where nothing is said and the content is none of these; InputError as `Imported` says, and
+    where `spec` is wrong.
+    """
+    told = _looks(path) if spec is None else spec
+    if told is None:
+        return None
+    name, _, rest = told.partition(":")
+    known = FORMATS.get(name)
+    if known is None:
+        raise InputError(f"unknown format {name!r}, expected one of {', '.join(FORMATS)}")
+    values = {key: default for key, (default, _) in known.keys.items()}
+    given: set[str] = set()
+    for part in rest.split(",") if rest else []:
+        key, equals, value = part.partition("=")
+        if not equals or key not in values:
+            keys = f"KEY=VALUE with a key of {', '.join(values)}" if values else "no keys"
+            raise InputError(f"--format {spec}: cannot read {part!r}, expected {keys}")
+        if key in given:
+            raise InputError(f"--format {spec}: key {key!r} stands twice")
+        given.add(key)
+        values[key] = value
+    return known.read(Request(path, tuple(beside), values, system))
+
+
+def _looks(path: Path) -> str | None:
+    """Return the name of the format that a file's content speaks for, None if it is none of them.
+
+    InputError for an instance, which has no moves.
+    """
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(_HEAD).removeprefix(BYTE_ORDER_MARK)
+            if _OURS.match(head):
+                return None
+            if head.lstrip()[:1] == b"{":
+                head += stream.read()  # keys have no order
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    for known in FORMATS.values():
+        if known.looks_like(head):
+            return known.name
+    if head.lstrip()[:1] == b"{" and _INSTANCES.search(head) and b'"goals"' not in head:
+        raise InputError(f"{path}: an instance without moves, expected its solution, --with {path}")
+    return None

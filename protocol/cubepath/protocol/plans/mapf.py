@@ -1,0 +1,326 @@
+"""Plans of multi-agent path finding on movingai maps, in the forms that planners write.
+
+A plan says where each agent is at each timestep 0, 1, ...; the map is a file beside it, and so can
+be the benchmark's scenario (`.scen`), whose starts are then compared with the plan's. Three forms:
+
+`mapf-log`, a timestep a line; of pibt2 (`pibt2/src/solver.cpp`, `makeLogSolution`) and LaCAM
+(`lacam/src/post_processing.cpp`, `make_log`), both in repositories of Kei18 on GitHub::
+
+    agents=2
+    map_file=room.map
+    starts=(0,0),(2,0),
+    goals=(1,0),(2,1),
+    solution=
+    0:(0,0),(2,0),
+    1:(1,0),(2,1),
+
+`mapf-agents`, an agent a line; of EECBS (`src/CBS.cpp`, `CBS::savePaths`) and MAPF-LNS2
+(`src/Instance.cpp`, `Instance::savePaths`), both in repositories of Jiaoyang-Li on GitHub::
+
+    Agent 0: (0,0)->(1,0)->
+    Agent 1: (2,0)->(2,1)->
+
+`mapf-json`, a list with a path for each agent, or with `by=step` a list of the agents' cells for
+each timestep::
+
+    [[[0, 0], [1, 0]], [[2, 0], [2, 1]]]
+
+A cell is (x, y), column x of row y counted from the top left, or (row, column): logs have the first
+order, EECBS the second, MAPF-LNS2 the first for benchmark scenarios and the second for its own.
+The key `order` says which; where it is left out for `mapf-agents` it is what the scenario or else
+the map allows, and where both allow both it has to be said. An agent whose path has ended stays.
+
+Planners let an agent follow another into a cell; see `cubepath.protocol.plans.vehicles`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, text
+from cubepath.protocol.plans.vehicles import Cell, Vehicles, vehicles_scene
+from cubepath.protocol.systems.graphs import Graph, graph_from_map, read_text
+
+_CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
+_CELLS = re.compile(r"(\([0-9]{1,9},[0-9]{1,9}\),)*(\([0-9]{1,9},[0-9]{1,9}\))?")
+_PATH = re.compile(r"\s*[Aa]gent\s+([0-9]{1,9})\s*:\s*(.*?)\s*(?:->)?\s*")
+_ORDERS = {"xy": "(x, y)", "rc": "(row, column)"}
+
+
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """Where the agents are: a path for each, as written; and where in the file a timestep is.
+
+    `lines` holds for each timestep the number of its line, and is empty where lines are of agents.
+    """
+
+    paths: Sequence[Sequence[Cell]]
+    lines: Sequence[int] = ()
+    goals: Sequence[Cell] | None = None
+    map_name: str | None = None
+
+    @property
+    def steps(self) -> int:
+        """Return how many rounds the planner counts: up to the last that is planned."""
+        return max((len(path) for path in self.paths), default=1) - 1
+
+    def turned(self) -> _Plan:
+        """Return the plan with both numbers of each cell exchanged."""
+        paths = [[(y, x) for x, y in path] for path in self.paths]
+        goals = None if self.goals is None else [(y, x) for x, y in self.goals]
+        return _Plan(paths, self.lines, goals, self.map_name)
+
+
+def looks_like_log(head: bytes) -> bool:
+    """Tell whether a text has the section of a log that holds the solution."""
+    return re.search(rb"^solution=", head, re.MULTILINE) is not None
+
+
+def looks_like_agents(head: bytes) -> bool:
+    """Tell whether a text begins with the path of an agent."""
+    return re.match(rb"\s*[Aa]gent\s+[0-9]+\s*:", head) is not None
+
+
+def looks_like_lists(head: bytes) -> bool:
+    """Tell whether a text begins as a list of lists does, or is an empty list."""
+    return re.match(rb"\s*\[\s*(\[|\]\s*$)", head) is not None and b"->" not in head
+
+
+def read_log(request: Request) -> Imported:
+    """Read a log of pibt2 or LaCAM; InputError as `Imported` says."""
+    return _imported(request, _log(request.path), "xy")
+
+
+def read_agents(request: Request) -> Imported:
+    """Read paths as EECBS and MAPF-LNS2 write them; InputError as `Imported` says."""
+    return _imported(request, _agents(request.path), "")
+
+
+def read_lists(request: Request) -> Imported:
+    """Read lists of lists of cells; InputError as `Imported` says."""
+    path = request.path
+    found = decode_file(path, list[list[Cell]])
+    by = request.values["by"]
+    if by not in ("agent", "step"):
+        raise InputError(f"by={by}: expected agent or step")
+    if by == "step":
+        for number, cells in enumerate(found):
+            if len(cells) != len(found[0]):
+                raise InputError(
+                    f"{path}: timestep {number} has {len(cells)} cells, expected one for each of"
+                    f" {len(found[0])} agents"
+                )
+        found = [list(each) for each in zip(*found, strict=True)]
+    for number, each in enumerate(found):
+        if not each:
+            raise InputError(f"{path}: agent {number} has no cell, expected at least its start")
+    return _imported(request, _Plan(found), "xy")
+
+
+def _log(path: Path) -> _Plan:
+    head: dict[str, str] = {}
+    lines = _lines(path)
+    for number, line in lines:
+        key, equals, value = line.partition("=")
+        if not equals:
+            raise InputError(f"{path}:{number}: found {_short(line)}, expected KEY=VALUE")
+        head[key] = value
+        if key == "solution":
+            break
+    else:
+        raise InputError(f"{path}: no line 'solution=' found, expected a log with the solution")
+    steps, numbers = _timesteps(path, lines)
+    if "agents" in head and head["agents"] != str(len(steps[0])):
+        raise InputError(f"{path}: agents={head['agents']}, but {len(steps[0])} in the solution")
+    if "starts" in head and _cells(head["starts"], f"{path}: starts") != steps[0]:
+        raise InputError(f"{path}: timestep 0 differs from starts=, expected the same cells")
+    goals = _cells(head["goals"], f"{path}: goals") if "goals" in head else None
+    if goals is not None and len(goals) != len(steps[0]):
+        raise InputError(f"{path}: {len(goals)} goals, expected one for each agent")
+    return _Plan(list(zip(*steps, strict=True)), numbers, goals, head.get("map_file"))
+
+
+def _timesteps(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[list[list[Cell]], list[int]]:
+    """Return where the agents are at each timestep, and the number of its line."""
+    steps: list[list[Cell]] = []
+    numbers: list[int] = []
+    for number, line in lines:
+        step, colon, rest = line.partition(":")
+        if not (colon and step == str(len(steps))):
+            raise InputError(
+                f"{path}:{number}: found {_short(line)}, expected timestep {len(steps)} as"
+                f" '{len(steps)}:(x,y),(x,y),'"
+            )
+        steps.append(_cells(rest, f"{path}:{number}"))
+        numbers.append(number)
+        if len(steps[-1]) != len(steps[0]):
+            raise InputError(
+                f"{path}:{number}: {len(steps[-1])} cells, expected one for each of"
+                f" {len(steps[0])} agents"
+            )
+    if not steps:
+        raise InputError(f"{path}: a log without a solution, expected timesteps after 'solution='")
+    return steps, numbers
+
+
+def _agents(path: Path) -> _Plan:
+    paths: list[list[Cell]] = []
+    for number, line in _lines(path):
+        found = _PATH.fullmatch(line)
+        if found is None or int(found[1]) != len(paths):
+            raise InputError(
+                f"{path}:{number}: found {_short(line)}, expected"
+                f" 'Agent {len(paths)}: (a,b)->(a,b)->'"
+            )
+        cells = [_CELL.fullmatch(cell) for cell in re.split(r"\s*->\s*", found[2])]
+        paths.append([])
+        for place, cell in enumerate(cells):
+            if cell is None:
+                raise InputError(
+                    f"{path}:{number}: agent {found[1]}, timestep {place}: expected a cell"
+                    " '(a,b)' of two whole numbers"
+                )
+            paths[-1].append((int(cell[1]), int(cell[2])))
+    if not paths:
+        raise InputError(f"{path}: no agent found, expected lines 'Agent 0: (a,b)->(a,b)->'")
+    return _Plan(paths)
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(read_text(path).splitlines(), 1):
+        if line.strip():
+            yield number, line.strip()
+
+
+def _cells(words: str, where: str) -> list[Cell]:
+    if not _CELLS.fullmatch(words):
+        raise InputError(f"{where}: found {_short(words)}, expected cells '(x,y),(x,y),'")
+    return [(int(x), int(y)) for x, y in _CELL.findall(words)]
+
+
+def _short(words: str) -> str:
+    return repr(words if len(words) <= 40 else f"{words[:40]}...")
+
+
+def _imported(request: Request, plan: _Plan, order: str) -> Imported:
+    """Check a plan's cells against the files beside it, and make it moves."""
+    path = request.path
+    no_system(request, "a plan on a map")
+    graph, starts, goals = _beside(request, plan)
+    free: AbstractSet[object] = frozenset(graph.vertices)
+    plan = _in_order(request, plan, order, free, starts)
+    for number, (planned, start) in enumerate(zip(plan.paths, starts or (), strict=False)):
+        if planned[0] != start:
+            raise InputError(
+                f"{path}: agent {number} starts at {text(planned[0])}, in the scenario at"
+                f" {text(start)}"
+            )
+    first = [planned[0] for planned in plan.paths]
+    try:
+        vehicles = Vehicles(first, free.__contains__, called="agent")
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+    def moves() -> Iterator[PathMove]:
+        for step in range(1, plan.steps + 1):
+            targets = {
+                who: planned[step] for who, planned in enumerate(plan.paths) if step < len(planned)
+            }
+            try:
+                yield from vehicles.go(targets)
+            except InputError as error:
+                where = f"{path}:{plan.lines[step]}" if plan.lines else f"{path}"
+                raise InputError(f"{where}: timestep {step}, {error}") from None
+
+    def scene() -> Scene:
+        known = plan.goals if goals is None else goals[: len(first)]
+        return vehicles_scene(str(path), graph, first, known)
+
+    return Imported(moves(), plan.steps, scene, own_ends=True)
+
+
+def _beside(
+    request: Request, plan: _Plan
+) -> tuple[Graph, Sequence[Cell] | None, Sequence[Cell] | None]:
+    """Return the map, and starts and goals of the scenario if one is given."""
+    graph: Graph | None = None
+    scenario: tuple[list[Cell], list[Cell]] | None = None
+    for beside in request.beside:
+        is_scenario = re.match(r"\s*version\b", read_text(beside)) is not None
+        if (scenario if is_scenario else graph) is not None:
+            what = "scenario" if is_scenario else "map"
+            raise InputError(f"{beside}: a second {what}, expected one")
+        if is_scenario:
+            scenario = _scenario(beside)
+        else:
+            graph = graph_from_map(beside)
+    if graph is None:
+        named = "" if plan.map_name is None else f" {plan.map_name}"
+        raise InputError(f"{request.path}: a plan on a map: expected the map{named}, --with FILE")
+    if scenario is None:
+        return graph, None, None
+    if len(scenario[0]) < len(plan.paths):
+        raise InputError(
+            f"{request.path}: {len(plan.paths)} agents, in the scenario {len(scenario[0])}"
+        )
+    return graph, *scenario
+
+
+def _scenario(path: Path) -> tuple[list[Cell], list[Cell]]:
+    """Read a scenario of the movingai benchmarks: starts and goals, of which a plan has the first.
+
+    Its lines hold bucket, map, width and height of it, start x and y, goal x and y, and a length
+    (Sturtevant, Benchmarks for Grid-Based Pathfinding; movingai.com/benchmarks/formats.html).
+    """
+    starts, goals = [], []
+    for number, line in list(_lines(path))[1:]:
+        words = line.split()
+        if len(words) != 9 or not all(re.fullmatch(r"[0-9]{1,9}", word) for word in words[2:8]):
+            raise InputError(
+                f"{path}:{number}: found {_short(line)}, expected bucket, map, width, height,"
+                " start x y, goal x y, length"
+            )
+        numbers = [int(word) for word in words[4:8]]
+        starts.append((numbers[0], numbers[1]))
+        goals.append((numbers[2], numbers[3]))
+    return starts, goals
+
+
+def _in_order(
+    request: Request,
+    plan: _Plan,
+    order: str,
+    free: AbstractSet[object],
+    starts: Sequence[Cell] | None,
+) -> _Plan:
+    """Return the plan with its cells as (x, y); InputError where nothing says which order it has.
+
+    Where neither order is allowed by what there is, (x, y) is taken, and refused by who checks it.
+    """
+    order = request.values["order"] or order
+    if order not in (*_ORDERS, ""):
+        raise InputError(f"order={order}: expected xy or rc, for {' or '.join(_ORDERS.values())}")
+    if order:
+        return plan if order == "xy" else plan.turned()
+    readings = [plan, plan.turned()]
+    if starts is not None:
+        firsts = [[planned[0] for planned in each.paths] for each in readings]
+        fits = [first == list(starts[: len(first)]) for first in firsts]
+        if sum(fits) == 1:
+            return readings[fits.index(True)]
+    fits = [all(cell in free for planned in each.paths for cell in planned) for each in readings]
+    if all(fits):
+        if readings[0].paths == readings[1].paths:
+            return plan
+        raise InputError(
+            f"{request.path}: its cells fit the map as (x, y) and as (row, column): expected"
+            " --format mapf-agents:order=xy or order=rc, or the scenario, --with FILE"
+        )
+    return readings[1] if fits[1] else plan

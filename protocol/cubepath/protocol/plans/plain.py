@@ -1,0 +1,159 @@
+"""Plain lists of moves as people write them down: `SITE -> SITE`, one a line, for any system.
+
+::
+
+    # hexagons
+    (0,0) -> (1,-1) about (1,0)
+    (2,0) -> (2,1)          # only one pivot is possible here
+
+Own format. A site is written as in JSON, with round or square brackets; a word that is no JSON is a
+string. The move is that of the system named beside the file which is admissible at the present
+state and takes a module from the first site to the second. A run of squares that slides by one is
+named by any of its modules, or by the cell that gets free and the cell that gets taken. `about`
+names a site that has to be on before and after and that the move only reads, as a pivot's. Where
+more than one move does all that, the line is refused and names them.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import msgspec
+
+from cubepath.protocol.core.actions import apply_in_place, misfit
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order, site_from_json
+from cubepath.protocol.core.system import System, local_only
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.imported import Imported, Request, none_beside, text
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.graphs import read_text
+from cubepath.protocol.wire.messages import Placed
+
+_LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
+_EXAMPLE = "'(0,0) -> (1,0)', maybe with 'about (0,1)'"
+_TOLD = 3
+"""Candidates that a refusal names."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """What a line says."""
+
+    source: Site
+    target: Site
+    about: Site | None
+
+    def __str__(self) -> str:
+        about = "" if self.about is None else f" about {text(self.about)}"
+        return f"{text(self.source)} -> {text(self.target)}{about}"
+
+    def names(self, move: Move) -> bool:
+        """Tell whether a move takes a module, or a whole run, from the one site to the other."""
+        if (self.source, self.target) not in move.goes:
+            sources = {source for source, _ in move.goes}
+            targets = {target for _, target in move.goes}
+            if (sources - targets, targets - sources) != ({self.source}, {self.target}):
+                return False
+        action = move.action
+        return self.about is None or (
+            self.about in action.reads and all(self.about in end for end in action.ends)
+        )
+
+
+def looks_like_plain(head: bytes) -> bool:
+    """Tell whether the first line that is no comment has an arrow between two sites."""
+    for line in head.splitlines():
+        words = line.partition(b"#")[0].strip()
+        if words:
+            return b"->" in words and not words.startswith(b"{") and b":" not in words
+    return False
+
+
+def read_plain(request: Request) -> Imported:
+    """Read a list of moves of the system that is named; InputError as `Imported` says."""
+    path = request.path
+    none_beside(request)
+    if request.system is None:
+        raise InputError(f"{path}: a list of moves, expected --system SYSTEM that they are of")
+    scene = local_only(scene_from_spec(request.system), "shortening")
+    lines = read_text(path).splitlines()
+
+    def moves() -> Iterator[PathMove]:
+        state = set(scene.start_state)
+        for number, line in enumerate(lines, 1):
+            words = line.partition("#")[0].strip()
+            if not words:
+                continue
+            try:
+                move = _resolved(_parsed(words), scene.system, state)
+            except InputError as error:
+                raise InputError(f"{path}:{number}: {error}") from None
+            before = move.action.support & state
+            apply_in_place(move.action, state)
+            yield PathMove(move.action, Placed(move.generator, move.at), before)
+
+    return Imported(moves(), None, lambda: scene)
+
+
+def _parsed(words: str) -> _Line:
+    found = _LINE.fullmatch(words)
+    if found is None:
+        raise InputError(f"found {words!r}, expected {_EXAMPLE}")
+    about = None if found[3] is None else _site(found[3])
+    return _Line(_site(found[1]), _site(found[2]), about)
+
+
+def _site(words: str) -> Site:
+    try:
+        value = msgspec.json.decode(words.replace("(", "[").replace(")", "]"))
+    except (msgspec.DecodeError, RecursionError):
+        if re.search(r"[\s(){}\[\],\"]", words):
+            raise InputError(f"{words!r} is no site, expected {_EXAMPLE}") from None
+        return words
+    return site_from_json(value)
+
+
+def _resolved(line: _Line, system: System, state: set[Site]) -> Move:
+    """Return the move that a line means at a state; InputError says why there is none, or two."""
+    if line.source not in state:
+        raise InputError(f"{line}: site {text(line.source)} is off, expected on")
+    named = _named(line, system, state, (line.source,))
+    possible = [move for move in named if move.possible(state)]
+    if not possible:  # the mover of a run may be another module
+        named = _named(line, system, state, in_order(state))
+        possible = [move for move in named if move.possible(state)]
+    distinct = list({move.action: move for move in possible}.values())
+    if len(distinct) == 1:
+        return distinct[0]
+    if distinct:
+        raise InputError(
+            f"{line}: {_listed(move.action.label for move in distinct)} all do that, expected one"
+            " to be meant: 'about SITE' tells those apart that read another site"
+        )
+    if line.about is not None and line.about not in state:
+        raise InputError(f"{line}: site {text(line.about)} is off, expected on")
+    if not named:
+        taken = f", and {text(line.target)} is on" if line.target in state else ""
+        raise InputError(f"{line}: no move of the system goes so{taken}")
+    raise InputError(f"{line}: {_listed(misfit(move.action, state) for move in named)}")
+
+
+def _named(line: _Line, system: System, state: set[Site], sites: Iterable[Site]) -> list[Move]:
+    """Return the moves that a line could mean, of the modules at these sites."""
+    return [
+        move
+        for site in sites
+        if site not in system.filled and site in state
+        for move in system.moves(site)
+        if move is not None and line.names(move)
+    ]
+
+
+def _listed(words: Iterable[str]) -> str:
+    found = list(dict.fromkeys(words))
+    more = f"; and {len(found) - _TOLD} more" if len(found) > _TOLD else ""
+    return "; ".join(found[:_TOLD]) + more

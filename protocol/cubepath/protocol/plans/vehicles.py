@@ -1,0 +1,141 @@
+"""Vehicles on the cells of a grid whose planner moves many of them in one round.
+
+Other planners let a vehicle enter a cell in the round in which another leaves it. Here a cell is
+empty before it is entered, so such moves do not commute and are made one after the other: of a
+row of followers the first goes first. What has no such order is refused: vehicles that swap, and
+vehicles that rotate on a cycle of cells, for on those cells alone nobody can begin.
+
+No labels are needed to keep the vehicles apart. Where two moves along an edge cancel, nothing has
+moved at either end between them, so both are moves of one vehicle; each ends where its plan ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.imported import text
+from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.graphs import Graph
+from cubepath.protocol.wire.messages import Placed
+
+Cell = tuple[int, int]
+
+
+class Vehicles:
+    """Vehicles 0, 1, ... on cells (x, y) of their own; `called` is what their planner calls one."""
+
+    def __init__(
+        self, starts: Sequence[Cell], is_free: Callable[[Cell], bool], *, called: str
+    ) -> None:
+        """Put every vehicle on its start; InputError where two share one or it is not free."""
+        self.at = list(starts)
+        self._is_free = is_free
+        self._called = called
+        self._on: dict[Cell, int] = {}
+        self._actions: dict[tuple[Site, ...], Action] = {}
+        self._made: dict[tuple[Cell, Cell], PathMove] = {}
+        for number, cell in enumerate(starts):
+            if not is_free(cell):
+                raise InputError(
+                    f"{called} {number} starts at {text(cell)}, an obstacle or outside"
+                )
+            other = self._on.setdefault(cell, number)
+            if other != number:
+                raise InputError(f"{called} {other} and {called} {number} start at {text(cell)}")
+
+    def go(self, targets: Mapping[int, Cell]) -> list[PathMove]:
+        """Take these vehicles to their cells in one round; return the moves in an order that works.
+
+        The order is by number, each vehicle followed by those who follow it. InputError names the
+        first vehicle whose move is none, and why; then nothing has moved.
+        """
+        movers = {who: cell for who, cell in targets.items() if cell != self.at[who]}
+        into: dict[Cell, int] = {}
+        for who, cell in movers.items():
+            try:
+                self._check(who, cell, movers, into)
+            except InputError as error:
+                raise InputError(f"{self._move(who, cell)}: {error}") from None
+            into[cell] = who
+        order: list[int] = []
+        for who, cell in movers.items():
+            follower: int | None = who if cell not in self._on else None
+            while follower is not None:
+                order.append(follower)
+                follower = into.get(self.at[follower])
+        if len(order) < len(movers):
+            raise InputError(self._no_order(movers, set(order)))
+        return [self._make(who, movers[who]) for who in order]
+
+    def _check(
+        self, who: int, cell: Cell, movers: Mapping[int, Cell], into: Mapping[Cell, int]
+    ) -> None:
+        x, y = self.at[who]
+        if abs(cell[0] - x) + abs(cell[1] - y) != 1:
+            raise InputError("no edge of the grid, expected a step to a cell beside")
+        if not self._is_free(cell):
+            raise InputError(f"{text(cell)} is an obstacle or outside, expected free")
+        there = self._on.get(cell)
+        if there is not None and there not in movers:
+            raise InputError(
+                f"{text(cell)} is occupied by {self._called} {there}, which stays: expected it"
+                " empty or left in this round"
+            )
+        if there is not None and movers[there] == self.at[who]:
+            raise InputError(
+                f"{self._called} {there} comes the other way: expected no two to swap places"
+            )
+        if cell in into:
+            raise InputError(f"{self._called} {into[cell]} enters {text(cell)} too, expected one")
+
+    def _no_order(self, movers: Mapping[int, Cell], ordered: set[int]) -> str:
+        first = next(who for who in movers if who not in ordered)
+        cycle, place = [first], movers[first]
+        while self._on[place] != first:
+            cycle.append(self._on[place])
+            place = movers[cycle[-1]]
+        who = f"{', '.join(map(str, cycle[:-1]))} and {cycle[-1]}"
+        return (
+            f"{self._move(first, movers[first])}: {self._called}s {who} rotate, each into the cell"
+            " that the next one leaves: expected one of these cells to be empty, or no order of"
+            " their moves is legal"
+        )
+
+    def _move(self, who: int, cell: Cell) -> str:
+        return f"{self._called} {who}, {text(self.at[who])} to {text(cell)}"
+
+    def _make(self, who: int, cell: Cell) -> PathMove:
+        source = self.at[who]
+        self.at[who] = cell
+        del self._on[source]
+        self._on[cell] = who
+        made = self._made.get((source, cell))
+        if made is None:
+            ends = in_order((source, cell))
+            # The system of one edge says what its action is; a large one takes long to make.
+            action = self._actions.get(ends) or GraphSystem(ends, [(source, cell)]).action(
+                "edge", ends
+            )
+            self._actions[ends] = action
+            made = PathMove(action, Placed("edge", ends), frozenset((source,)))
+            self._made[source, cell] = made
+        return made
+
+
+def vehicles_scene(
+    spec: str, graph: Graph, starts: Sequence[Site], goals: Sequence[Site] | None
+) -> Scene:
+    """Return the scene of unlabelled vehicles on a graph; `goals` None where none are known."""
+    return Scene(
+        spec=spec,
+        family="agv",
+        system=GraphSystem(graph.vertices, graph.edges, compass=graph.compass),
+        start=tuple(starts),
+        goal=None if goals is None else frozenset(goals),
+        goals=() if goals is None else tuple((goal,) for goal in goals),
+    )

@@ -1,0 +1,1 @@
+"""The recording format in MCAP: writing, reading and salvaging it."""

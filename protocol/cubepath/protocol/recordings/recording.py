@@ -1,0 +1,296 @@
+"""Recordings: one MCAP file a run, written as it goes and read back with everything checked.
+
+Every message stands in it with the very bytes that were on the wire, on the topic KIND/SENDER,
+with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds,
+sequence the order of writing. The parameters and versions of the run are a metadata record, the
+scene is the attachment `scene.toml`, a schedule that was carried out `schedule.jsonl`. Chunks
+carry CRCs and are flushed every few messages, so a process that is killed loses at most those
+since the last flush.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, Self
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.salvage import Salvage, salvage
+from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import decode, schema_of
+
+FORMAT = "cubepath-recording-1"
+SCENE = "scene.toml"
+SCHEDULE = "schedule.jsonl"
+FLUSH_EVERY = 50
+"""Messages between two flushes: a kill loses fewer than this, and what was still in a queue."""
+_METADATA = "cubepath"
+
+
+class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
+    """The recording cannot be written any further; what was flushed can be read."""
+
+
+class RecordingWriter:
+    """Writes a run to an MCAP file; use as a context manager, which closes the file properly."""
+
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        parameters: Mapping[str, str],
+        schedule: bytes | None = None,
+    ) -> None:
+        """Create the file with the scene and the parameters; InputError where it cannot be.
+
+        `schedule` is the text of the schedule that the run carries out.
+        """
+        self.path = path
+        self.messages = 0
+        text = scene_to_toml(scene)  # before the file is made: not every scene can be written
+        try:
+            with contextlib.suppress(FileExistsError):  # opening it gives the reason
+                path.parent.mkdir(parents=True, exist_ok=True)
+            # What was recorded before is never written over; a device may be written to.
+            new = path.is_file() or not path.exists()
+            self._stream: IO[bytes] = path.open("xb" if new else "wb")
+        except FileExistsError:
+            raise InputError(f"{path}: exists already, expected a new file") from None
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        self._writer = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._broken = False
+        try:
+            self._guard(lambda: self._begin(text, parameters, schedule))
+        except RecordingFull:
+            self.close()
+            raise
+
+    def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
+        self._writer.start(profile="cubepath", library="cubepath")
+        self._writer.add_metadata(
+            _METADATA, {**parameters, "format": FORMAT, "checksum": _checksum(parameters)}
+        )
+        self._attach(SCENE, "application/toml", scene.encode())
+        if schedule is not None:
+            self._attach(SCHEDULE, "application/jsonl", schedule)
+        self._writer.flush()
+
+    def _attach(self, name: str, media_type: str, data: bytes) -> None:
+        self._writer.add_attachment(
+            create_time=0, log_time=0, name=name, media_type=media_type, data=data
+        )
+
+    def _guard(self, write: Callable[[], object]) -> None:
+        if self._broken:
+            raise RecordingFull(f"{self.path}: the recording had to stop before")
+        try:
+            write()
+        except OSError as error:
+            self._broken = True
+            raise RecordingFull(
+                f"{self.path}: recording stopped after {self.messages} messages:"
+                f" {error.strerror or error}"
+            ) from None
+
+    def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
+        """Append a message as it was on the wire; RecordingFull where the disk takes no more."""
+        self._guard(lambda: self._add(topic, data, round_number, wall_ns))
+
+    def _add(self, topic: str, data: bytes, round_number: int, wall_ns: int) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._writer.register_channel(
+                topic, "json", self._schema(topic.partition("/")[0])
+            )
+        self._writer.add_message(
+            channel,
+            log_time=round_number,
+            data=data,
+            publish_time=wall_ns,
+            sequence=self.messages,
+        )
+        self.messages += 1
+        if self.messages % FLUSH_EVERY == 0:
+            self._writer.flush()
+
+    def _schema(self, kind: str) -> int:
+        known = self._schemas.get(kind)
+        if known is None:
+            text = msgspec.json.encode(schema_of(kind))
+            known = self._writer.register_schema(f"cubepath.{kind}", "jsonschema", text)
+            self._schemas[kind] = known
+        return known
+
+    def close(self) -> None:
+        """Finish the file; after a full disk, leave what was flushed as it is."""
+        if self._stream.closed:
+            return
+        try:
+            if not self._broken:
+                self._guard(self._writer.finish)
+        finally:
+            # After a full disk the tail of the buffer does not fit either.
+            with contextlib.suppress(OSError):
+                self._stream.close()
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One message of a recording."""
+
+    topic: str
+    data: bytes
+    round: int
+    wall_ns: int
+    sequence: int
+
+    @property
+    def kind(self) -> str:
+        """Return the kind of the message, the first part of its topic."""
+        return self.topic.partition("/")[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """What could be read of a recording; `problems` is empty when that is all of it."""
+
+    path: Path
+    parameters: Mapping[str, str]
+    scene: Scene
+    records: tuple[Record, ...]
+    problems: tuple[str, ...]
+    schedule: bytes | None = None
+    """The text of the schedule that was carried out, if one was."""
+
+    def of_kind(self, *kinds: str) -> Iterator[Record]:
+        """Yield the messages of these kinds in order."""
+        return (record for record in self.records if record.kind in kinds)
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording with every check on; what is wrong is named in `problems`.
+
+    A truncated file gives all whole chunks, a corrupt chunk is left out by itself; no message is
+    given that no CRC vouches for. InputError where the file is no recording, or has lost its
+    parameters or its scene.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    if not data:
+        raise InputError(f"{path}: empty file, expected an MCAP recording")
+    found = salvage(data)
+    problems = list(found.problems)
+    parameters = _parameters(path, found, problems)
+    scene = _scene(path, found)
+    records, lost = _records(found)
+    if lost:
+        problems.append(f"{lost} messages belong to channels that are lost")
+    if not problems:
+        problems += _gap(records)
+    schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
+    return Recording(path, parameters, scene, records, tuple(problems), next(schedules, None))
+
+
+def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, str]:
+    named = [record.metadata for record in found.metadata if record.name == _METADATA]
+    ours = [values for values in named if values.get("format") == FORMAT]
+    if not ours:
+        shown = repr(named[0].get("format")) if named else "none"
+        detail = f" ({problems[0]})" if problems else ""
+        raise InputError(
+            f"{path}: no cubepath recording: format {shown}, expected {FORMAT!r}{detail}"
+        )
+    values = {key: value for key, value in ours[0].items() if key not in ("format", "checksum")}
+    if ours[0].get("checksum") != _checksum(values):
+        problems.append("corrupt: the parameters are not those of their checksum")
+    return values
+
+
+def _checksum(parameters: Mapping[str, str]) -> str:
+    # A metadata record has no CRC, and that of the data section comes with the end of the file.
+    return sha256(msgspec.json.encode(sorted(parameters.items()))).hexdigest()
+
+
+def _scene(path: Path, found: Salvage) -> Scene:
+    for attachment in found.attachments:
+        if attachment.name == SCENE:
+            return scene_from_toml(attachment.data.decode(), f"{path} ({SCENE})")
+    raise InputError(f"{path}: the attachment {SCENE} is lost, so nothing can be checked")
+
+
+def _records(found: Salvage) -> tuple[tuple[Record, ...], int]:
+    """Return the messages with their topics, and how many have lost theirs."""
+    records, lost = [], 0
+    for message in found.messages:
+        topic = found.topics.get(message.channel_id) or _topic_said(message.data)
+        if topic is None:
+            lost += 1
+            continue
+        records.append(
+            Record(
+                topic,
+                message.data,
+                message.log_time,
+                message.publish_time,
+                message.sequence,
+            )
+        )
+    return tuple(records), lost
+
+
+def _topic_said(data: bytes) -> str | None:
+    # A killed writer leaves no summary, so a channel can go with the chunk that named it.
+    try:
+        return topic_of(decode(data))
+    except InputError:
+        return None
+
+
+def _gap(records: Iterable[Record]) -> Iterator[str]:
+    """Yield what is wrong with the order of writing, if anything."""
+    for expected, record in enumerate(records):
+        if record.sequence != expected:
+            yield f"message {record.sequence} stands where message {expected} should be"
+            return
+
+
+def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
+    """Write what could be read as a proper recording; return the number of messages.
+
+    `notes` are parameters to add. InputError where `out` is the recording itself or cannot be
+    written, RecordingFull where the disk takes no more.
+    """
+    try:
+        same = out.samefile(recording.path)
+    except OSError:
+        same = False  # one of the two is not there
+    if same:
+        raise InputError(f"{out}: is the recording itself, expected another file to write to")
+    parameters = {**recording.parameters, **(notes or {})}
+    with RecordingWriter(out, recording.scene, parameters, recording.schedule) as writer:
+        for record in recording.records:
+            writer.write(
+                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
+            )
+        return writer.messages

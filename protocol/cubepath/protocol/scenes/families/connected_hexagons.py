@@ -1,0 +1,149 @@
+"""Hexagons that may open gaps as long as the aggregate stays connected: a non-local system.
+
+Source: Abrams and Ghrist, the example of non-local positive curvature (figure fig_Nonlocal): the
+second catalogue of hexagonal pivots, and a rule for the whole aggregate added to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+
+from cubepath.protocol.core.catalogue import HEXAGONS, Cell
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.families.hexagons import HEX_DIRECTIONS, hex_catalogue, walled
+from cubepath.protocol.scenes.family import Family, Values, whole
+from cubepath.protocol.systems.lattice import LatticeSystem
+
+
+class ConnectedHexagons(LatticeSystem):
+    """A system on the hexagonal lattice all of whose states are connected; it is not local.
+
+    An action is admissible as in any lattice system, and legal only if the state that it leads to
+    is connected: whether it is, no neighbourhood tells. So three moves may commute, any two of
+    them leave the aggregate connected, and all three not: a corner of positive curvature.
+    """
+
+    local = False
+
+    def legal(self, state: AbstractSet[Site]) -> bool:
+        """Tell whether the cells that are on, filled obstacles among them, are connected."""
+        if self.catalogue.lattice != HEXAGONS:
+            raise InputError(f"connected: expected lattice hexagons, not {self.catalogue.lattice}")
+        rest = set(state)
+        found = [rest.pop()] if rest else []
+        while found:
+            q, r = HEXAGONS.check(found.pop())
+            for along, up in HEX_DIRECTIONS:
+                beside = (q + along, r + up)
+                if beside in rest:
+                    rest.remove(beside)
+                    found.append(beside)
+        return not rest
+
+
+RING: tuple[Cell, ...] = (
+    (0, 0),
+    (0, 1),
+    (0, 2),
+    (0, 3),
+    (1, 3),
+    (2, 2),
+    (3, 1),
+    (3, 0),
+    (2, 0),
+    (2, -1),
+    (1, -1),
+    (3, -1),
+)
+"""A ring of eleven modules, and one more that closes it a second time at one place.
+
+::
+
+      3 4           i  the link of the ring between a and b, which can pivot inwards
+     o . o          x  the module beside it, which links a and b too and can pivot outwards
+    o . . o         1, 2, 3, 4  corners, each of which can pivot and so open the ring
+     2 . i b
+      1 a x
+
+The ring is open where i and x are both gone, and falls in two where a corner is gone as well: any
+two of the three moves leave the aggregate connected, all three do not. No aggregate of eleven
+modules or fewer has three such moves, and this is the only one of twelve up to rotation and
+reflection (found by listing all of them, 8,182,213 with twelve modules up to translation).
+"""
+HUB: tuple[Cell, ...] = (
+    (0, 0),
+    (0, 1),
+    (-1, 0),
+    (1, -1),
+    (-2, 1),
+    (-2, 2),
+    (-2, 3),
+    (-2, 4),
+    (-1, 4),
+    (0, 3),
+    (1, 2),
+    (1, 1),
+    (2, 0),
+    (2, -1),
+)
+"""A hub of one module, joined by three single-module bridges to an arc of ten, as in the figure.
+
+::
+
+      o o           h  the hub
+     o . o          1, 2, 3  the bridges, each of which can pivot off the hub and stay at the arc
+    o . . o
+     o . 1 o
+      2 h . o
+       . 3 o
+"""
+BRIDGES: tuple[tuple[Cell, Cell], ...] = (((0, 1), (0, 2)), ((-1, 0), (-2, 0)), ((1, -1), (2, -2)))
+"""The hub's bridges, each with where it pivots to: three moves that together cut the hub off."""
+
+
+def _connected(name: str, values: Values) -> Scene:
+    """Build a chain that is to become another at 120 degrees, or an aggregate at which links fail.
+
+    All of them stand in a box three cells wider than they are.
+    """
+    shape = values["scene"]
+    if shape not in ("chain", "ring", "hub"):
+        raise InputError(f"scene={shape}: expected one of chain, ring, hub")
+    goals: tuple[Cell, ...] = ()
+    if shape == "chain":
+        count = whole(values, "n", least=1)
+        start: tuple[Cell, ...] = tuple((position, 0) for position in range(count))
+        goals = tuple((count - 1, step) for step in range(count))
+    else:
+        start = RING if shape == "ring" else HUB
+    system = ConnectedHexagons(
+        hex_catalogue(keeps_topology=False), workspace=walled([*start, *goals])
+    )
+    return Scene(
+        spec=name,
+        family=name,
+        system=system,
+        start=start,
+        goal=frozenset(goals) if goals else None,
+        goals=(goals,) * len(start) if goals else (),
+    )
+
+
+FAMILIES = (
+    Family(
+        "hex-connected",
+        "non-local: hexagonal pivots of catalogue 2, the whole aggregate to stay connected;"
+        " complex only, no runs and no shortening",
+        {
+            "n": ("4", "number of modules of the chain"),
+            "scene": (
+                "chain",
+                "chain, or with positive curvature: ring (12 modules, the fewest), hub (14)",
+            ),
+        },
+        _connected,
+        rule="",
+    ),
+)

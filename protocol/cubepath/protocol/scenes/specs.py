@@ -1,0 +1,69 @@
+"""Scenes by name: what `name:key=value,...` or the path of a TOML file stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.families import (
+    arm,
+    arms,
+    assembly,
+    connected_hexagons,
+    free_arm,
+    hexagons,
+    sliding,
+    triangulations,
+    tunnel,
+    vehicles,
+    words,
+)
+from cubepath.protocol.scenes.family import Family
+
+FAMILIES: dict[str, Family] = {
+    family.name: family
+    for module in (
+        hexagons,
+        connected_hexagons,
+        tunnel,
+        sliding,
+        vehicles,
+        arm,
+        free_arm,
+        arms,
+        triangulations,
+        words,
+        assembly,
+    )
+    for family in module.FAMILIES
+}
+
+
+def scene_from_spec(spec: str) -> Scene:
+    """Return the scene that `spec` names; InputError says what is wrong with it."""
+    name, _, rest = spec.partition(":")
+    family = FAMILIES.get(name)
+    if family is None and spec.endswith(".toml"):
+        from cubepath.protocol.scenes.toml import read_scene  # noqa: PLC0415 - files reads scenes too
+
+        return read_scene(Path(spec))
+    if family is None:
+        names = ", ".join(FAMILIES)
+        raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
+    values = {key: default for key, (default, _) in family.keys.items()}
+    given: dict[str, str] = {}
+    for part in rest.split(",") if rest else []:
+        key, equals, value = part.partition("=")
+        if not equals or key not in values:
+            keys = ", ".join(values)
+            raise InputError(
+                f"{spec}: cannot read {part!r}, expected KEY=VALUE with a key of {keys}"
+            )
+        if key in given:
+            raise InputError(f"{spec}: key {key!r} stands twice")
+        values[key] = given[key] = value
+    shown = ",".join(f"{key}={given[key]}" for key in values if key in given)
+    scene = family.build(name, values)
+    return replace(scene, spec=f"{name}:{shown}" if shown else name)

@@ -1,0 +1,217 @@
+"""Systems on a graph: vehicles that move along edges, labelled or not."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import lru_cache, partial
+
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import ExcludedError, InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import FIRST_LABEL, KEPT, MODULE, System, region_of
+
+COMPASS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+
+
+class GraphSystem(System):
+    """Vehicles on a graph: support and trace are the two ends of an edge.
+
+    Source: the paper's example of automated guided vehicles. Parallel edges are one, and loops are
+    refused. `labels` makes it the labelled system: a site is (vertex, label), the support holds
+    every label at both ends, the trace is the mover's alone. `compass` gives each vertex (x, y)
+    four slots, in the order of `COMPASS`, in place of one slot a neighbour.
+    """
+
+    def __init__(
+        self,
+        vertices: Iterable[Site],
+        edges: Iterable[tuple[Site, Site]],
+        *,
+        labels: int | None = None,
+        compass: bool = False,
+    ) -> None:
+        """Check the graph and lay out its slots."""
+        listed = list(vertices)
+        self.vertices = in_order(set(listed))
+        if len(self.vertices) < len(listed):
+            twice = next(vertex for vertex in listed if listed.count(vertex) > 1)
+            raise InputError(f"vertex {twice!r} stands twice (1, 1.0 and true are the same)")
+        self.index = {vertex: number for number, vertex in enumerate(self.vertices)}
+        self.labels = labels
+        self.compass = compass
+        self.filled = frozenset()
+        self.drawing = "squares" if compass else "graph"
+        self.site_size = 1
+        self.codes = FIRST_LABEL + (labels or 0)
+        near: dict[Site, set[Site]] = {vertex: set() for vertex in self.vertices}
+        for one, other in edges:
+            for end in (one, other):
+                if end not in near:
+                    raise InputError(f"edge {[one, other]!r} ends at {end!r}, which is no vertex")
+            if one == other:
+                raise InputError(f"edge {[one, other]!r} is a loop, a vehicle moves between two")
+            near[one].add(other)
+            near[other].add(one)
+        self.edges = tuple(
+            (one, other)
+            for one in self.vertices
+            for other in in_order(near[one])
+            if self.index[one] < self.index[other]
+        )
+        if not self.edges:
+            raise InputError("a graph for vehicles has at least one edge, found none")
+        self._slots: dict[Site, tuple[Site | None, ...]] = {}
+        self.move_slots = 4 if compass else max(len(found) for found in near.values())
+        self.sense_slots = self.move_slots
+        for vertex in self.vertices:
+            found = self._compass(vertex, near[vertex]) if compass else in_order(near[vertex])
+            self._slots[vertex] = found + (None,) * (self.move_slots - len(found))
+        self._near = {vertex: in_order(found) for vertex, found in near.items()}
+        # On a grid twelve cells lie at distance one or two; elsewhere it has to be counted.
+        self.reach_slots = (
+            12 if compass else max(1, *(len(self._within_two(vertex)) for vertex in self.vertices))
+        )
+        self._reach = lru_cache(maxsize=KEPT)(lambda place: in_order(self._within_two(place)))
+        self._support = lru_cache(maxsize=1 << 14)(self._both_ends)
+        self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # What is remembered by place cannot be pickled, and need not be.
+        build = partial(
+            GraphSystem, self.vertices, self.edges, labels=self.labels, compass=self.compass
+        )
+        return build, ()
+
+    @staticmethod
+    def _compass(vertex: Site, near: set[Site]) -> tuple[Site | None, ...]:
+        if not (isinstance(vertex, tuple) and len(vertex) == 2):
+            raise InputError(f"a compass vertex is [x, y], found {vertex!r}")
+        around = [(vertex[0] + dx, vertex[1] + dy) for dx, dy in COMPASS]
+        stray = near - set(around)
+        if stray:
+            raise InputError(f"edge {[vertex, in_order(stray)[0]]!r} follows no compass direction")
+        return tuple(other if other in near else None for other in around)
+
+    def _both_ends(self, one: Site, other: Site) -> frozenset[Site]:
+        if self.labels is None:
+            return frozenset((one, other))
+        return frozenset((end, label) for end in (one, other) for label in range(self.labels))
+
+    def _edge(self, one: Site, other: Site, label: int | None) -> Action:
+        if self.index[one] > self.index[other]:
+            one, other = other, one
+        support = self._support(one, other)
+        first: Site = one if label is None else (one, label)
+        second: Site = other if label is None else (other, label)
+        name = f"edge at {[one, other] if label is None else [one, other, label]}"
+        return Action(support, (first, second), (first,), (second,), label=name)
+
+    def _moves(self, site: Site) -> tuple[Move | None, ...]:
+        place, label = self._split(site)
+        found: list[Move | None] = []
+        for other in self._slots[place]:
+            if other is None:
+                found.append(None)
+                continue
+            ends = (place, other) if self.index[place] < self.index[other] else (other, place)
+            target: Site = other if label is None else (other, label)
+            at: Site = ends if label is None else (*ends, label)
+            action = self._edge(place, other, label)
+            found.append(Move(action, "edge", at, ((site, target),)))
+        return tuple(found)
+
+    def moves(self, site: Site) -> tuple[Move | None, ...]:
+        """Return the moves along the edges at `site`, a slot for each neighbour or direction."""
+        return self._kept_moves(site)
+
+    def _split(self, site: Site) -> tuple[Site, int | None]:
+        if self.labels is None:
+            if site not in self.index:
+                raise InputError(f"{site!r} is no vertex of the graph")
+            return site, None
+        if (
+            isinstance(site, tuple)
+            and len(site) == 2
+            and site[0] in self.index
+            and isinstance(site[1], int)
+            and 0 <= site[1] < self.labels
+        ):
+            return site[0], site[1]
+        raise InputError(
+            f"a site is [vertex, label] with label below {self.labels}, found {site!r}"
+        )
+
+    def action(self, generator: str, at: Site) -> Action:
+        """Return the action along the edge `at`: [vertex, vertex] or [vertex, vertex, label]."""
+        size = 2 if self.labels is None else 3
+        if generator != "edge":
+            raise InputError(f"unknown generator {generator!r}, expected edge")
+        if not (isinstance(at, tuple) and len(at) == size):
+            raise InputError(f"generator edge: 'at' has {size} entries, found {at!r}")
+        one, other = at[0], at[1]
+        if one not in self._near or other not in self._near[one]:
+            raise ExcludedError(f"generator edge: {[one, other]!r} is no edge of the graph")
+        label = None if self.labels is None else at[2]
+        if label is not None and not (type(label) is int and 0 <= label < (self.labels or 0)):
+            raise InputError(f"generator edge: label {label!r} is not below {self.labels}")
+        return self._edge(one, other, label)
+
+    def sensed(self, place: Site) -> tuple[Site | None, ...]:
+        """Return the neighbours of a vertex, by slot."""
+        return self._slots[place]
+
+    def listeners(self, place: Site) -> tuple[Site, ...]:
+        """Return the neighbours of a vertex."""
+        return self._near[place]
+
+    def reach(self, place: Site) -> tuple[Site, ...]:
+        """Return the vertices at distance one and two."""
+        return self._reach(place)
+
+    def _within_two(self, place: Site) -> set[Site]:
+        near = self._near[place]
+        return {*near, *(far for other in near for far in self._near[other])} - {place}
+
+    def region(self, place: Site) -> str:
+        """Return the block of the grid that a vertex lies in; other graphs are one region."""
+        return region_of(place) if self.compass and isinstance(place, tuple) else "0"
+
+    def encode_site(self, site: Site) -> tuple[int, ...]:
+        """Return the number of the vertex in canonical order."""
+        return (self.index[self.place_of(site)],)
+
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
+        """Return the site at the vertex with this number."""
+        vertex = self.vertices[int(numbers[0])]
+        return vertex if self.labels is None else (vertex, label)
+
+    def has_place(self, place: Site) -> bool:
+        """Tell whether `place` is a vertex."""
+        return place in self.index
+
+    def place_of(self, site: Site) -> Site:
+        """Return the vertex of a site."""
+        return site if self.labels is None else self._split(site)[0]
+
+    def site_at(self, place: Site, code: int) -> Site | None:
+        """Return the site that is on at a vertex which shows `code`."""
+        if self.labels is None:
+            return super().site_at(place, code)
+        return (place, code - FIRST_LABEL) if code >= FIRST_LABEL else None
+
+    def code_of(self, site: Site) -> int:
+        """Return MODULE, or the code of the label."""
+        label = self._split(site)[1]
+        return MODULE if label is None else FIRST_LABEL + label
+
+    def check_state(self, sites: Iterable[Site]) -> None:
+        """Check that no label is on twice."""
+        seen: dict[int, Site] = {}
+        for site in sites:
+            place, label = self._split(site)
+            if label is None:
+                continue
+            if label in seen:
+                raise InputError(f"label {label} is on twice, at {seen[label]!r} and {place!r}")
+            seen[label] = place

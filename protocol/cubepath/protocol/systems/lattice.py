@@ -1,0 +1,211 @@
+"""Systems on a lattice: a catalogue placed by translation into a workspace with obstacles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache, partial
+
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.catalogue import Catalogue, Cell, Move
+from cubepath.protocol.core.errors import ExcludedError, InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import KEPT, System, region_of
+
+
+class LatticeSystem(System):
+    """A catalogue placed by translation into a workspace with obstacles.
+
+    `workspace` None is the whole lattice. `filled` and `empty` are the obstacles that are on and
+    off; both may lie in a support, neither in a trace (paper, metamorphic system with obstacles).
+    """
+
+    def __init__(
+        self,
+        catalogue: Catalogue,
+        *,
+        workspace: Iterable[Site] | None = None,
+        filled: Iterable[Site] = (),
+        empty: Iterable[Site] = (),
+    ) -> None:
+        """Check the obstacles and derive all neighbourhoods from the catalogue."""
+        lattice = catalogue.lattice
+        self.catalogue = catalogue
+        self.workspace = (
+            None if workspace is None else frozenset(lattice.check(site) for site in workspace)
+        )
+        self.filled = frozenset(lattice.check(site) for site in filled)
+        self.empty = frozenset(lattice.check(site) for site in empty)
+        both = self.filled & self.empty
+        if both:
+            raise InputError(f"obstacle {in_order(both)[0]!r} is both filled and empty")
+        self.obstacles: frozenset[Site] = self.filled | self.empty
+        self.drawing = lattice.drawing
+        self.site_size = lattice.arity
+        self._near = _Neighbourhoods(catalogue)
+        self.move_slots = max(len(found) for found in catalogue.templates.values())
+        self.sense_slots = max(len(found) for found in self._near.sensed.values())
+        self.reach_slots = max(len(found) for found in self._near.reach.values())
+        self._sensed = self._near.keeper(self._near.sensed, pad=self.sense_slots)
+        self._listeners = self._near.keeper(self._near.listeners)
+        self._reach = self._near.keeper(self._near.reach)
+        self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # What is remembered by place cannot be pickled, and need not be.
+        build = partial(
+            type(self),
+            self.catalogue,
+            workspace=self.workspace,
+            filled=self.filled,
+            empty=self.empty,
+        )
+        return build, ()
+
+    def _moves(self, site: Site) -> tuple[Move | None, ...]:
+        found: list[Move | None] = [
+            move if self._fits(move.action) else None
+            for move in self.catalogue.proposals(self.catalogue.lattice.check(site))
+        ]
+        return tuple(found + [None] * (self.move_slots - len(found)))
+
+    def moves(self, site: Site) -> tuple[Move | None, ...]:
+        """Return the moves of a module at `site`, one slot for each generator and direction."""
+        return self._kept_moves(site)
+
+    def _fits(self, action: Action) -> bool:
+        return action.trace.isdisjoint(self.obstacles) and (
+            self.workspace is None or action.support <= self.workspace
+        )
+
+    def _why_unfit(self, action: Action) -> str:
+        blocked = in_order(action.trace & self.obstacles)
+        if blocked:
+            return f"it would move an obstacle, {blocked[0]!r}"
+        outside = in_order(action.support - (self.workspace or frozenset()))
+        return f"it would leave the workspace, to which {outside[0]!r} does not belong"
+
+    def action(self, generator: str, at: Site) -> Action:
+        """Return the generator translated by `at`; InputError if it is not an action here."""
+        found = self.catalogue.by_name.get(generator)
+        if found is None:
+            names = ", ".join(self.catalogue.by_name)
+            raise InputError(f"unknown generator {generator!r}, expected one of {names}")
+        dimension = self.catalogue.lattice.dimension
+        if not (
+            isinstance(at, tuple) and len(at) == dimension and all(type(item) is int for item in at)
+        ):
+            raise InputError(f"generator {generator!r}: 'at' is {dimension} integers, found {at!r}")
+        action = found.place(self.catalogue.lattice, at)
+        if not self._fits(action):
+            raise ExcludedError(f"{action.label}: {self._why_unfit(action)}")
+        return action
+
+    def sensed(self, place: Site) -> tuple[Site | None, ...]:
+        """Return the support cells of all moves of a module at `place`, in canonical order."""
+        return self._sensed(place)
+
+    def listeners(self, place: Site) -> tuple[Site, ...]:
+        """Return the places from which a module senses `place`."""
+        return self._listeners(place)
+
+    def reach(self, place: Site) -> tuple[Site, ...]:
+        """Return the places of possible competitors of a module at `place`."""
+        return self._reach(place)
+
+    def region(self, place: Site) -> str:
+        """Return the block of the lattice that a place lies in."""
+        lattice = self.catalogue.lattice
+        return region_of(lattice.check(place)[: lattice.dimension])
+
+    def encode_site(self, site: Site) -> tuple[int, ...]:
+        """Return the cell itself."""
+        return self.catalogue.lattice.check(site)
+
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
+        """Return the cell."""
+        del label
+        return tuple(int(number) for number in numbers)
+
+    def has_place(self, place: Site) -> bool:
+        """Tell whether `place` is in the workspace and no obstacle."""
+        return place not in self.obstacles and (self.workspace is None or place in self.workspace)
+
+
+class _Neighbourhoods:
+    """Who senses whom and who can be in whose way, as offsets from each orbit's representative."""
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self._catalogue = catalogue
+        lattice = catalogue.lattice
+        proposals = {orbit: catalogue.proposals(orbit) for orbit in sorted(catalogue.templates)}
+        supports = {
+            orbit: {site for move in moves for site in move.action.support}
+            for orbit, moves in proposals.items()
+        }
+        self.sensed: dict[Cell, tuple[Cell, ...]] = {
+            orbit: _cells(sites - {orbit}) for orbit, sites in supports.items()
+        }
+        self.listeners: dict[Cell, tuple[Cell, ...]] = {}
+        self.reach: dict[Cell, tuple[Cell, ...]] = {}
+        for orbit in proposals:
+            heard: set[Site] = set()
+            for other, cells in self.sensed.items():
+                for cell in cells:
+                    by = lattice.between(cell, orbit)
+                    if by is not None:
+                        heard.add(lattice.shift(other, by))
+            self.listeners[orbit] = _cells(heard)
+            self.reach[orbit] = self._competitors(orbit, proposals, supports)
+
+    def _competitors(
+        self,
+        orbit: Cell,
+        proposals: Mapping[Cell, tuple[Move, ...]],
+        supports: Mapping[Cell, set[Site]],
+    ) -> tuple[Cell, ...]:
+        lattice = self._catalogue.lattice
+        found: set[Site] = set()
+        for other, sites in supports.items():
+            shifts = {
+                lattice.between(lattice.check(theirs), lattice.check(mine))
+                for mine in supports[orbit]
+                for theirs in sites
+            } - {None}
+            for by in shifts:
+                cell = lattice.shift(other, by or ())
+                if cell != orbit and any(
+                    not commute(mine.action, theirs.action)
+                    for theirs in self._catalogue.proposals(cell)
+                    for mine in proposals[orbit]
+                ):
+                    found.add(cell)
+        # Whom a move takes along has to hear of it, even one that has no move of its own; and
+        # reach is mutual.
+        found |= {source for move in proposals[orbit] for source, _ in move.goes[1:]}
+        for other, moves in proposals.items():
+            for move in moves:
+                for source, _ in move.goes[1:]:
+                    by = lattice.between(lattice.check(source), orbit)
+                    if by is not None:
+                        found.add(lattice.shift(other, by))
+        return _cells(found)
+
+    def keeper(
+        self, table: Mapping[Cell, tuple[Cell, ...]], *, pad: int = 0
+    ) -> Callable[[Site], tuple[Site, ...]]:
+        """Return a function from a place to its neighbourhood in `table`, which it remembers."""
+        lattice = self._catalogue.lattice
+
+        @lru_cache(maxsize=KEPT)
+        def at(place: Site) -> tuple[Site, ...]:
+            cell = lattice.check(place)
+            by = cell[: lattice.dimension]
+            offsets = table.get(self._catalogue.orbit(cell), ())
+            found = [lattice.shift(offset, by) for offset in offsets]
+            return (*found, *[None] * (pad - len(found)))
+
+        return at
+
+
+def _cells(sites: Iterable[Site]) -> tuple[Cell, ...]:
+    return tuple(cell for cell in in_order(sites) if isinstance(cell, tuple))

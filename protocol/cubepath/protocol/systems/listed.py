@@ -1,0 +1,246 @@
+"""Systems listed move by move: a finite set of actions on any sites, with where modules go.
+
+For what is neither a lattice with translations nor a graph: flips of triangulations, words,
+assemblies, arms with marked points. All neighbourhoods follow from the list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property, lru_cache, partial
+from itertools import chain
+from math import isfinite
+
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import ExcludedError, InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import FIRST_LABEL, KEPT, System
+
+Point = tuple[float, float]
+DRAWINGS = ("chords", "letters", "edges", "graph")
+
+
+class TabledSystem(System):
+    """A finite list of moves; each is listed once and goes both ways.
+
+    With `letters` a site may be ``(place, letter)``: the module is then a fixed place and moves
+    change its letter, of which one is on at every time. `fixed` are sites that are always on and in
+    no trace (obstacles). `positions` says where places lie in a picture, `drawing` how they look:
+    "chords" (a place is a pair of points), "letters" (a row of places), "edges" or "graph".
+    """
+
+    def __init__(
+        self,
+        moves: Iterable[Move],
+        *,
+        letters: Sequence[str] = (),
+        fixed: Iterable[Site] = (),
+        drawing: str,
+        positions: Mapping[Site, Point] | None = None,
+    ) -> None:
+        """Check that names tell moves apart and that each says where its modules go."""
+        self.listed = tuple(moves)
+        self.letters = tuple(letters)
+        self.filled = frozenset(fixed)
+        self.drawing = drawing
+        self.positions = dict(positions or {})
+        self.codes = FIRST_LABEL + len(self.letters)
+        self._letter = {letter: number for number, letter in enumerate(self.letters)}
+        if len(self._letter) < len(self.letters):
+            twice = next(each for each in self.letters if self.letters.count(each) > 1)
+            raise InputError(f"letter {twice!r} stands twice among the letters")
+        if drawing not in DRAWINGS:
+            raise InputError(f"drawing {drawing!r}: expected one of {', '.join(DRAWINGS)}")
+        for site in in_order(self.filled):
+            if self._split(site)[1] is not None:
+                raise InputError(f"{site!r} is fixed and has a letter: a place with letters moves")
+        self.by_name: dict[tuple[str, Site], Move] = {}
+        self._by_source: dict[Site, list[Move]] = {}
+        # Who reads and who writes a site, by the place of the mover.
+        self._readers: dict[Site, dict[Site, list[Move]]] = {}
+        self._writers: dict[Site, dict[Site, list[Move]]] = {}
+        for move in self.listed:
+            self._file(move)
+        if not self.listed:
+            raise InputError("a system has at least one move, found none")
+        sites = in_order(
+            {site for move in self.listed for site in move.action.support} | self.filled
+        )
+        self.places = in_order({self.place_of(site) for site in sites})
+        self._check_positions()
+        self._index = {place: number for number, place in enumerate(self.places)}
+        self._sites_at: dict[Site, list[Site]] = {}
+        for site in sites:
+            self._sites_at.setdefault(self.place_of(site), []).append(site)
+        self._lettered = in_order(
+            {place for place, letter in map(self._split, sites) if letter is not None}
+        )
+        self.site_size = 2 if self.letters else 1
+        self.move_slots = max(len(found) for found in self._by_source.values())
+        self._near = {place: self._seen_from(place) for place in self.places}
+        self.sense_slots = max(len(found) for found in self._near.values())
+        heard: dict[Site, list[Site]] = {place: [] for place in self.places}
+        for place, near in self._near.items():
+            for other in near:
+                heard[other].append(place)
+        self._heard = {place: in_order(found) for place, found in heard.items()}
+        self._reach = lru_cache(maxsize=KEPT)(self._competitors)
+
+    def _file(self, move: Move) -> None:
+        key = (move.generator, move.at)
+        if key in self.by_name:
+            raise InputError(f"{move.generator} at {move.at!r} stands twice among the moves")
+        self.by_name[key] = move
+        action = move.action
+        sources = frozenset(source for source, _ in move.goes)
+        targets = frozenset(target for _, target in move.goes)
+        ends = {end & action.trace for end in action.ends}
+        if {sources, targets} != ends or not len(sources) == len(targets) == len(move.goes):
+            raise InputError(
+                f"{action.label}: 'goes' must take every site of the trace that is on before to"
+                " one that is on after, and at least one"
+            )
+        if action.trace & self.filled:
+            stray = in_order(action.trace & self.filled)[0]
+            raise InputError(f"{action.label}: its trace holds {stray!r}, which is fixed")
+        back = Move(action, move.generator, move.at, tuple((b, a) for a, b in move.goes))
+        for each in (move, back):
+            self._by_source.setdefault(each.source, []).append(each)
+            place = self.place_of(each.source)
+            for site in action.support:
+                self._readers.setdefault(site, {}).setdefault(place, []).append(each)
+            for site in action.trace:
+                self._writers.setdefault(site, {}).setdefault(place, []).append(each)
+
+    def _check_positions(self) -> None:
+        for place, position in self.positions.items():
+            if not all(map(isfinite, position)):
+                raise InputError(f"position of {place!r}: expected two numbers, found {position}")
+        for place in self.places if self.drawing == "chords" else ():
+            ends = place if isinstance(place, tuple) and len(place) == 2 else (None,)
+            if not self.positions.keys() >= {*ends}:
+                raise InputError(f"chord {place!r}: expected a pair of points that have positions")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        # What is remembered by place cannot be pickled, and need not be.
+        build = partial(
+            TabledSystem,
+            self.listed,
+            letters=self.letters,
+            fixed=self.filled,
+            drawing=self.drawing,
+            positions=self.positions,
+        )
+        return build, ()
+
+    def _seen_from(self, place: Site) -> tuple[Site, ...]:
+        return in_order(
+            {
+                self.place_of(site)
+                for own in self._sites_at[place]
+                for move in self._by_source.get(own, ())
+                for site in move.action.support
+            }
+            - {place}
+        )
+
+    def _competitors(self, place: Site) -> tuple[Site, ...]:
+        found: set[Site] = set()
+        for own in self._sites_at[place]:
+            for move in self._by_source.get(own, ()):
+                found |= {self.place_of(source) for source, _ in move.goes[1:]}
+                near = [self._readers[site] for site in move.action.trace]
+                near += [self._writers.get(site, {}) for site in move.action.support]
+                for there, others in chain.from_iterable(map(dict.items, near)):
+                    if there not in found and any(
+                        not commute(move.action, other.action) for other in others
+                    ):
+                        found.add(there)
+            for move in chain.from_iterable(self._writers.get(own, {}).values()):
+                if any(source == own for source, _ in move.goes[1:]):
+                    found.add(self.place_of(move.source))
+        return in_order(found - {place})
+
+    @cached_property
+    def reach_slots(self) -> int:  # type: ignore[override]
+        """Return the greatest number of places within reach; found when first asked for."""
+        return max(1, *(len(self.reach(place)) for place in self.places))
+
+    def moves(self, site: Site) -> tuple[Move | None, ...]:
+        """Return the moves whose mover is at `site`, in the order of the list."""
+        found = self._by_source.get(site, [])
+        return (*found, *[None] * (self.move_slots - len(found)))
+
+    def action(self, generator: str, at: Site) -> Action:
+        """Return the action that is listed under this name and place; InputError if none is."""
+        found = self.by_name.get((generator, at))
+        if found is None:
+            names = in_order({name for name, _ in self.by_name})
+            if generator not in names:
+                known = ", ".join(str(name) for name in names)
+                raise InputError(f"unknown generator {generator!r}, expected one of {known}")
+            raise ExcludedError(f"generator {generator!r}: there is no move at {at!r}")
+        return found.action
+
+    def sensed(self, place: Site) -> tuple[Site | None, ...]:
+        """Return the places of the supports of all moves of a module at `place`."""
+        found = self._near.get(place, ())
+        return (*found, *[None] * (self.sense_slots - len(found)))
+
+    def listeners(self, place: Site) -> tuple[Site, ...]:
+        """Return the places from which a module senses `place`."""
+        return self._heard.get(place, ())
+
+    def reach(self, place: Site) -> tuple[Site, ...]:
+        """Return the places of possible competitors of a module at `place`."""
+        return self._reach(place)
+
+    def encode_site(self, site: Site) -> tuple[int, ...]:
+        """Return the number of the place, and with letters that of the letter (0 for none)."""
+        place, letter = self._split(site)
+        number = self._index[place]
+        if not self.letters:
+            return (number,)
+        return (number, 0 if letter is None else 1 + self._letter[letter])
+
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
+        """Return the site."""
+        del label
+        place = self.places[int(numbers[0])]
+        if not self.letters or not numbers[1]:
+            return place
+        return (place, self.letters[int(numbers[1]) - 1])
+
+    def has_place(self, place: Site) -> bool:
+        """Tell whether some move concerns `place`, and it is not fixed."""
+        return place in self._index and place not in self.filled
+
+    def _split(self, site: Site) -> tuple[Site, str | None]:
+        if isinstance(site, tuple) and len(site) == 2:
+            place, letter = site
+            if isinstance(letter, str) and letter in self._letter:
+                return place, letter
+        return site, None
+
+    def place_of(self, site: Site) -> Site:
+        """Return the place of a site: without its letter, if it has one."""
+        return self._split(site)[0]
+
+    def site_at(self, place: Site, code: int) -> Site | None:
+        """Return the site that is on at a place which shows `code`."""
+        if code >= FIRST_LABEL:
+            return (place, self.letters[code - FIRST_LABEL])
+        return super().site_at(place, code)
+
+    def code_of(self, site: Site) -> int:
+        """Return MODULE or FILLED, or the code of the letter."""
+        letter = self._split(site)[1]
+        return super().code_of(site) if letter is None else FIRST_LABEL + self._letter[letter]
+
+    def check_state(self, sites: Iterable[Site]) -> None:
+        """Check that a letter is on at every place that has letters."""
+        on = {self.place_of(site) for site in sites}
+        for place in self._lettered:
+            if place not in on:
+                raise InputError(f"no letter is on at place {place!r}")

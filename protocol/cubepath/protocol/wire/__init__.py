@@ -1,0 +1,1 @@
+"""What goes over zenoh: messages, key expressions and session settings."""

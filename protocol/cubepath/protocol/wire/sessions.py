@@ -1,0 +1,104 @@
+"""Zenoh sessions on loopback: a router on a free port, clients to it, and no discovery.
+
+The settings are those that keep messages: BLOCK puts, one priority, a long wait before a stalled
+transport is closed, no shared memory (its counters run out at some 350 clients). Measured against
+eclipse-zenoh 1.10.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import zenoh
+
+from cubepath.protocol.core.errors import CubepathError, InputError
+
+_STALL_US_MAX = 60_000_000
+_PATIENCE_S_MAX = 10.0
+_POLL_S = 0.0005
+_ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^/\s:\[\]]+):[0-9]{1,5}")
+
+
+def _config(mode: str, **settings: object) -> zenoh.Config:
+    config = zenoh.Config()
+    base: dict[str, object] = {
+        "mode": mode,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
+        "adminspace/enabled": True,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/queue/congestion_control/block/wait_before_close": _STALL_US_MAX,
+    }
+    for key, value in (base | settings).items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def open_router(endpoint: str | None = None) -> tuple[zenoh.Session, str]:
+    """Open a router at an endpoint, or a free loopback port; return it with its endpoint.
+
+    An endpoint is ``tcp/HOST:PORT``; InputError where it is none or cannot be listened at.
+    """
+    if endpoint is not None and not _ENDPOINT.fullmatch(endpoint):
+        raise InputError(f"endpoint={endpoint}: expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
+    settings: Mapping[str, Any] = {
+        "listen/endpoints": [endpoint or "tcp/127.0.0.1:0"],
+        "connect/endpoints": [],
+    }
+    try:
+        session = zenoh.open(_config("router", **settings))
+    except zenoh.ZError:
+        raise InputError(f"endpoint={endpoint}: cannot listen there") from None
+    if endpoint is not None and not endpoint.endswith(":0"):
+        return session, endpoint
+    # The port is the system's choice; the router's own admin space tells which.
+    for reply in session.get(f"@/{session.info.zid()}/*"):
+        if reply.ok is None:
+            continue
+        found = json.loads(reply.ok.payload.to_string())
+        for locator in found.get("locators", ()) if isinstance(found, dict) else ():
+            if "127.0.0.1" in locator:
+                return session, str(locator)
+    session.close()
+    raise CubepathError("the zenoh router did not tell on which port it listens")
+
+
+def open_client(endpoint: str) -> zenoh.Session:
+    """Open a client session to the router at `endpoint`; CubepathError if it is not there."""
+    settings: Mapping[str, Any] = {"listen/endpoints": [], "connect/endpoints": [endpoint]}
+    try:
+        return zenoh.open(_config("client", **settings))
+    except zenoh.ZError as error:
+        raise CubepathError(f"no zenoh router at {endpoint}: {error}") from None
+
+
+def put(session: zenoh.Session, key: str, data: bytes) -> None:
+    """Put without ever dropping: a full queue makes the sender wait."""
+    session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+def subscribe(
+    session: zenoh.Session, key: str, enqueue: Callable[[zenoh.Sample], None]
+) -> zenoh.Subscriber[None]:
+    """Subscribe with a direct callback, which must only put into a queue: zenoh waits for it."""
+    return session.declare_subscriber(key, zenoh.handlers.Callback(enqueue, indirect=False))
+
+
+def wait_for_subscriber(router: zenoh.Session, key: str) -> None:
+    """Wait until what others put on `key` reaches a subscriber; CubepathError if none is found.
+
+    A declaration and a put come over different links, in no order: what is put before the router
+    knows the subscriber is lost.
+    """
+    with router.declare_publisher(key) as publisher:
+        deadline = time.monotonic() + _PATIENCE_S_MAX
+        # An object, which is always true; zenoh's stub calls it a bool.
+        while not cast("Any", publisher.matching_status).matching:
+            if time.monotonic() > deadline:
+                raise CubepathError(f"no subscriber on {key} within {_PATIENCE_S_MAX:.0f} s")
+            time.sleep(_POLL_S)

@@ -1,0 +1,312 @@
+"""On the wire: real processes over zenoh do what the environment in one process does."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from queue import SimpleQueue
+
+import numpy as np
+import pytest
+import zenoh
+
+from cubepath.agents import parallel_env
+from cubepath.agents.environments.play import Played, play
+from cubepath.agents.processes.fleet import Fleet, ProcessDied
+from cubepath.agents.rules.registry import rule_named
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
+from cubepath.protocol.wire.keys import everything
+from cubepath.protocol.wire.messages import Report, decode, site_of
+from cubepath.protocol.wire.sessions import open_client, subscribe
+from local_families import LOCAL_FAMILIES
+
+Path = list[tuple[int, int, str, object]]
+
+SPECS = [
+    "hex:n=7",
+    "hex-open:n=6",
+    "agv:graph=grid4x4,n=8",
+    "agv-labelled:graph=grid3x3,n=5",
+    "arm:n=7",
+    "sliding:p=2,q=2,n=5",
+    "arms:n=1",
+    "polygon:n=7",
+    "words:presentation=free2",
+    "assembly:n=3",
+]
+
+
+def path_of(played: Played) -> Path:
+    """Return the edge path of a run in the environment."""
+    return [
+        (done.number, module, move.generator, move.at)
+        for done in played.rounds
+        for module, move in done.moves.items()
+    ]
+
+
+def reports_of(
+    scene: Scene, rule: str, *, seed: int, hesitate: float, processes: int, rounds: int
+) -> list[Report]:
+    """Return all reports of a run on the wire, in order of round and module."""
+    found: list[Report] = []
+
+    def sink(topic: str, data: bytes, wall_ns: int) -> None:
+        message = decode(data)
+        if isinstance(message, Report):
+            found.append(message)
+
+    with Fleet(scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink) as fleet:
+        for _ in fleet.rounds(rounds):
+            pass
+    return sorted(found, key=lambda report: (report.round, report.module))
+
+
+def wire_path(reports: list[Report]) -> Path:
+    """Return the edge path that the reports tell."""
+    return [
+        (report.round, report.module, report.move.generator, site_of(report.move.at))
+        for report in reports
+        if report.move is not None
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SPECS)
+def test_same_seed_same_path_over_twenty_seeds(spec: str) -> None:
+    """Random modules that hesitate: environment, 0 and 2 processes agree for 20 seeds."""
+    scene = scene_from_spec(spec)
+    rule = rule_named("random", scene.system)
+    played = [play(scene, rule, seed=s, hesitate=0.3, max_rounds=20) for s in range(20)]
+    lost = 0
+    for processes in (0, 2):
+        for seed, reports in enumerate(
+            reports_of_seeds(scene, "random", played, hesitate=0.3, processes=processes)
+        ):
+            assert wire_path(reports) == path_of(played[seed])
+            lost += sum(report.claim == "lost" for report in reports)
+    assert len({repr(path_of(one)) for one in played}) == 20
+    assert lost > 0
+
+
+def reports_of_seeds(
+    scene: Scene, rule: str, played: list[Played], *, hesitate: float, processes: int
+) -> Iterator[list[Report]]:
+    """Yield the reports of the seeds 0, 1, ... on one fleet, each as many rounds as were played."""
+    found: list[Report] = []
+
+    def sink(topic: str, data: bytes, wall_ns: int) -> None:
+        message = decode(data)
+        if isinstance(message, Report):
+            found.append(message)
+
+    with Fleet(scene, rule, seed=0, hesitate=hesitate, processes=processes, sink=sink) as fleet:
+        for seed, one in enumerate(played):
+            fleet.reset(seed)
+            for _ in fleet.rounds(len(one.rounds)):
+                pass
+            yield sorted(found, key=lambda report: (report.round, report.module))
+            found.clear()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SPECS)
+def test_same_path_with_a_process_for_each_module(spec: str) -> None:
+    """Three processes, and one a module, give the path of the environment."""
+    scene = scene_from_spec(spec)
+    for seed, processes in ((20, 3), (21, len(scene.start))):
+        played = play(
+            scene, rule_named("random", scene.system), seed=seed, hesitate=0.1, max_rounds=20
+        )
+        reports = reports_of(
+            scene, "random", seed=seed, hesitate=0.1, processes=processes, rounds=len(played.rounds)
+        )
+        assert wire_path(reports) == path_of(played)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("family", LOCAL_FAMILIES)
+def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> None:
+    """The rule that reaches the goal does so with the same moves, also when modules hesitate."""
+    scene = scene_from_spec(family)
+    rule = FAMILIES[family].rule
+    for hesitate in (0.0, 0.4):
+        played = play(
+            scene, rule_named(rule, scene.system), seed=3, hesitate=hesitate, max_rounds=150
+        )
+        reports = reports_of(
+            scene, rule, seed=3, hesitate=hesitate, processes=0, rounds=len(played.rounds)
+        )
+        assert wire_path(reports) == path_of(played)
+        assert path_of(played)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SPECS)
+def test_nothing_is_delivered_from_beyond_the_radius(spec: str) -> None:
+    """Every delivery is from a place that the hearer senses, or within reach of its claims."""
+    scene = scene_from_spec(spec)
+    system = scene.system
+    reports = reports_of(scene, "random", seed=5, hesitate=0.0, processes=2, rounds=25)
+    heard = 0
+    for report in reports:
+        place = system.place_of(site_of(report.before))
+        near = {"here": system.sensed(place)}
+        for one in report.heard:
+            sender = system.place_of(site_of(one.site))
+            assert sender in near.get(one.kind, system.reach(place))
+            heard += 1
+    assert heard > 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SPECS)
+def test_everyone_sensed_is_heard(spec: str) -> None:
+    """Each round every module hears of exactly the modules at the places that it senses."""
+    scene = scene_from_spec(spec)
+    system = scene.system
+    reports = reports_of(scene, "random", seed=6, hesitate=0.0, processes=2, rounds=20)
+    for number in range(1, 21):
+        there = {r.module: system.place_of(site_of(r.before)) for r in reports if r.round == number}
+        for report in reports:
+            if report.round != number:
+                continue
+            sensed = set(system.sensed(there[report.module]))
+            expected = {module for module, place in there.items() if place in sensed}
+            assert {h.module for h in report.heard if h.kind == "here"} == expected
+
+
+@contextmanager
+def eavesdropper(fleet: Fleet) -> Iterator[SimpleQueue[bytes]]:
+    """Join a fleet's run with a session of one's own and hear everything."""
+    found: SimpleQueue[bytes] = SimpleQueue()
+
+    def enqueue(sample: zenoh.Sample) -> None:
+        found.put(sample.payload.to_bytes())
+
+    with open_client(fleet.endpoint) as session:
+        ear = subscribe(session, everything(fleet.run), enqueue)
+        time.sleep(0.2)  # a subscriber tells nobody when it has been declared everywhere
+        yield found
+        ear.undeclare()
+
+
+@pytest.mark.slow
+def test_a_coordinator_that_hears_nothing_changes_nothing() -> None:
+    """The barrier carries no state: fed nothing but `ready`, modules choose as ever."""
+    scene = scene_from_spec("hex:n=6")
+    told = reports_of(scene, "random", seed=8, hesitate=0.2, processes=2, rounds=15)
+    with (
+        Fleet(scene, "random", seed=8, hesitate=0.2, processes=2, sink=None) as fleet,
+        eavesdropper(fleet) as found,
+    ):
+        for _ in fleet.rounds(15):
+            pass
+        overheard: list[Report] = []
+        while len(overheard) < len(told):
+            message = decode(found.get(timeout=10))
+            if isinstance(message, Report):
+                overheard.append(message)
+    overheard.sort(key=lambda report: (report.round, report.module))
+    assert overheard == told
+    assert wire_path(told)
+
+
+@pytest.mark.slow
+def test_a_killed_process_is_named_and_the_others_end() -> None:
+    """kill -9 of a module process raises with its modules and the signal; nothing stays."""
+    scene = scene_from_spec("hex:n=4")
+    with (
+        pytest.raises(ProcessDied, match=r"module_1, module_3 \(process 1\) died .*signal 9"),
+        Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet,
+    ):
+        pids = fleet.pids
+        for number in fleet.rounds(10_000):
+            if number == 5:
+                os.kill(pids[1], signal.SIGKILL)
+    for pid in pids:
+        with pytest.raises(ProcessLookupError):
+            os.kill(pid, 0)
+
+
+@pytest.mark.slow
+def test_processes_end_properly_when_they_are_told_to() -> None:
+    """After a run every module process has ended by itself, with exit code 0."""
+    scene = scene_from_spec("hex:n=3")
+    with Fleet(scene, "random", processes=3, sink=lambda *_: None) as fleet:
+        children = list(fleet._children)
+        for _ in fleet.rounds(3):
+            pass
+    assert [child.returncode for child in children] == [0, 0, 0]
+
+
+@pytest.mark.slow
+def test_processes_end_when_their_parent_is_gone() -> None:
+    """A module process whose standard input closes ends by itself."""
+    scene = scene_from_spec("hex:n=2")
+    with Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet:
+        child = fleet._children[0]
+        assert child.stdin is not None
+        child.stdin.close()
+        assert child.wait(timeout=10) == 3
+
+
+@pytest.mark.slow
+def test_runs_side_by_side_do_not_hear_each_other() -> None:
+    """Two fleets at once, each with its own router and run id, give their own paths."""
+    scene = scene_from_spec("hex:n=4")
+    alone = [
+        wire_path(reports_of(scene, "random", seed=s, hesitate=0.0, processes=0, rounds=12))
+        for s in (1, 2)
+    ]
+    both: list[list[Report]] = [[], []]
+
+    def sink_to(found: list[Report]) -> object:
+        def sink(topic: str, data: bytes, wall_ns: int) -> None:
+            message = decode(data)
+            if isinstance(message, Report):
+                found.append(message)
+
+        return sink
+
+    with (
+        Fleet(scene, "random", seed=1, processes=0, sink=sink_to(both[0])) as one,  # type: ignore[arg-type]
+        Fleet(scene, "random", seed=2, processes=0, sink=sink_to(both[1])) as two,  # type: ignore[arg-type]
+    ):
+        for _ in zip(one.rounds(12), two.rounds(12), strict=True):
+            pass
+    for found, path in zip(both, alone, strict=True):
+        assert wire_path(sorted(found, key=lambda r: (r.round, r.module))) == path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spec", "processes"), [("hex:n=5", 2), ("arm:n=4", 3), ("agv-labelled", 0)]
+)
+def test_the_environment_over_zenoh_is_the_environment(spec: str, processes: int) -> None:
+    """`transport="zenoh"` gives the same observations, rewards, ends and infos."""
+    here = parallel_env(spec, max_cycles=20)
+    there = parallel_env(spec, max_cycles=20, transport="zenoh", processes=processes)
+    try:
+        seen, _ = here.reset(seed=9)
+        told, _ = there.reset(seed=9)
+        assert repr(seen) == repr(told)
+        random = np.random.default_rng(1)
+        while here.agents:
+            actions = {
+                name: int(random.integers(here.action_space(name).n))  # type: ignore[attr-defined]
+                for name in here.agents
+            }
+            one, other = here.step(actions), there.step(actions)
+            assert repr(one) == repr(other)
+            assert (here.state() == there.state()).all()
+        assert there.agents == []
+        again, _ = here.reset(seed=10)
+        told, _ = there.reset(seed=10)
+        assert repr(again) == repr(told)
+    finally:
+        there.close()

@@ -1,0 +1,126 @@
+"""Observations: what is seen is local, and reading it back loses nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import pytest
+
+from cubepath.agents.environments.world import World
+from cubepath.agents.local.observation import observe, view_of
+from cubepath.agents.rules.actor import pilots_for
+from cubepath.agents.rules.uniform import RANDOM
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+SPECS = [
+    "hex:n=6",
+    "hex-open:n=5",
+    "arm:n=5",
+    "agv:graph=grid4x4,n=6",
+    "agv:graph=K5,n=3",
+    "agv-labelled:graph=C6,n=4",
+    "sliding:p=2,q=2,n=4",
+    "arm-free:n=5",
+    "arms:n=1",
+]
+
+
+class Nearby(Mapping[Site, Site]):
+    """Occupants that may be asked for within a neighbourhood only."""
+
+    def __init__(self, occupants: dict[Site, Site], near: set[Site]) -> None:
+        self.occupants = occupants
+        self.near = near
+
+    def __getitem__(self, place: Site) -> Site:
+        if place not in self.near:
+            raise AssertionError(f"looked at {place!r}, which is beyond the sensing radius")
+        return self.occupants[place]
+
+    def __iter__(self) -> Iterator[Site]:
+        raise AssertionError("looked at all occupants")
+
+    def __len__(self) -> int:
+        raise AssertionError("counted all occupants")
+
+
+def worlds(spec: str) -> Iterator[World]:
+    """Yield the world of a random run after each of its rounds."""
+    scene = scene_from_spec(spec)
+    world = World(scene, seed=4)
+    pilots = pilots_for(scene, RANDOM, seed=4, hesitate=0.0)
+    for _ in range(15):
+        yield world
+        world.step({m: pilot.act(world.observe(m)).action for m, pilot in pilots.items()})
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_an_observation_looks_at_sensed_places_only(spec: str) -> None:
+    """Asking for any place beyond the sensing radius would fail, and the result is the same."""
+    for world in worlds(spec):
+        system = world.scene.system
+        occupants = {system.place_of(site): site for site in world.sites}
+        for module, site in enumerate(world.sites):
+            near = {place for place in system.sensed(system.place_of(site)) if place is not None}
+            goals = frozenset(world.scene.goals[module])
+            seen = observe(system, site, Nearby(occupants, near), goals=goals)
+            whole = world.observe(module)
+            assert all((seen[key] == whole[key]).all() for key in whole)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_what_is_far_changes_nothing(spec: str) -> None:
+    """Taking away every module beyond the sensing radius leaves the observation as it was."""
+    for world in worlds(spec):
+        system = world.scene.system
+        for module, site in enumerate(world.sites):
+            near = set(system.sensed(system.place_of(site)))
+            left = {system.place_of(s): s for s in world.sites if system.place_of(s) in near}
+            goals = frozenset(world.scene.goals[module])
+            seen = observe(system, site, left, goals=goals)
+            whole = world.observe(module)
+            assert all((seen[key] == whole[key]).all() for key in whole)
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_the_mask_is_admissibility_in_the_whole_state(spec: str) -> None:
+    """What the module can tell from its neighbourhood is what holds in the state as a whole."""
+    for world in worlds(spec):
+        system = world.scene.system
+        state = set(world.sites) | system.filled
+        for module, site in enumerate(world.sites):
+            mask = world.observe(module)["action_mask"]
+            assert mask[0] == 1
+            for slot, move in enumerate(system.moves(site), 1):
+                assert mask[slot] == (move is not None and move.possible(state))
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_a_view_reads_the_observation_back(spec: str) -> None:
+    """Site, occupied places and legal moves come out of the observation as they went in."""
+    for world in worlds(spec):
+        system = world.scene.system
+        there = {system.place_of(site): site for site in (*world.sites, *system.filled)}
+        for module, site in enumerate(world.sites):
+            label = None if system.labels is None else module
+            view = view_of(system, world.observe(module), label)
+            assert view.site == site
+            near = [place for place in system.sensed(view.place) if place in there]
+            assert {p: system.site_at(p, code) for p, code in view.occupied.items()} == {
+                place: there[place] for place in near
+            }
+            assert [action for action, _ in view.legal()] == [
+                int(action) for action in view.mask.nonzero()[0] if action
+            ]
+
+
+def test_notes_are_heard_within_reach_and_by_place() -> None:
+    """A note said in one round is heard in the next within reach, and not beyond."""
+    scene = scene_from_spec("agv:graph=P6,n=3")
+    world = World(scene, seed=0, talk=2)
+    assert view_of(scene.system, world.observe(0)).notes == {}
+    world.step({2: 2}, {1: (7, 8), 2: (9, 10)})
+    assert world.sites == [0, 1, 3]
+    assert view_of(scene.system, world.observe(0)).notes == {1: (7, 8)}
+    assert view_of(scene.system, world.observe(1)).notes == {0: (0, 0), 3: (9, 10)}

@@ -1,0 +1,243 @@
+"""Exploring states and building the state complex, against the obvious enumeration."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import complexes
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.complexes.exploration import explore
+from cubepath.coordinator.complexes.links import check_links
+from cubepath.coordinator.complexes.shape_complex import shape_complex
+from cubepath.coordinator.complexes.state_complex import bytes_for, f_vector, state_complex
+from cubepath.coordinator.complexes.state_masks import Bits, commutes, row_of
+from cubepath.protocol.core.actions import Action, apply, commute
+from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator, Move
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.systems.listed import TabledSystem
+
+SMALL = [
+    "hex:n=3,base=1",
+    "hex-open:n=2",
+    "hex-tunnel:n=4",
+    "hex-connected:n=3",
+    "sliding:p=2,q=1",
+    "sliding:p=1,q=1,n=3",
+    "arm:n=6",
+    "arm-free:n=3",
+    "arms",
+    "agv:graph=K5,n=2",
+    "agv-labelled:graph=C5,n=3",
+    "polygon:n=7",
+    "triangulation:n=7",
+    "words",
+    "assembly:n=2",
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SMALL)
+def test_states_and_cubes_are_those_of_the_obvious_enumeration(spec: str) -> None:
+    """The same f-vector as by going through all commuting sets of all states, for every system."""
+    scene = scene_from_spec(spec)
+    explored = explore(scene)
+    assert explored.complete
+    assert list(f_vector(explored)) == complexes.f_vector(scene)
+    assert {explored.state(number) for number in range(len(explored.states))} == set(
+        complexes.states_of(scene)
+    )
+
+
+@pytest.mark.parametrize("spec", ["arm:n=5", "agv-labelled:graph=K4,n=2", "sliding:p=1,q=1"])
+def test_a_cube_is_its_actions_at_its_base(spec: str) -> None:
+    """Cubes commute pairwise, and their faces are what the definition of the boundary says."""
+    built = state_complex(explore(scene_from_spec(spec)))
+    explored = built.explored
+    number = {explored.state(place): place for place in range(len(explored.states))}
+    built.complex.check()
+    for k in range(1, built.complex.dimension + 1):
+        for place in range(built.complex.f_vector[k]):
+            base, actions = built.cube(k, place)
+            assert all(commute(one, other) for one, other in combinations(actions, 2))
+            for direction, action in enumerate(actions):
+                rest = actions[:direction] + actions[direction + 1 :]
+                across = number[apply(action, explored.state(base))]
+                low, high = built.complex.faces[k][place, direction].tolist()
+                assert built.cube(k - 1, low) == (base, rest)
+                assert built.cube(k - 1, high) == (across, rest)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.sampled_from(["hex-open:n=3", "sliding:p=2,q=2", "polygon:n=7", "arms", "arm:n=7"]))
+def test_masks_say_what_sets_say(spec: str) -> None:
+    """Commuting by masks is `commute`, for all pairs of actions met at a start."""
+    bits = Bits(scene_from_spec(spec))
+    for bit in range(len(bits.sites)):
+        bits.meet(bit)
+    masks = bits.masks()
+    for one, other in combinations(range(len(bits.actions)), 2):
+        assert commutes(masks, one, other) == commute(bits.actions[one], bits.actions[other])
+
+
+def test_states_go_to_masks_and_back() -> None:
+    """What is on in a row of words is what was put there, occupied obstacles included."""
+    scene = scene_from_spec("sliding:p=2,q=1")
+    bits = Bits(scene)
+    assert bits.decode(row_of(bits.start, bits.words)) == scene.start_state
+
+
+def test_the_same_scene_gives_the_same_numbers() -> None:
+    """States, actions and cubes come in the same order every time."""
+    one, other = (state_complex(explore(scene_from_spec("hex:n=3,base=1"))) for _ in range(2))
+    assert np.array_equal(one.explored.states, other.explored.states)
+    assert [action.label for action in one.explored.bits.actions] == [
+        action.label for action in other.explored.bits.actions
+    ]
+    for mine, theirs in zip(one.complex.faces, other.complex.faces, strict=True):
+        assert np.array_equal(mine, theirs)
+
+
+def test_the_limit_stops_it_and_is_told() -> None:
+    """An endless system stops soon after the limit; its complex and counts are refused."""
+    explored = explore(scene_from_spec("hex:n=6"), max_states=5000)
+    assert not explored.complete
+    assert 5000 < len(explored.states) < 6000
+    for refused in (state_complex, f_vector):
+        with pytest.raises(CheckError, match="hex:n=6: only a part was explored"):
+            refused(explored)
+
+
+@pytest.mark.parametrize("spec", ["arm:n=7", "hex-connected:n=3"])
+def test_exactly_as_many_states_as_allowed_are_no_reason_to_stop(spec: str) -> None:
+    """Also where many of the states that were looked at are forbidden by a global rule."""
+    scene = scene_from_spec(spec)
+    count = len(explore(scene).states)
+    assert explore(scene, max_states=count).complete
+    assert not explore(scene, max_states=count // 2).complete
+
+
+def listed(*moves: Move, start: list[Site], fixed: list[Site] | None = None) -> Scene:
+    system = TabledSystem(moves, fixed=fixed or [], drawing="letters", positions={})
+    return Scene("listed", "", system, tuple(start))
+
+
+def move(
+    name: str,
+    support: list[Site],
+    one: Site,
+    other: Site,
+    *,
+    reads: list[Site] | None = None,
+    free: list[Site] | None = None,
+    guards: list[tuple[Site, Site]] | None = None,
+) -> Move:
+    on = reads or []
+    action = Action(
+        [*support, one, other], [one, other], [one, *on], [other, *on],
+        free=free or [], guards=guards or [], label=name,
+    )  # fmt: skip
+    return Move(action, name, one, ((one, other),))
+
+
+def test_equal_actions_under_two_names_are_one_edge() -> None:
+    """Listed there and back, or as two generators of a lattice: a square, and one edge."""
+    scene = listed(
+        move("g", [], "a", "b"),
+        move("h", [], "b", "a"),
+        move("g2", [], "c", "d"),
+        start=["a", "c"],
+    )
+    built = state_complex(explore(scene))
+    assert built.complex.f_vector == (4, 4, 1)
+    built.complex.check()
+    both = [
+        Generator(name, (here, there), (here, there), (here,), (there,), ((here, there),))
+        for name, here, there in (("right", (0, 0), (1, 0)), ("left", (0, 0), (-1, 0)))
+    ]
+    catalogue = Catalogue(SQUARES, tuple(both))
+    walled = Scene("two", "", LatticeSystem(catalogue, workspace=[(0, 0), (1, 0)]), ((0, 0),))
+    assert f_vector(explore(walled)) == (2, 1)
+    free = Scene("free", "", LatticeSystem(catalogue), ((0, 0),))
+    assert shape_complex(free).complex.f_vector == (1, 1)
+
+
+def test_a_guard_on_an_obstacle_is_a_need() -> None:
+    """An obstacle that is on and guarded by a site that must be off: the action never applies."""
+    scene = listed(
+        move("never", ["f", "g"], "a", "b", free=["f"], guards=[("f", "g")]),
+        move("x", [], "g", "h"),
+        start=["a", "g"],
+        fixed=["f"],
+    )
+    assert f_vector(explore(scene)) == (2, 1)
+    assert list(f_vector(explore(scene))) == complexes.f_vector(scene)
+    needing = listed(
+        move("if", ["f", "g"], "a", "b", free=["f", "g"], guards=[("f", "g")]),
+        move("x", [], "g", "h"),
+        start=["a", "g"],
+        fixed=["f"],
+    )
+    assert list(f_vector(explore(needing))) == complexes.f_vector(needing) == [4, 3]
+
+
+@st.composite
+def listed_scenes(draw: st.DrawFn) -> Scene:
+    """Draw a few moves on a few sites, with what they read, free sites, guards and obstacles."""
+    sites: list[Site] = [0, 1, 2, 3, 4, 5]
+    fixed = draw(st.lists(st.sampled_from(sites), max_size=1))
+    places = [site for site in sites if site not in fixed]
+    moves = []
+    for number in range(draw(st.integers(1, 6))):
+        one, other = draw(st.permutations(places))[:2]
+        rest = [site for site in sites if site not in (one, other)]
+        near = draw(st.lists(st.sampled_from(rest), unique=True, max_size=3))
+        free = draw(st.lists(st.sampled_from(near), unique=True, max_size=2)) if near else []
+        reads = [site for site in near if site not in free and draw(st.booleans())]
+        guards = [(free[0], free[1])] if len(free) == 2 and draw(st.booleans()) else []
+        moves.append(move(f"m{number}", near, one, other, reads=reads, free=free, guards=guards))
+    start = draw(st.lists(st.sampled_from(places), unique=True, min_size=1, max_size=4))
+    known = {site for each in moves for site in each.action.support}
+    on = [site for site in start if site in known]
+    return listed(*moves, start=on or [next(iter(moves[0].action.ends[0] - set(fixed)))], fixed=[
+        site for site in fixed if site in known
+    ])  # fmt: skip
+
+
+@settings(deadline=None, max_examples=150)
+@given(listed_scenes())
+def test_any_listed_system_is_explored_as_it_is_defined(scene: Scene) -> None:
+    """Free sites, guards, obstacles, doubled actions: as enumerated the obvious way, and NPC."""
+    built = state_complex(explore(scene))
+    assert list(built.complex.f_vector) == complexes.f_vector(scene)
+    built.complex.check()
+    assert check_links(built.complex).npc
+
+
+def test_progress_is_told() -> None:
+    """How far it is, chunk by chunk, up to the end."""
+    told: list[tuple[int, int]] = []
+    explored = explore(scene_from_spec("arm:n=6"), progress=lambda *seen: told.append(seen))
+    assert told[-1] == (len(explored.states), len(explored.states))
+
+
+def test_the_bytes_that_are_announced_are_those_that_are_taken() -> None:
+    """What is said before cubes are made is what they take."""
+    built = state_complex(explore(scene_from_spec("arm:n=8")))
+    arrays = (*built.complex.faces, *built.bases, *built.actions)
+    assert bytes_for(built.complex.f_vector) == sum(array.nbytes for array in arrays)
+
+
+def test_a_state_from_which_nothing_moves_is_a_point() -> None:
+    """A deadlocked arm has a complex of one vertex."""
+    built = state_complex(explore(scene_from_spec("arm-free:start=deadlock")))
+    assert built.complex.f_vector == (1,)
+    assert isinstance(built.complex, CubicalComplex)

@@ -1,0 +1,537 @@
+"""Certificates: what is built is accepted, what is wrong is refused and named, by two checkers."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import time
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
+from random import Random
+
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+from cubepath.coordinator.normal_form import certificate as builder
+from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
+from cubepath.coordinator.normal_form.definitions import end_state, obvious_normal_form
+from cubepath.coordinator.verification import proof as checker
+from cubepath.coordinator.verification.proof import examine
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.path_files import certificates
+from cubepath.protocol.path_files.certificates import (
+    Certificate,
+    certificate_from_json,
+    certificate_schema,
+    companion,
+    read_certificate,
+    write_certificate,
+)
+from strategies import (
+    SCENES,
+    Word,
+    crowded_words,
+    detours,
+    edge,
+    random_walk,
+    scene,
+    toggle,
+    walks,
+    walks_with_detours,
+    words,
+)
+
+all_words = st.one_of(words(max_size=40), crowded_words())
+
+
+def judged(path: Sequence[Action], found: Certificate) -> dict[str, str | None]:
+    return examine(path, found.cancelled, found.cubes, found.chain)
+
+
+def refused(path: Sequence[Action], found: Certificate) -> dict[str, str]:
+    """Return the checks that fail, with their reasons."""
+    return {check: why for check, why in judged(path, found).items() if why is not None}
+
+
+def obviously(path: Sequence[Action], found: Certificate) -> set[str]:
+    """Return the checks that fail, by the definitions, each pair of moves looked at."""
+    members = [move for part in (*found.cancelled, *found.cubes) for move in part]
+    everything = list(range(1, len(path) + 1))
+    if sorted(members) != everything or [] in found.cubes:
+        return {"form"}
+
+    def apart(one: int, other: int) -> bool:
+        return commute(path[one - 1], path[other - 1])
+
+    cube = {move: number for number, each in enumerate(found.cubes) for move in each}
+    left = sorted(cube)
+    fails: set[str] = set()
+    alive = set(everything)
+    for first, later in sorted(found.cancelled, key=lambda pair: pair[1]):
+        between = [move for move in alive if first < move < later]
+        if (
+            first > later
+            or path[first - 1] != path[later - 1]
+            or not all(apart(move, first) for move in between)
+        ):
+            fails.add("cancelled")
+            break
+        alive -= {first, later}
+    for place, move in enumerate(left):
+        for other in left[place + 1 :]:
+            if not apart(move, other) and cube[move] >= cube[other]:
+                fails.add("schedule")
+            if path[move - 1] == path[other - 1] and all(
+                apart(move, between) for between in left[place + 1 : left.index(other)]
+            ):
+                fails.add("reduced")
+    links = list(pairwise(found.chain))
+    if (
+        len(found.chain) != len(found.cubes)
+        or not set(found.chain) <= set(left)
+        or any(one >= other or apart(one, other) for one, other in links)
+    ):
+        fails.add("chain")
+    return fails
+
+
+def test_examples() -> None:
+    """What the docstrings show is so."""
+    for module in (builder, checker, certificates):
+        assert not doctest.testmod(module).failed
+
+
+def test_the_checker_knows_actions_and_nothing_else() -> None:
+    """Of the project it imports `Action`, `commute` and the name of a site."""
+    tree = ast.parse(Path(checker.__file__).read_text())
+    ours = [
+        (node.module, {name.name for name in node.names})
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module and "cubepath" in node.module
+    ]
+    assert ours == [
+        ("cubepath.protocol.core.actions", {"Action", "commute"}),
+        ("cubepath.protocol.core.sites", {"Site"}),
+    ]
+
+
+# What is built
+
+
+@pytest.mark.slow
+@given(path=all_words)
+def test_what_is_built_is_accepted(path: Word) -> None:
+    """The certificate of any word is accepted by both checkers, and has the known cubes."""
+    found = certificate_of(path)
+    assert not refused(path, found)
+    assert not obviously(path, found)
+    cubes = tuple(frozenset(path[move - 1] for move in cube) for cube in found.cubes)
+    assert cubes == obvious_normal_form(path)
+    assert [later for _, later in found.cancelled] == sorted(later for _, later in found.cancelled)
+
+
+@pytest.mark.slow
+@given(data=st.data())
+def test_the_certificate_of_a_walk_with_detours(data: st.DataObject) -> None:
+    """Of every system, with detours in it: accepted, and the cubes end where the walk does."""
+    spec = data.draw(st.sampled_from(SCENES))
+    word = data.draw(walks(spec, max_size=16))
+    path = data.draw(walks_with_detours(spec, word))
+    start = scene(spec).start_state
+    found = certificate_of(path, end_of(path, start))
+    assert not refused(path, found)
+    assert found.cancelled
+    assert found.end is not None
+    assert frozenset(found.end) == end_state(path, start)
+    cubes = [[path[move - 1] for move in cube] for cube in found.cubes]
+    assert end_state(cubes, start) == end_state(path, start)
+
+
+@pytest.mark.slow
+@given(data=st.data())
+def test_a_detour_does_not_change_the_length_that_is_proved(data: st.DataObject) -> None:
+    """Two words of one class have certificates of one number of cubes."""
+    path = data.draw(words(max_size=16))
+    longer = data.draw(detours(path, [toggle(0), toggle(1, reads=[0]), toggle(7)]))
+    assert len(certificate_of(longer).chain) == len(certificate_of(path).chain)
+
+
+@pytest.mark.parametrize("path", [[], [toggle(1)], [toggle(1)] * 2, [toggle(1)] * 5])
+def test_small_paths(path: Word) -> None:
+    """Nothing, one move, there and back, and that once more and on."""
+    found = certificate_of(path)
+    assert not refused(path, found)
+    assert len(found.cubes) == len(path) % 2
+
+
+def test_a_schedule_that_is_not_normal_is_accepted_too() -> None:
+    """A move may come later than it could: in the class, and no shorter schedule, all the same."""
+    path = [edge(1, 2), edge(2, 3), edge(7, 8)]
+    assert not refused(path, Certificate(3, [], [[1], [2, 3]], [1, 2]))
+    assert not refused(path, Certificate(3, [], [[1, 3], [2]], [1, 2]))
+
+
+def test_other_pairs_than_those_of_the_heap_are_accepted() -> None:
+    """Of three equal moves the first may remain as well as the last."""
+    path = [toggle(1)] * 3
+    for pair, left in (((1, 2), 3), ((2, 3), 1)):
+        assert not refused(path, Certificate(3, [pair], [[left]], [left]))
+
+
+# What is tampered with
+
+ROAD = [toggle(n, reads=[n - 1], label=f"step {n}") for n in range(1, 6)]
+"""Five moves, each of which waits for the one before."""
+SIDE = toggle(50, label="aside")
+HUB = toggle("hub", label="hub")
+PATH = [ROAD[0], SIDE, HUB, ROAD[1], SIDE, ROAD[2], HUB, ROAD[3], ROAD[4], toggle(60)]
+GOOD = Certificate(10, [(2, 5), (3, 7)], [[1, 10], [4], [6], [8], [9]], [1, 4, 6, 8, 9])
+
+WRONG: dict[str, tuple[Word, Certificate, str, str]] = {
+    "two pairs mixed up": (
+        PATH,
+        replace(GOOD, cancelled=[(2, 7), (3, 5)]),
+        "cancelled",
+        "moves 3 and 5 are a pair, but they are not equal",
+    ),
+    "a pair the wrong way round": (
+        PATH,
+        replace(GOOD, cancelled=[(5, 2), (3, 7)]),
+        "cancelled",
+        "moves 5 and 2 are a pair, but the later one stands first",
+    ),
+    "a pair left out": (
+        PATH,
+        replace(GOOD, cancelled=[(3, 7)]),
+        "form",
+        "move 2 is in no pair and in no cube",
+    ),
+    "a pair left out, its moves kept": (
+        PATH,
+        replace(GOOD, cancelled=[(3, 7)], cubes=[[1, 2, 10], [4, 5], *GOOD.cubes[2:]]),
+        "reduced",
+        "moves 2 and 5 remain, but are equal with nothing between them",
+    ),
+    "a pair across a writer": (
+        [ROAD[0], toggle(1), ROAD[0]],
+        Certificate(3, [(1, 3)], [[2]], [2]),
+        "cancelled",
+        "moves 1 and 3 are a pair, but move 2 is between them",
+    ),
+    "a pair across a reader": (
+        [toggle(1), ROAD[1], toggle(1)],
+        Certificate(3, [(1, 3)], [[2]], [2]),
+        "cancelled",
+        "moves 1 and 3 are a pair, but move 2 is between them",
+    ),
+    "a pair across a writer of what it reads": (
+        [ROAD[1], toggle(1), ROAD[1]],
+        Certificate(3, [(1, 3)], [[2]], [2]),
+        "cancelled",
+        "moves 1 and 3 are a pair, but move 2 is between them",
+    ),
+    "two pairs that cross": (
+        [toggle(1), ROAD[0], toggle(1), ROAD[0]],
+        Certificate(4, [(1, 3), (2, 4)], [], []),
+        "cancelled",
+        "moves 1 and 3 are a pair, but move 2 is between them",
+    ),
+    "cube numbers swapped": (
+        PATH,
+        replace(GOOD, cubes=[[1, 10], [6], [4], [8], [9]]),
+        "schedule",
+        "move 6 does not commute with move 4 before it, but is in cube 2, and that in cube 3",
+    ),
+    "two cubes in one": (
+        PATH,
+        replace(GOOD, cubes=[[1, 10], [4], [6], [8, 9]], chain=[1, 4, 6, 8]),
+        "schedule",
+        "move 9 does not commute with move 8 before it, but is in cube 4, and that in cube 4",
+    ),
+    "a shorter chain": (
+        PATH,
+        replace(GOOD, chain=[1, 4, 6, 8]),
+        "chain",
+        "the chain has 4 moves, and there are 5 cubes",
+    ),
+    "one cube too many": (
+        PATH,
+        replace(GOOD, cubes=[[10], [1], [4], [6], [8], [9]]),
+        "chain",
+        "the chain has 5 moves, and there are 6 cubes",
+    ),
+    "neighbours that commute": (
+        PATH,
+        replace(GOOD, chain=[1, 4, 6, 8, 10]),
+        "chain",
+        "moves 8 and 10 are neighbours in the chain, but they commute",
+    ),
+    "a chain against the path": (
+        PATH,
+        replace(GOOD, chain=[4, 1, 6, 8, 9]),
+        "chain",
+        "move 1 comes after move 4 in the chain, but not in the path",
+    ),
+    "one move twice in the chain": (
+        PATH,
+        replace(GOOD, chain=[1, 4, 4, 8, 9]),
+        "chain",
+        "move 4 comes after move 4 in the chain, but not in the path",
+    ),
+    "a cancelled move in the chain": (
+        PATH,
+        replace(GOOD, chain=[1, 4, 5, 8, 9]),
+        "chain",
+        "move 5 is in the chain, but in no cube",
+    ),
+    "a move of the chain that is none": (
+        PATH,
+        replace(GOOD, chain=[1, 4, 6, 8, 11]),
+        "chain",
+        "move 11 is in the chain, but in no cube",
+    ),
+    "an index of 0": (
+        PATH,
+        replace(GOOD, cancelled=[(0, 5), (3, 7)]),
+        "form",
+        "pair 1 has move 0, and the path has 10 moves",
+    ),
+    "an index beyond the end": (
+        PATH,
+        replace(GOOD, cubes=[[1, 11], *GOOD.cubes[1:]]),
+        "form",
+        "cube 1 has move 11, and the path has 10 moves",
+    ),
+    "an index twice": (
+        PATH,
+        replace(GOOD, cubes=[[1, 10, 2], *GOOD.cubes[1:]]),
+        "form",
+        "move 2 is in pair 1, and again in cube 1",
+    ),
+    "a move left out": (
+        PATH,
+        replace(GOOD, cubes=[[1], *GOOD.cubes[1:]]),
+        "form",
+        "move 10 is in no pair and in no cube",
+    ),
+    "a cube of nothing": (PATH, replace(GOOD, cubes=[*GOOD.cubes, []]), "form", "cube 6 holds no"),
+    "a path that goes on": ([*PATH, SIDE], GOOD, "form", "move 11 is in no pair and in no cube"),
+}
+
+
+def test_the_one_that_is_tampered_with_is_good() -> None:
+    """What the tamperings start from is a certificate, and the one that is built."""
+    assert not refused(PATH, GOOD)
+    assert certificate_of(PATH) == GOOD
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_tampered_with_is_refused_and_named(name: str) -> None:
+    """The check fails, and its reason names the moves; the obvious checker finds the same."""
+    path, wrong, check, reason = WRONG[name]
+    found = refused(path, wrong)
+    assert found[check].startswith(reason)
+    assert set(found) == obviously(path, wrong)
+
+
+Tampering = Callable[[Certificate, Random], Certificate]
+
+
+def _swap(found: Certificate, random: Random) -> Certificate:
+    """Put two moves, of cubes or of pairs, in each other's place."""
+    one, other = random.randrange(found.moves) + 1, random.randrange(found.moves) + 1
+    to = {one: other, other: one}
+    return replace(
+        found,
+        cancelled=[(to.get(a, a), to.get(b, b)) for a, b in found.cancelled],
+        cubes=[[to.get(move, move) for move in cube] for cube in found.cubes],
+    )
+
+
+def _unpair(found: Certificate, random: Random) -> Certificate:
+    pairs = list(found.cancelled)
+    if not pairs:
+        return found
+    first, later = pairs.pop(random.randrange(len(pairs)))
+    cubes = [*map(list, found.cubes), [], []]
+    cubes[random.randrange(len(cubes))].append(first)
+    cubes[random.randrange(len(cubes))].append(later)
+    return replace(found, cancelled=pairs, cubes=[cube for cube in cubes if cube])
+
+
+def _pair_up(found: Certificate, random: Random) -> Certificate:
+    left = [move for cube in found.cubes for move in cube]
+    if len(left) < 2:
+        return found
+    first, later = sorted(random.sample(left, 2))
+    cubes = [[move for move in cube if move not in (first, later)] for cube in found.cubes]
+    pairs = [*found.cancelled, (first, later)]
+    return replace(found, cancelled=pairs, cubes=[cube for cube in cubes if cube])
+
+
+def _move_on(found: Certificate, random: Random) -> Certificate:
+    if not found.cubes:
+        return found
+    cubes = [*map(list, found.cubes), []]
+    cube = random.choice(cubes[:-1])
+    random.choice(cubes).append(cube.pop(random.randrange(len(cube))))
+    return replace(found, cubes=[cube for cube in cubes if cube])
+
+
+def _rechain(found: Certificate, random: Random) -> Certificate:
+    chain = list(found.chain)
+    if not chain:
+        return found
+    chain[random.randrange(len(chain))] = random.randrange(found.moves) + 1
+    return replace(found, chain=chain)
+
+
+def _match_chain(found: Certificate, random: Random) -> Certificate:
+    return replace(found, chain=[random.choice(cube) for cube in found.cubes])
+
+
+TAMPERINGS: tuple[Tampering, ...] = (_swap, _unpair, _pair_up, _move_on, _rechain, _match_chain)
+
+
+@pytest.mark.slow
+@settings(max_examples=300)
+@given(
+    path=all_words,
+    steps=st.lists(st.sampled_from(TAMPERINGS), max_size=3),
+    random=st.randoms(use_true_random=False),
+)
+def test_the_obvious_checker_agrees(path: Word, steps: list[Tampering], random: Random) -> None:
+    """On certificates with up to three things changed, right or wrong, the same checks fail."""
+    assume(path)
+    found = certificate_of(path)
+    for tamper in steps:
+        found = tamper(found, random)
+    assert set(refused(path, found)) == obviously(path, found)
+
+
+@pytest.mark.slow
+@given(path=all_words, random=st.randoms(use_true_random=False))
+def test_a_chain_with_a_link_missing_is_refused(path: Word, random: Random) -> None:
+    """Whichever move of the chain is left out."""
+    found = certificate_of(path)
+    assume(found.chain)
+    chain = list(found.chain)
+    del chain[random.randrange(len(chain))]
+    assert "chain" in refused(path, replace(found, chain=chain))
+
+
+@pytest.mark.slow
+@settings(max_examples=50)
+@given(path=words(max_letters=4, max_size=9), cut=st.integers(1, 9))
+def test_nothing_shorter_is_ever_accepted(path: Word, cut: int) -> None:
+    """Whatever is merged into fewer cubes, with whatever chain: refused."""
+    found = certificate_of(path)
+    assume(len(found.cubes) >= 2)
+    place = cut % (len(found.cubes) - 1)
+    cubes = list(found.cubes)
+    cubes[place : place + 2] = [[*cubes[place], *cubes[place + 1]]]
+    shorter = replace(found, cubes=cubes, chain=[cube[0] for cube in cubes])
+    assert "schedule" in refused(path, shorter)
+
+
+# Why one waits for the other
+
+
+@pytest.mark.slow
+@given(letters=words(max_letters=2, max_size=8))
+def test_a_link_says_what_holds_a_move_up(letters: Word) -> None:
+    """Of any two moves that do not commute it gives a site that both have and one writes."""
+    for one, other in pairwise(letters):
+        if commute(one, other):
+            with pytest.raises(ValueError, match="commute"):
+                link(one, other)
+            continue
+        found = link(one, other)
+        assert found.site in one.support & other.support
+        assert (found.before_writes, found.writes) == (
+            found.site in one.trace,
+            found.site in other.trace,
+        )
+        assert found.before_writes or found.writes
+
+
+# As a file
+
+
+def test_a_certificate_is_read_back(tmp_path: Path) -> None:
+    """Written and read it is the same, and its schema says what its keys are."""
+    path = companion(tmp_path / "cubes.jsonl")
+    end = certificate_of(PATH, {(0, 1), "dock", 5})
+    write_certificate(path, end)
+    read = read_certificate(path)
+    assert read == replace(end, end=[5, "dock", [0, 1]])
+    assert path.read_text().startswith('{"format":"cubepath-certificate-1","moves":10,')
+    keys = {"format", "moves", "cancelled", "cubes", "chain"}
+    assert set(certificate_schema()["required"]) == keys
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "truncated"),
+        ("[]", "Expected `object`"),
+        ('{"format":"cubepath-certificate-2"}', "format"),
+        ('{"format":"cubepath-certificate-1","moves":1}', "missing required field `cancelled`"),
+        (
+            '{"format":"cubepath-certificate-1","moves":2,"cancelled":[[1,"2"]],"cubes":[],"chain":[]}',
+            r"Expected `int`, got `str` - at `\$.cancelled\[0\]\[1\]`",
+        ),
+        (
+            '{"format":"cubepath-certificate-1","moves":2,"cancelled":[],"cubes":[[1],[2.5]],"chain":[]}',
+            r"Expected `int`, got `float` - at `\$.cubes\[1\]\[0\]`",
+        ),
+        (
+            '{"format":"cubepath-certificate-1","moves":2,"cancelled":[],"cubes":[],"chain":[true]}',
+            r"Expected `int`, got `bool` - at `\$.chain\[0\]`",
+        ),
+        (
+            '{"format":"cubepath-certificate-1","moves":3,"cancelled":[[1,2,3]],"cubes":[],"chain":[]}',
+            r"`\$.cancelled\[0\]`",
+        ),
+    ],
+)
+def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str, reason: str) -> None:
+    """With the file, what was found, and where in it."""
+    path = tmp_path / "certificate.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=reason) as refusal:
+        read_certificate(path)
+    assert str(refusal.value).startswith(f"{path}: no cubepath-certificate-1")
+    with pytest.raises(InputError, match="no cubepath-certificate-1"):
+        certificate_from_json(text.encode())
+
+
+def test_a_certificate_that_is_not_there(tmp_path: Path) -> None:
+    """A missing file is named."""
+    with pytest.raises(InputError, match=r"none\.json: No such file"):
+        read_certificate(tmp_path / "none.json")
+
+
+# Cost
+
+
+def _time(path: Word) -> float:
+    found = certificate_of(path)
+    times = []
+    for _ in range(3):
+        began = time.process_time()
+        assert not refused(path, found)
+        times.append(time.process_time() - began)
+    return min(times)
+
+
+@pytest.mark.slow
+def test_checking_grows_with_the_path_alone() -> None:
+    """Eight times as many moves, some far from their partners: far from 64 times as long."""
+    short = random_walk("agv:graph=grid3x3,n=3", 500, seed=1)
+    long = random_walk("agv:graph=grid3x3,n=3", 4000, seed=1)
+    assert _time(long + long[::-1]) < 24 * _time(short + short[::-1])

@@ -1,0 +1,351 @@
+"""A run from end to end: real processes, a closed recording, and what is said of it."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cubepath.agents.environments.play import play
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.runs.gatherer import PathDigest
+from cubepath.coordinator.runs.run import Plan, run
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import Executed, Summary, decode
+from cubepath.protocol.wire.sessions import open_client, put
+
+PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
+LONG = ["--rule=random", "--max-rounds=999999"]
+KEYS = [
+    "log",
+    "system",
+    "rule",
+    "seed",
+    "modules",
+    "processes",
+    "rounds",
+    "moves",
+    "reduced_moves",
+    "cubes",
+    "max_cube_dimension",
+    "goal_reached",
+    "path_digest",
+    "seconds",
+]
+
+
+def cubepath(*arguments: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command line in a process of its own."""
+    return subprocess.run(
+        [*PYTHON, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+        **keywords,
+    )
+
+
+def digest_of_play(spec: str, rule: str, *, seed: int, hesitate: float, rounds: int) -> str:
+    """Return the digest of the same run in the environment, in one process."""
+    scene = scene_from_spec(spec)
+    played = play(
+        scene, rule_named(rule, scene.system), seed=seed, hesitate=hesitate, max_rounds=rounds
+    )
+    digest = PathDigest()
+    for done in played.rounds:
+        digest.add(
+            done.number,
+            [Executed(module, move.generator, move.at) for module, move in done.moves.items()],
+        )
+    return digest.text()
+
+
+def summary_of(recording: Recording) -> Summary:
+    """Return the summary of a recording."""
+    (record,) = recording.of_kind("summary")
+    message = decode(record.data)
+    assert isinstance(message, Summary)
+    return message
+
+
+@pytest.mark.slow
+def test_run_alone_takes_a_chain_to_another(tmp_path: Path) -> None:
+    """`cubepath run` without arguments reaches its goal in several processes, and says so."""
+    done = cubepath("run", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    answer = json.loads(done.stdout)
+    assert list(answer) == KEYS
+    assert answer["goal_reached"]
+    assert answer["processes"] > 1
+    assert answer["modules"] == 12
+    assert (answer["rounds"], answer["moves"]) == (54, 154)
+    assert answer["cubes"] <= answer["rounds"]
+    recording = read_recording(tmp_path / answer["log"])
+    assert recording.problems == ()
+    assert summary_of(recording).path_digest == answer["path_digest"]
+    assert answer["path_digest"] == digest_of_play(
+        "hex", "chain", seed=0, hesitate=0.0, rounds=1000
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", [0, 2])
+def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -> None:
+    """The edge path on record is the one that the PettingZoo environment takes."""
+    plan = Plan(
+        system="agv-labelled:graph=grid4x4,n=6",
+        rule="random",
+        seed=4,
+        hesitate=0.2,
+        processes=processes,
+        max_rounds=30,
+        log=tmp_path / "run.mcap",
+    )
+    outcome = run(plan)
+    assert outcome.ended in ("goal", "max-rounds")
+    assert outcome.moves > 20
+    assert outcome.path_digest == digest_of_play(
+        plan.system, "random", seed=4, hesitate=0.2, rounds=30
+    )
+
+
+@pytest.mark.slow
+def test_log_time_is_the_round_and_bytes_are_those_of_the_wire(tmp_path: Path) -> None:
+    """Log time is the logical round, publish time the wall clock; each message is whole."""
+    began = time.time_ns()
+    outcome = run(Plan("hex:n=4", "random", processes=0, max_rounds=6, log=tmp_path / "a.mcap"))
+    recording = read_recording(Path(outcome.log))
+    assert len(recording.records) == outcome.messages
+    for record in recording.records:
+        assert decode(record.data).round == record.round
+        assert began <= record.wall_ns <= time.time_ns()
+    kinds = {record.kind for record in recording.records}
+    assert kinds >= {"here", "claim", "report", "go", "ready", "edges", "cube", "summary"}
+    assert recording.parameters["rule"] == "random"
+    assert recording.parameters["eclipse-zenoh"]
+
+
+def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
+    """Nothing has to be moved: no process starts, and there are 0 cubes."""
+    outcome = run(Plan("hex:n=3,bend=0,shift=0", log=tmp_path / "a.mcap"))
+    assert (outcome.rounds, outcome.moves, outcome.cubes) == (0, 0, 0)
+    assert outcome.goal_reached
+    assert read_recording(tmp_path / "a.mcap").problems == ()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["hexx"], "unknown system 'hexx'"),
+        (["hex", "--rule", "tswap"], "not for this system: rule 'tswap'"),
+        (["hex", "--rule", "chian"], "unknown rule 'chian'"),
+        (["hex", "--hesitate", "1.5"], "hesitate=1.5: expected at least 0 and less than 1"),
+        (["hex", "--seed", "-1"], "seed=-1: expected 0 or more"),
+        (["hex", "--processes", "-1"], "processes=-1: expected 0 or more"),
+        (["hex", "--log", "/proc/no/log.mcap"], "/proc/no/log.mcap: cannot be written"),
+    ],
+)
+def test_bad_usage_is_one_line_and_exit_code_2(
+    arguments: list[str],
+    message: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """What cannot be run is named in one line on standard error, and nothing is written."""
+    from cubepath.coordinator.commands.main import main
+
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", *arguments]) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert captured.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_earlier_recording_is_never_written_over(tmp_path: Path) -> None:
+    """A log that exists is refused, be it a recording or the system file itself."""
+    log = tmp_path / "a.mcap"
+    log.write_bytes(b"precious")
+    with pytest.raises(InputError, match="exists already, expected a new file"):
+        run(Plan("hex:n=3", log=log))
+    assert log.read_bytes() == b"precious"
+
+
+@pytest.mark.slow
+def test_a_guest_who_talks_nonsense_is_named(tmp_path: Path) -> None:
+    """Bytes that are no message end the run with one line, and the recording is whole."""
+
+    def nonsense(gatherer: object) -> None:
+        del gatherer
+        fleet = next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
+        with open_client(fleet.endpoint) as session:
+            put(session, f"cubepath/{fleet.run}/hello/me", b"not json")
+
+    plan = Plan("hex:n=3", "random", processes=0, max_rounds=2000, log=tmp_path / "a.mcap")
+    outcome = run(plan, nonsense)
+    assert outcome.ended == "failed"
+    assert "on hello/me: not a cubepath message" in (outcome.error or "")
+    assert read_recording(tmp_path / "a.mcap").problems == ()
+
+
+def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
+    """Start a long run in a session of its own, and wait until it records rounds."""
+    log = tmp_path / "run.mcap"
+    child = subprocess.Popen(
+        [*PYTHON, "run", "hex:n=6", *LONG, f"--log={log}", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    deadline = time.monotonic() + 30
+    while not (log.exists() and log.stat().st_size > 20_000):
+        assert child.poll() is None, child.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return child
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the process ids of a process's children."""
+    found = []
+    for task in Path(f"/proc/{pid}/task").iterdir():
+        found += [int(child) for child in (task / "children").read_text().split()]
+    return found
+
+
+def assert_gone(pids: list[int]) -> None:
+    """Assert that none of the processes runs."""
+    deadline = time.monotonic() + 10
+    while any(Path(f"/proc/{pid}").exists() for pid in pids):
+        assert time.monotonic() < deadline, "a module process still runs"
+        time.sleep(0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_closes_the_recording(tmp_path: Path, number: signal.Signals) -> None:
+    """Ctrl-C ends with 130 and a whole recording that says so; no process is left."""
+    child = start(tmp_path, "--processes", "2", "--json")
+    pids = children_of(child.pid)
+    assert len(pids) == 2
+    child.send_signal(number)
+    out, err = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert err.strip() == "cubepath: interrupted"
+    answer = json.loads(out)
+    assert_gone(pids)
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.problems == ()
+    assert summary_of(recording).ended == "interrupted"
+    assert summary_of(recording).rounds == answer["rounds"] > 0
+
+
+@pytest.mark.slow
+def test_a_terminal_interrupt_reaches_every_process_and_closes_the_recording(
+    tmp_path: Path,
+) -> None:
+    """Ctrl-C at a terminal is sent to the whole group: the end is the same."""
+    child = start(tmp_path, "--processes", "2")
+    pids = children_of(child.pid)
+    os.killpg(child.pid, signal.SIGINT)
+    _, err = child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert err.strip() == "cubepath: interrupted"
+    assert_gone(pids)
+    assert read_recording(tmp_path / "run.mcap").problems == ()
+
+
+@pytest.mark.slow
+def test_a_module_process_that_dies_ends_the_run(tmp_path: Path) -> None:
+    """One clear line naming the modules, exit code 1, a whole recording, nothing left."""
+    child = start(tmp_path, "--processes", "3")
+    pids = children_of(child.pid)
+    os.kill(pids[0], signal.SIGKILL)
+    _, err = child.communicate(timeout=30)
+    assert child.returncode == 1
+    assert len(err.strip().splitlines()) == 1
+    assert "died in round" in err
+    assert "module_" in err
+    assert_gone(pids)
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.problems == ()
+    assert summary_of(recording).ended == "failed"
+    assert "died" in (summary_of(recording).error or "")
+
+
+@pytest.mark.slow
+def test_a_killed_coordinator_leaves_no_process_and_a_readable_file(tmp_path: Path) -> None:
+    """kill -9 of the coordinator: its modules end by themselves, what was flushed can be read."""
+    child = start(tmp_path, "--processes", "2")
+    pids = children_of(child.pid)
+    child.kill()
+    child.communicate(timeout=30)
+    assert_gone(pids)
+    recording = read_recording(tmp_path / "run.mcap")
+    assert recording.problems
+    assert len(recording.records) >= 50
+
+
+@pytest.mark.slow
+def test_a_full_disk_ends_the_run_and_keeps_what_was_written(tmp_path: Path) -> None:
+    """When the recording takes no more: exit code 1, one line, and a readable beginning."""
+    code = (
+        "import resource, signal, sys\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))\n"
+        "from cubepath.coordinator.commands.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    log = tmp_path / "full.mcap"
+    done = subprocess.run(
+        [sys.executable, "-c", code, "run", "hex:n=6", "--rule=random", f"--log={log}"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "full.mcap: recording stopped after" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    recording = read_recording(log)
+    assert recording.problems
+    assert len(recording.records) > 50
+
+
+def test_a_run_off_the_main_thread_needs_no_signals(tmp_path: Path) -> None:
+    """The library can be used from any thread."""
+    found: list[int] = []
+    plan = Plan("agv:graph=P3,n=1", processes=0, log=tmp_path / "a.mcap")
+    thread = threading.Thread(target=lambda: found.append(run(plan).moves))
+    thread.start()
+    thread.join(30)
+    assert found == [2]
+
+
+def test_an_unknown_family_runs_at_random(tmp_path: Path) -> None:
+    """A scene from a file with no family runs under the random rule by default."""
+    from cubepath.protocol.scenes.toml import scene_to_toml
+
+    text = scene_to_toml(scene_from_spec("agv:graph=P3,n=1")).replace('family = "agv"\n', "")
+    path = tmp_path / "mine.toml"
+    path.write_text(text)
+    outcome = run(Plan(str(path), processes=0, max_rounds=3, log=tmp_path / "a.mcap"))
+    assert outcome.rule == "random"
+    with pytest.raises(InputError, match="not for this system"):
+        run(Plan(str(path), rule="chain", log=tmp_path / "b.mcap"))

@@ -1,0 +1,334 @@
+"""Verifying: real recordings pass, and each check fails when what it is about is tampered with."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import replace as replace_record
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from msgspec.structs import replace
+
+import tamperings_of_certificates
+import tamperings_of_results
+import tamperings_of_schedules
+from cubepath.coordinator.runs.gatherer import gathered
+from cubepath.coordinator.verification import certificate as certificate_checks
+from cubepath.coordinator.verification import proof as certified
+from cubepath.coordinator.verification import recording as verify_module
+from cubepath.coordinator.verification import rounds as rederive
+from cubepath.coordinator.verification import schedule as carried_out
+from cubepath.coordinator.verification import transcript as evidence
+from cubepath.coordinator.verification.recording import CHECKS, recover, verify
+from cubepath.protocol.core.actions import Action, admissible, apply
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
+from cubepath.protocol.wire.messages import Cube, Placed, decode
+from recordings import edited, first, record_of, recorded, with_records
+from tamperings import TAMPERINGS, Tampering, crowd, failing
+
+SUMMARY: dict[str, Any] = {
+    "rounds": 1,
+    "moves": 1,
+    "reduced_moves": -1,
+    "max_cube_dimension": 1,
+    "path_digest": "0" * 64,
+    "goal_reached": None,
+}
+
+
+@pytest.mark.parametrize("key", SUMMARY)
+def test_every_number_of_the_summary_is_derived(key: str) -> None:
+    """Each number of the summary, off by one, fails `summary` alone, which names it."""
+    summary = first(crowd(), "summary")
+    old, change = getattr(summary, key), SUMMARY[key]
+    new = change if isinstance(change, str) else not old if change is None else old + change
+    found = verify(edited(crowd(), summary, replace(summary, **{key: new})))
+    assert failing(found) == {"summary"}
+    assert next(check for check in found.checks if not check.ok).detail.startswith(f"{key} is ")
+
+
+@pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
+def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
+    """The check that a tampering is about fails, in one line that says where."""
+    found = verify(make())
+    assert not found.ok
+    assert set(checks) <= failing(found)
+    detail = next(check.detail for check in found.checks if check.name == checks[0])
+    assert detail
+    assert "\n" not in detail
+
+
+def test_every_check_can_fail() -> None:
+    """No check is there for show: for each there is a tampering that it is about."""
+    for module in (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules):
+        assert module.__doc__  # imported for the tamperings that it adds
+    assert {checks[0] for _, checks in (each.values for each in TAMPERINGS)} == set(CHECKS)
+
+
+CANNOT_BE_DERIVED = ("note", "failed", "error", "ended")
+"""What modules told their neighbours, and why a rule or a run gave up."""
+CHANGES: tuple[Any, ...] = (None, False, True, *range(-3, 40), "", "edge", "here", [])
+
+
+def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """Yield the paths of the values inside a JSON value that can be derived."""
+    inside: Any = ()
+    if isinstance(value, dict):
+        inside = [(key, each) for key, each in value.items() if key not in CANNOT_BE_DERIVED]
+    elif isinstance(value, list):
+        inside = enumerate(value)
+    else:
+        yield path
+    for key, each in inside:
+        yield from leaves(each, (*path, key))
+
+
+@pytest.mark.slow
+@given(data=st.data())
+def test_any_value_changed_in_any_message_is_found(data: st.DataObject) -> None:
+    """Whatever single value is changed to whatever else: never a traceback, never ok."""
+    whole = crowd()
+    kinds = ("here", "claim", "verdict", "report", "edges", "cube", "summary")
+    place = data.draw(
+        st.sampled_from([n for n, each in enumerate(whole.records) if each.kind in kinds])
+    )
+    record = whole.records[place]
+    value = json.loads(record.data)
+    *path, last = data.draw(st.sampled_from(list(leaves(value))))
+    inner = value
+    for key in path:
+        inner = inner[key]
+    old, inner[last] = inner[last], data.draw(st.sampled_from(CHANGES))
+    assume(inner[last] != old)
+    records = [*whole.records]
+    records[place] = replace_record(record, data=json.dumps(value).encode())
+    assert not verify(with_records(whole, records)).ok, (record.data, value)
+
+
+REAL = [
+    ("hex:n=5", "chain"),
+    ("hex-open:n=5", "random"),
+    ("agv:graph=grid4x4,n=7", "tswap"),
+    ("agv:graph=K5,n=2", "random"),
+    ("agv-labelled:graph=grid4x4,n=6", "pibt"),
+    ("agv-labelled:graph=grid3x3,n=5", "random"),
+    ("arm:n=6", "word"),
+    ("arm:n=6", "random"),
+]
+
+
+@pytest.mark.parametrize(("spec", "rule"), REAL)
+def test_a_real_recording_passes(spec: str, rule: str) -> None:
+    """What really ran passes every check, and the numbers derived are those of the run."""
+    recording = recorded(spec, rule, rounds=12, hesitate=0.1)
+    found = verify(recording)
+    assert found.ok, [check for check in found.checks if not check.ok]
+    assert [check.name for check in found.checks] == list(CHECKS)
+    assert all(check.detail == "" for check in found.checks)
+    summary = first(recording, "summary")
+    assert found.moves == summary.moves > 0
+    assert (found.rounds, found.cubes) == (summary.rounds, summary.cubes)
+    assert found.path_digest == summary.path_digest
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("spec", "rule"), REAL)
+def test_recordings_from_several_processes_pass(spec: str, rule: str) -> None:
+    """Several processes interleave what they say; nothing of it is lost or out of place."""
+    found = verify(recorded(spec, rule, rounds=20, seed=5, hesitate=0.2, processes=3))
+    assert found.ok, [check for check in found.checks if not check.ok]
+
+
+@pytest.mark.slow
+def test_many_real_recordings_pass() -> None:
+    """Over many seeds, with claims lost in most runs, no check raises a false alarm."""
+    lost = 0
+    for seed in range(8):
+        for spec in ("agv:graph=grid3x3,n=5", "hex-open:n=6", "arm:n=7"):
+            recording = recorded(spec, "random", seed=seed, rounds=10)
+            found = verify(recording)
+            assert found.ok, [check for check in found.checks if not check.ok]
+            lost += any(b'"claim":"lost"' in record.data for record in recording.records)
+    assert lost > 10
+
+
+@pytest.mark.slow
+def test_whatever_is_cut_off_only_the_end_is_missing() -> None:
+    """After any message the run may have been killed: `complete` fails, and nothing else."""
+    whole = recorded("agv:graph=grid3x3,n=4", "tswap")
+    rounds = 0
+    for count in range(len(whole.records)):
+        found = verify(with_records(whole, whole.records[:count]))
+        assert failing(found) == {"complete"}, count
+        assert found.rounds >= rounds
+        rounds = found.rounds
+    assert rounds == first(whole, "summary").rounds
+
+
+def test_a_run_ended_from_outside_may_stop_in_a_round() -> None:
+    """An interrupted run with a summary is complete, though its last round is not."""
+    whole = crowd()
+    last = decode(list(whole.of_kind("report"))[-1].data)
+    before = with_records(
+        whole,
+        [
+            record
+            for record in whole.records
+            if record.kind not in ("edges", "cube", "certificate", "summary")
+            or record.round < last.round
+        ],
+    )
+    cut = verify(edited(before, last))
+    summary = first(whole, "summary")
+    assert failing(cut) == {"complete"}
+    gatherer = gathered(edited(before, last))
+    names = {
+        action: Placed(move.generator, move.at)
+        for step in gatherer.steps
+        for move, action in zip(step.executed, step.actions, strict=True)
+    }
+    cubes = [
+        record_of(Cube(gatherer.rounds, index, [names[action] for action in cube]))
+        for index, cube in enumerate(gatherer.heap.cube_path(), 1)
+    ]
+    told = replace(
+        summary,
+        round=gatherer.rounds,
+        rounds=gatherer.rounds,
+        ended="interrupted",
+        moves=gatherer.heap.moves,
+        reduced_moves=gatherer.heap.reduced_moves,
+        cubes=gatherer.heap.cubes,
+        max_cube_dimension=gatherer.heap.max_cube_dimension,
+        path_digest=gatherer.digest,
+        goal_reached=gatherer.reached,
+    )
+    records = [*edited(before, last).records, *cubes, record_of(told)]
+    assert verify(with_records(before, records)).ok
+    records[-1] = record_of(replace(told, ended="max-rounds"))
+    assert "reports" in failing(verify(with_records(before, records)))
+
+
+def test_what_is_delivered_twice_is_said_once() -> None:
+    """The same bytes once more change nothing, for reports and for all else."""
+    whole = crowd()
+    assert verify(with_records(whole, [each for each in whole.records for _ in (1, 2)])).ok
+
+
+def test_the_order_of_arrival_within_a_round_does_not_matter() -> None:
+    """Messages of a round may be on record in any order."""
+    whole = crowd()
+    assert verify(
+        with_records(whole, sorted(whole.records, key=lambda each: (each.round, each.data)))
+    ).ok
+
+
+def test_progress_is_told_for_each_round() -> None:
+    """Whoever watches is told of every round once."""
+    told: list[int] = []
+    found = verify(crowd(), told.append)
+    assert sum(told) == found.rounds
+
+
+def test_the_document_has_the_keys_that_are_promised() -> None:
+    """`--json` gives ok, checks, moves, rounds, cubes and path_digest."""
+    document = verify(crowd()).document()
+    assert list(document) == ["ok", "checks", "moves", "rounds", "cubes", "path_digest"]
+    assert document["checks"][0] == {"name": "readable", "ok": True, "detail": ""}
+
+
+def test_verifying_shares_no_code_with_the_run() -> None:
+    """Neither gatherer nor heap nor agents, and of the actions only `Action` and `commute`."""
+    for module in (
+        carried_out,
+        certificate_checks,
+        certified,
+        evidence,
+        rederive,
+        verify_module,
+    ):
+        tree = ast.parse(Path(module.__file__ or "").read_text())
+        for node in ast.walk(tree):
+            if not isinstance(node, ast.ImportFrom) or node.module is None:
+                continue
+            assert node.module.split(".")[1:2] != ["agents"]
+            room, _, name = node.module.rpartition(".")
+            assert not room.startswith("cubepath.coordinator.runs")
+            assert room != "cubepath.coordinator.normal_form" or name == "definitions"
+            if node.module == "cubepath.protocol.core.actions":
+                assert {name.name for name in node.names} <= {"Action", "commute"}
+            if node.module == "cubepath.coordinator.normal_form.definitions":
+                assert {name.name for name in node.names} <= {
+                    "is_cube",
+                    "is_normal",
+                    "obvious_normal_form",
+                }
+
+
+def test_admissible_and_applied_as_by_definition() -> None:
+    """The plain lines here agree with `actions.py`, guards and free sites included."""
+    guarded = Action([1, 2, 3, 4], [1, 2], [1], [2], free=[3, 4], guards=[(3, 4)])
+    for action in (guarded, Action([1, 2, 5], [1, 2], [1, 5], [2, 5])):
+        for bits in range(32):
+            state: set[Site] = {site for site in range(1, 6) if bits >> site - 1 & 1}
+            assert (rederive.why_not(action, state) is None) == admissible(action, state)
+            if admissible(action, state):
+                after = set(state)
+                rederive.make(action, after)
+                assert after == apply(action, state)
+
+
+# Recovering.
+
+
+def damaged(path: Path) -> Path:
+    """Write a recording whose second half is cut off."""
+    data = crowd().path.read_bytes()
+    path.write_bytes(data[: len(data) // 2])
+    return path
+
+
+def test_recovering_writes_what_can_be_read_as_a_proper_recording(tmp_path: Path) -> None:
+    """The new file reads without problems and holds the same bytes; only its end is missing."""
+    path, out = damaged(tmp_path / "cut.mcap"), tmp_path / "new.mcap"
+    found = recover(path, out)
+    cut, new = read_recording(path), read_recording(out)
+    assert cut.problems == found.problems != ()
+    assert new.problems == ()
+    assert [each.data for each in new.records] == [each.data for each in cut.records]
+    assert found.messages == len(new.records) > 50
+    assert found.rounds == verify(new).rounds > 2
+    assert failing(verify(new)) == {"complete"}
+    assert failing(verify(cut)) == {"complete", "readable"}
+    assert "truncated" in new.parameters["recovered"]
+
+
+def test_recovering_never_overwrites_its_input(tmp_path: Path) -> None:
+    """By its own name, through a link, or by another name of the same file: it is refused."""
+    path = damaged(tmp_path / "cut.mcap")
+    before = path.read_bytes()
+    (tmp_path / "soft.mcap").symlink_to(path)
+    os.link(path, tmp_path / "hard.mcap")
+    for out in (path, tmp_path / "soft.mcap", tmp_path / "hard.mcap"):
+        with pytest.raises(InputError, match="is the recording itself"):
+            recover(path, out)
+    assert path.read_bytes() == before
+
+
+def test_a_recording_of_no_rounds_passes(tmp_path: Path) -> None:
+    """A start at the goal: no rounds, no moves, no cubes, and all is well."""
+    found = verify(recorded("hex:n=3,bend=0,shift=0", "random"))
+    assert found.ok
+    assert (found.rounds, found.moves, found.cubes) == (0, 0, 0)
+    path = tmp_path / "nothing.mcap"
+    with RecordingWriter(path, crowd().scene, crowd().parameters):
+        pass
+    assert failing(verify(read_recording(path))) == {"complete"}

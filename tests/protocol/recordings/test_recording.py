@@ -1,0 +1,140 @@
+"""Recordings: what is written is read, by us and by others; what is none is refused."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import (
+    FORMAT,
+    SCENE,
+    RecordingWriter,
+    copy_recording,
+    read_recording,
+)
+from cubepath.protocol.recordings.salvage import MAGIC
+from cubepath.protocol.wire.messages import schema_of
+from damaged import (
+    PARAMETERS,
+    ROUNDS,
+    SCENE_OF_ALL,
+    files,
+    originals,
+    write,
+)
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    """Messages, parameters and scene come back as they were, without problems."""
+    path = tmp_path / "deep" / "down" / "a.mcap"
+    write(path)
+    found = read_recording(path)
+    assert found.problems == ()
+    assert found.records == originals()
+    assert found.parameters == PARAMETERS
+    assert found.scene.start == SCENE_OF_ALL.start
+    assert [each.topic for each in found.of_kind("go")] == ["go/coordinator"] * ROUNDS
+
+
+@given(st.lists(st.tuples(st.binary(max_size=20), st.integers(0, 2**63), st.integers(0, 2**63))))
+def test_any_bytes_are_read_as_they_were_written(
+    messages: list[tuple[bytes, int, int]],
+) -> None:
+    """The recorder looks at nothing: it keeps the bytes, the round and the wall clock."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mcap"
+        with RecordingWriter(path, SCENE_OF_ALL, {}) as writer:
+            for data, number, wall_ns in messages:
+                writer.write("go/coordinator", data, round_number=number, wall_ns=wall_ns)
+        found = read_recording(path)
+    assert found.problems == ()
+    assert [(each.data, each.round, each.wall_ns) for each in found.records] == messages
+
+
+def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
+    """mcap's own reader finds every message under its topic, with its JSON Schema."""
+    path = tmp_path / "a.mcap"
+    write(path)
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        found = list(reader.iter_messages())
+        (scene,) = reader.iter_attachments()
+        (metadata,) = reader.iter_metadata()
+    assert [message.data for _, _, message in found] == [each.data for each in originals()]
+    for schema, channel, _ in found:
+        assert channel.message_encoding == "json"
+        assert schema is not None
+        assert schema.encoding == "jsonschema"
+        assert schema.name == f"cubepath.{channel.topic.partition('/')[0]}"
+        assert json.loads(schema.data) == schema_of(channel.topic.partition("/")[0])
+    assert scene.name == SCENE
+    assert metadata.metadata["format"] == FORMAT
+    assert metadata.metadata["seed"] == "7"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda _: None, "No such file"),
+        (lambda path: path.mkdir(), "Is a directory"),
+        (lambda path: path.write_bytes(b""), "empty file"),
+        (lambda path: path.write_bytes(b"{}"), "not an MCAP file"),
+        (lambda path: path.write_bytes(MAGIC[:4]), "truncated within its first bytes"),
+    ],
+)
+def test_what_cannot_be_read_is_named(tmp_path: Path, make: object, message: str) -> None:
+    """File and reason stand in one line."""
+    path = tmp_path / "x.mcap"
+    assert callable(make)
+    make(path)
+    with pytest.raises(InputError, match=message) as caught:
+        read_recording(path)
+    assert str(path) in str(caught.value)
+
+
+def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
+    """A whole MCAP file without our parameters, or in another format, is none of ours."""
+    for metadata in ({}, {"format": "cubepath-recording-99"}):
+        path = tmp_path / "other.mcap"
+        with path.open("wb") as stream:
+            writer = Writer(stream)
+            writer.start()
+            if metadata:
+                writer.add_metadata("cubepath", metadata)
+            writer.finish()  # type: ignore[no-untyped-call]
+        with pytest.raises(InputError, match="no cubepath recording"):
+            read_recording(path)
+
+
+def test_a_copy_is_whole_and_says_what_it_is_of(tmp_path: Path) -> None:
+    """A copy of what could be read has no problems, and the notes that were given."""
+    path, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
+    path.write_bytes(files()[1])
+    found = read_recording(path)
+    assert found.problems
+    assert copy_recording(found, out, {"recovered": "from a cut one"}) == len(found.records)
+    copied = read_recording(out)
+    assert copied.problems == ()
+    assert copied.records == found.records
+    assert copied.parameters == {**PARAMETERS, "recovered": "from a cut one"}
+    with pytest.raises(InputError, match="is the recording itself"):
+        copy_recording(found, path)
+
+
+def test_schemas_describe_the_messages() -> None:
+    """Every schema that goes on record is one object with its kind as a constant."""
+    kinds: Sequence[str] = ("here", "report", "edges", "cube", "summary")
+    for kind in kinds:
+        schema = schema_of(kind)
+        assert schema["properties"]["kind"] == {"enum": [kind]}
+        assert msgspec.json.encode(schema)

@@ -1,0 +1,152 @@
+"""Writing recordings when something goes wrong: a kill, a full disk, a place that is none."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.recordings.recording import (
+    FLUSH_EVERY,
+    RecordingFull,
+    RecordingWriter,
+    read_recording,
+)
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import Go, encode
+
+WRITER = """
+import resource, signal, sys
+from pathlib import Path
+from cubepath.protocol.wire.messages import Go, encode
+from cubepath.protocol.recordings.recording import RecordingFull, RecordingWriter
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
+number = 0
+try:
+    with RecordingWriter(Path(sys.argv[1]), scene_from_spec("agv:graph=P3,n=1"), {}) as writer:
+        while True:
+            number += 1
+            data = encode(Go(number, "sense"))
+            writer.write("go/coordinator", data, round_number=number, wall_ns=number)
+            print(number, flush=True)
+except RecordingFull as error:
+    print(error, file=sys.stderr)
+    sys.exit(1)
+"""
+
+
+def start(path: Path, most: int) -> subprocess.Popen[str]:
+    """Start a process that writes messages to `path` and prints the number of each."""
+    return subprocess.Popen(
+        [sys.executable, "-W", "error", "-c", WRITER, str(path), str(most)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after", [60, 333, 1000])
+def test_a_kill_loses_at_most_the_last_hundred_messages(tmp_path: Path, after: int) -> None:
+    """kill -9 at any moment: all that was written but for the last 100 can be read."""
+    path = tmp_path / "killed.mcap"
+    with start(path, 1 << 30) as child:
+        assert child.stdout is not None
+        told = 0
+        for line in child.stdout:
+            told = int(line)
+            if told == after:
+                break
+        child.kill()
+        # What it still said before the signal came.
+        told = max([told, *map(int, child.stdout.read().split())])
+    found = read_recording(path)
+    assert found.problems
+    assert [record.round for record in found.records] == [*range(1, len(found.records) + 1)]
+    assert len(found.records) > told - 100
+    assert FLUSH_EVERY <= 100
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("most", [6_000, 20_000, 40_001])
+def test_a_full_disk_is_told_in_one_line_and_keeps_what_was_flushed(
+    tmp_path: Path, most: int
+) -> None:
+    """A file that may grow no further: `RecordingFull`, and a readable beginning."""
+    path = tmp_path / "full.mcap"
+    with start(path, most) as child:
+        out, err = child.communicate(timeout=60)
+    assert child.returncode == 1
+    (line,) = err.splitlines()
+    written = len(out.splitlines())
+    assert line.startswith(f"{path}: recording stopped after ")
+    assert line.endswith("File too large")
+    assert path.stat().st_size <= most
+    found = read_recording(path)
+    assert found.problems
+    assert len(found.records) > written - 2 * FLUSH_EVERY
+    assert [record.round for record in found.records] == [*range(1, len(found.records) + 1)]
+
+
+@pytest.mark.slow
+def test_no_room_even_for_the_beginning(tmp_path: Path) -> None:
+    """Where not even the scene fits the recording does not begin, and nothing is left open."""
+    with start(tmp_path / "full.mcap", 100) as child:
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, out) == (1, "")
+    assert err.splitlines() == [
+        f"{tmp_path / 'full.mcap'}: recording stopped after 0 messages: File too large"
+    ]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only some systems have /dev/full")
+def test_a_device_that_is_always_full() -> None:
+    """The error is one of the family, with the reason that the system gives."""
+    with pytest.raises(RecordingFull, match="after 0 messages: No space left") as caught:
+        RecordingWriter(Path("/dev/full"), scene_from_spec("agv:graph=P3,n=1"), {})
+    assert isinstance(caught.value, CheckError)
+
+
+def test_after_a_full_disk_nothing_more_is_written(tmp_path: Path) -> None:
+    """Whoever goes on writing is told again, and closing is no error."""
+    path = tmp_path / "a.mcap"
+    writer = RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {})
+    full = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, writer._stream.fileno())
+    os.close(full)
+    with pytest.raises(RecordingFull, match="No space left"):
+        for number in range(1, FLUSH_EVERY + 1):
+            data = encode(Go(number, "sense"))
+            writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+    with pytest.raises(RecordingFull, match="had to stop before"):
+        writer.write("go/coordinator", b"", round_number=1, wall_ns=0)
+    writer.close()
+    assert read_recording(path).records == ()
+
+
+def test_closing_twice_is_closing_once(tmp_path: Path) -> None:
+    """A closed recording stays as it is."""
+    path = tmp_path / "a.mcap"
+    with RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {}) as writer:
+        writer.close()
+        before = path.read_bytes()
+    assert path.read_bytes() == before
+    assert read_recording(path).problems == ()
+
+
+def test_where_no_file_can_be_no_file_is_made(tmp_path: Path) -> None:
+    """A folder, and a file in place of a folder, are refused by name."""
+    scene = scene_from_spec("agv:graph=P3,n=1")
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path, tmp_path / "file" / "a.mcap"):
+        with pytest.raises(InputError, match="cannot be written") as caught:
+            RecordingWriter(path, scene, {})
+        assert str(path) in str(caught.value)
+    assert [each.name for each in tmp_path.iterdir()] == ["file"]

@@ -1,0 +1,208 @@
+"""Damaged recordings: the damage is named, and no message is ever made up."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from cubepath.protocol.recordings.recording import (
+    FLUSH_EVERY,
+    RecordingWriter,
+    read_recording,
+)
+from cubepath.protocol.recordings.salvage import MAGIC, salvage
+from damaged import (
+    PARAMETERS,
+    SCENE_OF_ALL,
+    assert_honest,
+    chunks_of,
+    files,
+    flipped,
+    originals,
+    reading,
+    write,
+)
+
+
+@pytest.mark.slow
+@given(st.data())
+def test_truncated_anywhere_it_is_named_and_a_prefix_is_read(data: st.DataObject) -> None:
+    """Cut at any byte: refused in one line, or named, with the first messages and no others."""
+    whole = data.draw(st.sampled_from(files()))
+    cut = data.draw(st.integers(0, len(whole) - 1))
+    assert_honest(reading(whole[:cut]), prefix=True)
+
+
+def test_truncated_at_each_kind_of_place() -> None:
+    """Around the ends of every record, where lengths and magic are cut in two."""
+    whole = files()[0]
+    edges = {0, 1, len(MAGIC), len(whole) - len(MAGIC), len(whole)}
+    edges |= {place for chunk in chunks_of(whole) for place in chunk}
+    for edge in edges:
+        for cut in range(max(0, edge - 12), min(len(whole), edge + 12)):
+            assert_honest(reading(whole[:cut]), prefix=True)
+
+
+def test_all_that_was_flushed_is_read() -> None:
+    """A truncated file gives all whole chunks before the cut."""
+    whole = files()[0]
+    for number, (_, end) in enumerate(chunks_of(whole), 1):
+        found = reading(whole[:end])
+        assert found is not None
+        assert len(found.records) == min(number * FLUSH_EVERY, len(originals()))
+        assert "truncated at byte" in found.problems[0]
+        assert f"{number} chunks and {len(found.records)} messages" in found.problems[0]
+
+
+@pytest.mark.slow
+@given(st.data())
+@example(data=None)
+def test_a_flipped_bit_is_named_and_changes_no_message(data: st.DataObject | None) -> None:
+    """One bit anywhere, in a closed file or one left by a kill: no message is ever another."""
+    if data is None:
+        return
+    whole = data.draw(st.sampled_from(files()))
+    place = data.draw(st.integers(0, len(whole) - 1))
+    assert_honest(reading(flipped(whole, place, data.draw(st.integers(0, 7)))))
+
+
+@pytest.mark.slow
+@given(st.data())
+def test_any_bytes_overwritten_are_named_and_change_no_message(data: st.DataObject) -> None:
+    """Any run of bytes replaced by any other, of any length: the same holds."""
+    whole = files()[0]
+    start = data.draw(st.integers(0, len(whole) - 1))
+    end = data.draw(st.integers(start, min(len(whole), start + 200)))
+    new = data.draw(st.binary(max_size=200))
+    if whole[start:end] != new:
+        assert_honest(reading(whole[:start] + new + whole[end:]))
+
+
+@given(st.binary(max_size=300))
+@example(b"")
+@example(MAGIC)
+@example(MAGIC + MAGIC)
+@example(b"{}")
+def test_any_other_file_is_refused_in_one_line(data: bytes) -> None:
+    """What is no recording is refused by name; the reader of records raises nothing at all."""
+    assert reading(data) is None
+    salvage(MAGIC + data)
+    salvage(MAGIC + data + MAGIC)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_corrupt_chunk_is_left_out_by_itself(closed: bool) -> None:
+    """Each chunk in turn, the first with the channels included: all others are read."""
+    whole = files()[0] if closed else files()[1]
+    ends = chunks_of(files()[0])
+    for number, (start, end) in enumerate(ends[: None if closed else -1], 1):
+        found = reading(flipped(whole, (start + end) // 2))
+        assert found is not None
+        assert_honest(found)
+        assert f"chunk {number} (log times " in found.problems[0]
+        lost = {*range((number - 1) * FLUSH_EVERY, number * FLUSH_EVERY)}
+        there = {record.sequence for record in found.records}
+        flushed = len(originals()) if closed else len(originals()) // FLUSH_EVERY * FLUSH_EVERY
+        assert there == {*range(flushed)} - lost
+
+
+def test_a_corrupt_length_costs_no_more_than_its_chunk() -> None:
+    """Where records lose their place, the index at the end tells where to go on."""
+    whole = files()[0]
+    for start, _ in chunks_of(whole):
+        head = start - 53  # before the content: kind, length, times, size, CRC, compression
+        assert whole[head] == Opcode.CHUNK
+        for place in range(head, head + 9):
+            for bit in (0, 6):
+                found = reading(flipped(whole, place, bit))
+                assert found is not None
+                assert_honest(found)
+                assert len(found.records) >= len(originals()) - FLUSH_EVERY
+
+
+def test_a_damaged_scene_is_refused_by_name() -> None:
+    """Without the scene nothing can be checked, so the recording is refused."""
+    whole = files()[0]
+    place = whole.index(b"cubepath-system-1")
+    assert reading(flipped(whole, place)) is None
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_damaged_parameters_are_named(closed: bool) -> None:
+    """A seed with a flipped bit is noticed, even where the file has no end."""
+    whole = files()[0] if closed else files()[1]
+    place = whole.index(b"seed") + 8
+    assert whole[place : place + 1] == b"7"
+    found = reading(flipped(whole, place))
+    assert found is not None
+    assert found.parameters["seed"] == "6"
+    assert any("parameters" in problem for problem in found.problems)
+
+
+def test_bytes_after_the_end_are_named() -> None:
+    """What was appended to a closed recording is no part of it, and is told."""
+    found = reading(files()[0] + b"more")
+    assert found is not None
+    assert found.records == originals()
+    assert "4 bytes follow after the end" in found.problems[0]
+
+
+def test_a_gap_is_named() -> None:
+    """A chunk that was cut out so that all else fits is missed by the numbers of messages."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mcap"
+        write(path)
+        whole = read_recording(path)
+        path.unlink()
+        writer = RecordingWriter(path, SCENE_OF_ALL, PARAMETERS)
+        for record in whole.records[:10] + whole.records[11:]:
+            writer.messages = record.sequence
+            writer.write(
+                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
+            )
+        writer.close()
+        found = read_recording(path)
+    assert found.problems == ("message 11 stands where message 10 should be",)
+
+
+def unchunked(*, crcs: bool) -> bytes:
+    """Return a recording as another writer might make it, without chunks."""
+    out = BytesIO()
+    writer = Writer(out, use_chunking=False, enable_data_crcs=crcs)
+    closed = reading(files()[0])
+    assert closed is not None
+    writer.start()
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mcap"
+        write(path)
+        with path.open("rb") as stream:
+            reader = make_reader(stream)
+            for each in reader.iter_metadata():
+                writer.add_metadata(each.name, each.metadata)
+            for scene in reader.iter_attachments():
+                writer.add_attachment(0, 0, scene.name, scene.media_type, scene.data)
+    for record in closed.records:
+        channel = writer.register_channel(record.topic, "json", 0)
+        writer.add_message(channel, record.round, record.data, record.wall_ns, record.sequence)
+    writer.finish()  # type: ignore[no-untyped-call]
+    return out.getvalue()
+
+
+def test_messages_outside_chunks_need_someone_to_vouch_for_them() -> None:
+    """Without chunks the CRC of the whole data decides; without that nothing is given."""
+    found = reading(unchunked(crcs=True))
+    assert found is not None
+    assert (found.problems, found.records) == ((), originals())
+    found = reading(unchunked(crcs=False))
+    assert found is not None
+    assert found.records == ()
+    assert "nothing vouches for them" in found.problems[0]
+    assert_honest(reading(flipped(unchunked(crcs=True), 3000)))

@@ -1,0 +1,445 @@
+"""Triangulations: flips are exact, and the complexes have the sizes that counting gives."""
+
+from __future__ import annotations
+
+import pickle
+from fractions import Fraction
+from itertools import combinations
+from math import comb, factorial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from complexes import actions_at, f_vector, states_of
+from cubepath.agents.environments.world import World
+from cubepath.protocol.core.actions import commute
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.families.triangulations import (
+    polygon_points,
+    random_points,
+    read_points,
+)
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
+from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, PointSet
+
+GRID: list[Point] = [(x, y) for y in range(3) for x in range(3)]
+DOUBLE_6: list[Point] = [(0, 0), (60, 0), (30, 60), (30, 1), (44, 30), (16, 30)]
+DOUBLE_8: list[Point] = [
+    *((0, 0), (60, 0), (60, 60), (0, 60)),
+    *((30, 1), (59, 30), (30, 59), (1, 30)),
+]
+CROSSED = """{
+"points_x": [0, 1, 1, 0], "points_y": [0, 0, 1, 1], "triangulations": [[[0, 2]], [[0, 2], [1, 3]]]
+}"""
+SIDES: list[Point] = [(0, 0), (2, 0), (4, 0), (0, 3), (0, 6), (1, 2)]
+
+
+# The obvious triangulations of a point set, by code that shares nothing with the project's.
+
+
+def turn(a: Point, b: Point, c: Point) -> int:
+    value = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+    return (value > 0) - (value < 0)
+
+
+def between(a: Point, b: Point, c: Point) -> bool:
+    return turn(a, b, c) == 0 and min(a, b) < c < max(a, b)
+
+
+def meet(points: list[Point], one: Edge, other: Edge) -> bool:
+    """Tell whether two edges have more in common than a corner, from where their lines meet."""
+    (p, q), (r, s) = ((points[a], points[b]) for a, b in (one, other))
+    d, e = (q[0] - p[0], q[1] - p[1]), (s[0] - r[0], s[1] - r[1])
+    cross = d[0] * e[1] - d[1] * e[0]
+    if cross == 0:
+        return any(between(p, q, c) for c in (r, s)) or any(between(r, s, c) for c in (p, q))
+    w = (r[0] - p[0], r[1] - p[1])
+    t, u = Fraction(w[0] * e[1] - w[1] * e[0], cross), Fraction(w[0] * d[1] - w[1] * d[0], cross)
+    return 0 <= t <= 1 and 0 <= u <= 1 and not (t in (0, 1) and u in (0, 1))
+
+
+def all_triangulations(points: list[Point]) -> set[frozenset[Edge]]:
+    """Return the largest sets of edges that do not meet, by trying all."""
+    edges = [
+        (a, b)
+        for a, b in combinations(range(len(points)), 2)
+        if not any(between(points[a], points[b], c) for c in points)
+    ]
+    clash = {
+        edge: {other for other in edges if other != edge and meet(points, edge, other)}
+        for edge in edges
+    }
+    found: list[frozenset[Edge]] = []
+
+    def extend(chosen: list[Edge], left: list[Edge]) -> None:
+        if not left:
+            found.append(frozenset(chosen))
+            return
+        edge = left[0]
+        extend([*chosen, edge], [other for other in left[1:] if other not in clash[edge]])
+        if clash[edge] & set(left):
+            extend(chosen, left[1:])
+
+    extend([], edges)
+    most = max(map(len, found))
+    return {edges for edges in found if len(edges) == most}
+
+
+def on_grid(most: int) -> st.SearchStrategy[list[Point]]:
+    """Draw points on a small grid, of which many are collinear, but not all."""
+    cells = [(x, y) for x in range(4) for y in range(4)]
+    return st.lists(st.sampled_from(cells), min_size=3, max_size=most, unique=True).filter(
+        lambda points: any(turn(a, b, c) for a, b, c in combinations(points, 3))
+    )
+
+
+def scene_of(points: list[Point]) -> Scene:
+    system = FlipSystem(points)
+    return Scene("own", "", system, system.modules_of(system.plane.sweep("right")))
+
+
+# The complexes.
+
+
+@pytest.mark.parametrize("corners", [4, 5, 6, 7, 8])
+def test_polygons_have_as_many_cubes_as_dissections(corners: int) -> None:
+    """A k-cube is a dissection into triangles and k quadrilaterals (plane trees by degrees)."""
+    expected = []
+    for k in range((corners - 2) // 2 + 1):
+        triangles, leaves = corners - 2 - 2 * k, corners - 1
+        ways = factorial(leaves + triangles + k - 1)
+        expected.append(ways // (factorial(leaves) * factorial(triangles) * factorial(k)))
+    assert f_vector(scene_from_spec(f"polygon:n={corners}")) == expected
+
+
+def test_the_hexagon_by_name() -> None:
+    """The associahedron's pentagons are not filled: 14 states, 21 edges, its 3 squares alone."""
+    assert f_vector(scene_from_spec("polygon:n=5")) == [5, 5]
+    assert f_vector(scene_from_spec("polygon")) == [14, 21, 3]
+
+
+@pytest.mark.parametrize(
+    ("points", "count"),
+    [
+        (GRID, 64),
+        (DOUBLE_6, 4),
+        (DOUBLE_8, 30),
+        (SIDES, None),
+        (list(random_points(7, 3)), None),
+        pytest.param(list(random_points(9, 5)), None, marks=pytest.mark.slow),
+    ],
+)
+def test_the_states_are_all_triangulations(points: list[Point], count: int | None) -> None:
+    """Flips reach every triangulation (Lawson), also where points are collinear, and no more.
+
+    The 3-by-3 grid has 64. The double circle of 2h points has those of the 2h-gon without h ears.
+    """
+    scene = scene_of(points)
+    states = set(states_of(scene))
+    expected = all_triangulations(points)
+    assert states == expected
+    assert count in (None, len(expected))
+
+
+def test_double_circles_by_inclusion_and_exclusion() -> None:
+    """The counts above are those of the formula."""
+
+    def catalan(n: int) -> int:
+        return comb(2 * n, n) // (n + 1)
+
+    for h, count in ((3, 4), (4, 30)):
+        assert sum((-1) ** i * comb(h, i) * catalan(2 * h - 2 - i) for i in range(h + 1)) == count
+
+
+def test_without_empty_pentagons_the_complex_is_contractible_in_numbers() -> None:
+    """The grid has no empty convex pentagon (Eppstein 2010): Euler characteristic 1."""
+    counts = f_vector(scene_of(GRID))
+    assert counts == [64, 132, 88, 20, 1]
+    assert sum((-1) ** k * count for k, count in enumerate(counts)) == 1
+
+
+@pytest.mark.parametrize("spec", ["polygon:n=7", "triangulation:n=8"])
+def test_flips_commute_iff_they_share_no_triangle(spec: str) -> None:
+    """At a triangulation two flips commute iff no triangle lies in both quadrilaterals."""
+    scene = scene_from_spec(spec)
+    seen = set()
+    for state in states_of(scene, 40):
+        for one, other in combinations(actions_at(scene, state), 2):
+            corners = [{c for edge in a.support for c in edge} for a in (one, other)]  # type: ignore[attr-defined]
+            apart = len(corners[0] & corners[1]) < 3
+            assert commute(one, other) == apart
+            seen.add(apart)
+    assert seen == {True, False}
+
+
+# Exact geometry.
+
+
+@pytest.mark.slow
+@given(on_grid(9))
+def test_quadrilaterals_by_their_definition(points: list[Point]) -> None:
+    """Those that turn left at every corner, or right, and hold no other point; each once."""
+    expected = set()
+    for four in combinations(range(len(points)), 4):
+        a, *rest = four
+        for b, c, d in (rest, [rest[0], rest[2], rest[1]], [rest[1], rest[0], rest[2]]):
+            p = [points[k] for k in (a, b, c, d)]
+            turns = {turn(p[k - 2], p[k - 1], p[k]) for k in range(4)}
+            sign = turns.pop()
+            if turns or sign == 0:
+                continue
+            inside = [
+                point
+                for point in points
+                if point not in p and all(turn(p[k - 1], p[k], point) * sign >= 0 for k in range(4))
+            ]
+            if not inside:
+                expected.add(four)
+    found = [each.corners for each in PointSet(points).quadrilaterals]
+    assert set(found) == expected
+    assert len(found) == len(expected)
+    plane = PointSet(points)
+    for four in combinations(range(len(points)), 4):
+        assert (plane.why_no_flip(four) is None) == (four in expected)
+
+
+@given(on_grid(9), st.sampled_from(sorted(SWEEPS)))
+def test_a_sweep_is_a_triangulation(points: list[Point], direction: str) -> None:
+    """Its edges pass through no point, do not meet, hold the hull, and are as many as can be."""
+    plane = PointSet(points)
+    edges = plane.sweep(direction)
+    for a, b in edges:
+        assert not any(between(points[a], points[b], c) for c in points)
+    assert not any(meet(points, one, other) for one, other in combinations(edges, 2))
+    assert plane.hull <= edges
+    assert len(edges) == 3 * len(points) - 3 - len(plane.hull)
+
+
+@given(on_grid(7))
+def test_edges_that_cross(points: list[Point]) -> None:
+    """Edges through no point cross iff they meet in more than a corner."""
+    plane = PointSet(points)
+    edges = [e for e in combinations(range(len(points)), 2) if not plane.on_the_way(*e)]
+    for one, other in combinations(edges, 2):
+        assert plane.cross(one, other) == meet(points, one, other)
+
+
+def test_sweeps_go_different_ways() -> None:
+    """The default start and goal of random points differ."""
+    assert len({PointSet(random_points(12, 1)).sweep(way) for way in SWEEPS}) == 4
+
+
+def test_no_rounding() -> None:
+    """Beside a line by one unit in 10^30 is not on it, at any size."""
+    far = 10**30
+    points = [(0, 0), (far, far), (2 * far, 2 * far - 1), (far, -far)]
+    assert [each.corners for each in PointSet(points).quadrilaterals] == [(0, 1, 2, 3)]
+    straight = [*points[:2], (2 * far, 2 * far), points[3]]
+    assert PointSet(straight).quadrilaterals == ()
+
+
+def test_polygons_are_convex() -> None:
+    """Every four corners of a polygon on whole numbers can flip, up to the largest."""
+    for count in (*range(4, 12), 40):
+        p = polygon_points(count)
+        assert all(turn(p[k - 2], p[k - 1], p[k]) > 0 for k in range(count))
+    assert len(PointSet(polygon_points(12)).quadrilaterals) == comb(12, 4)
+
+
+def test_modules_are_the_diagonals_that_can_move() -> None:
+    """The hull, split at points on it, and edges in every triangulation are fixed."""
+    scene = scene_of(SIDES)
+    system = scene.system
+    assert isinstance(system, FlipSystem)
+    assert system.plane.hull == {(0, 1), (1, 2), (2, 4), (3, 4), (0, 3)}
+    everywhere = frozenset.intersection(*all_triangulations(SIDES))
+    assert system.filled == everywhere
+    assert scene.start_state in all_triangulations(SIDES)
+
+
+@pytest.mark.parametrize("spec", ["polygon:n=8", "triangulation:n=14,seed=2"])
+def test_random_modules_keep_a_triangulation(spec: str) -> None:
+    """Whatever the modules claim, after every round there is a triangulation."""
+    scene = scene_from_spec(spec)
+    world, random = World(scene, seed=1), np.random.default_rng(1)
+    moved = 0
+    for _ in range(30):
+        masks = [world.observe(module)["action_mask"] for module in range(len(world.sites))]
+        done = world.step({m: int(random.choice(k.nonzero()[0])) for m, k in enumerate(masks)})
+        moved += len(done.moves)
+        scene.system.check_state(world.sites)
+    assert moved > 30
+
+
+# Files, and what is refused.
+
+
+def test_points_from_files(tmp_path: Path) -> None:
+    """Decimals are exact: a tenth and two tenths and three tenths are on one line."""
+    path = tmp_path / "points.txt"
+    path.write_text("# tenths\n0.1 0.1\n\n0.2 .2  # two\n0.3 3e-1\n1 0\n")
+    found = read_points(path)
+    assert found.points == ((1, 1), (2, 2), (3, 3), (10, 0))
+    assert PointSet(found.points).on_the_way(0, 2) == (1,)
+    for text in (
+        "[[0.1, 0.1], [0.2, 0.2], [0.3, 0.3], [1, 0]]",
+        '{"points_x": [0.1, 0.2, 0.3, 1], "points_y": [0.1, 0.2, 0.3, 0]}',
+    ):
+        (tmp_path / "points.json").write_text(text)
+        assert read_points(tmp_path / "points.json") == found
+
+
+def test_triangulations_from_a_file(tmp_path: Path) -> None:
+    """Triangulations are taken by number, with or without the edges of the hull."""
+    path = tmp_path / "instance.json"
+    hull = "[0, 1], [1, 2], [2, 3], [0, 3]"
+    path.write_text(
+        '{"points_x": [0, 8, 8, 0, 3], "points_y": [0, 0, 8, 8, 4], "triangulations":'
+        f" [[[0, 4], [1, 4], [2, 4], [3, 4], {hull}], [[0, 2], [0, 4], [2, 4], [3, 4]]]}}"
+    )
+    scene = scene_from_spec(f"triangulation:points={path}")
+    assert set(scene.start) == {(1, 4), (2, 4)}
+    assert scene.goal == {(0, 2), (2, 4)}
+    again = scene_from_spec(f"triangulation:points={path},start=1,goal=0")
+    assert set(again.start) == scene.goal
+    assert again.goal == set(scene.start)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("p.txt", "0 0\n1 1\n0.0 0\n", "points 0 and 2 are the same"),
+        ("p.txt", "0 0\n1 1\n2 2\n5 5\n", "all 4 points lie on one line"),
+        ("p.txt", "0 0\n1 1\n", "2 points, expected 3 to"),
+        ("p.txt", "0 0\n1 x\n", "p.txt:2: 'x' is not a decimal number"),
+        ("p.txt", "0 0\n1 inf\n", "p.txt:2: 'inf' is not a decimal number"),
+        ("p.txt", "0 0\n1 1e999999999\n", "is not a decimal number"),
+        ("p.txt", "0 0 0\n", "p.txt:1: expected 'x y', found '0 0 0'"),
+        ("p.txt", "0 0\n9 0\n0 9\n3 3\n", "no quadrilateral is convex and empty"),
+        ("p.json", "[[0, 0], [1, NaN]]", "'NaN' is not a decimal number"),
+        ("p.json", "[[0, 0], [1]]", r"points\[1\]: expected two numbers"),
+        ("p.json", "[[0, 0], ", "p.json:1: not JSON"),
+        ("p.json", "3", "expected a list of pairs"),
+        ("p.json", '{"points_x": [1]}', "a list points_y"),
+        ("p.json", '{"points_x": [1], "points_y": []}', "points_x has 1 numbers, points_y 0"),
+        (
+            "p.json",
+            '{"points_x": [0, 1, 1, 0], "points_y": [0, 0, 1, 1], "triangulations": [[[0, 4]]]}',
+            r"triangulations\[0\]: edges\[0\]: expected two numbers of points, 0 to 3",
+        ),
+        (
+            "p.json",
+            CROSSED,
+            r"p.json: goal: edges \[0, 2\] and \[1, 3\] cross",
+        ),
+    ],
+)
+def test_files_of_points_that_are_refused(
+    tmp_path: Path, name: str, text: str, message: str
+) -> None:
+    """Each mistake is told in one line that names the file."""
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as error:
+        scene_from_spec(f"triangulation:points={path}")
+    assert name in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("at", "message"),
+    [
+        ((0, 2, 8, 6), r"quadrilateral \[0, 2, 6, 8\] is not empty: point 1 lies in it"),
+        ((3, 1, 7, 5), "is not empty: point 4 lies in it"),
+        ((0, 1, 2, 4), "is not convex: point 1 lies in the triangle of the other three"),
+        ((0, 2, 6, 4), "is not convex: points 2, 4 and 6 lie on one line"),
+        ((0, 1, 2, 5), "is not convex"),
+        ((0, 1, 9, 3), "9 is no point, expected 0 to 8"),
+        ((0, 1, 1, 3), "'at' is four points"),
+        (7, "'at' is four points, found 7"),
+    ],
+)
+def test_quadrilaterals_in_which_nothing_flips_are_refused(at: object, message: str) -> None:
+    """The error says which point is in the way, or that it is not convex."""
+    with pytest.raises(InputError, match=message):
+        FlipSystem(GRID).action("flip", at)  # type: ignore[arg-type]
+
+
+def test_corners_of_a_flip_come_in_any_order() -> None:
+    """A strictly convex quadrilateral is told by its corners alone."""
+    system = FlipSystem(GRID)
+    assert system.action("flip", (4, 0, 3, 1)) == system.action("flip", (0, 1, 3, 4))
+
+
+@pytest.mark.parametrize(
+    ("start", "message"),
+    [
+        ("[[0, 2], [1, 3]]", r"edges \[0, 2\] and \[1, 3\] cross"),
+        ("[[0, 2]]", "1 diagonals, a triangulation of these points has 2"),
+        ("[[0, 2], [2, 0]]", r"\(2, 0\) is no edge"),
+        ("[[0, 2], [0, 9]]", r"\(0, 9\) is no edge"),
+        ("[[0, 2], [0, 1]]", r"edge \[0, 1\] is in every triangulation and no module"),
+        ("[[0, 2], [0, 2]]", "starts twice"),
+    ],
+)
+def test_a_start_that_is_no_triangulation_is_refused(
+    tmp_path: Path, start: str, message: str
+) -> None:
+    """A file whose diagonals cross, or are too few, is named with the edges."""
+    path = tmp_path / "house.toml"
+    path.write_text(
+        f'format = "cubepath-system-1"\nstart = {start}\n'
+        "[triangulation]\npoints = [[0, 0], [4, 0], [4, 3], [2, 5], [0, 3]]\n"
+    )
+    with pytest.raises(InputError, match=message) as error:
+        read_scene(path)
+    assert str(path) in str(error.value)
+
+
+def test_an_edge_does_not_pass_through_a_point() -> None:
+    """The start of a grid may not hold its long sides."""
+    with pytest.raises(InputError, match=r"edge \[0, 8\] passes through point 4"):
+        Scene("own", "", FlipSystem(GRID), start=((0, 8),))
+
+
+@pytest.mark.parametrize("spec", ["polygon:n=9", "triangulation:n=20"])
+def test_a_file_holds_the_points_alone(spec: str) -> None:
+    """Flips follow from the points, in TOML and in pickles; the errors stay as exact."""
+    scene = scene_from_spec(spec)
+    text = scene_to_toml(scene)
+    assert "flip" not in text
+    for again in (scene_from_toml(text, "text"), pickle.loads(pickle.dumps(scene))):  # noqa: S301
+        assert isinstance(again.system, FlipSystem)
+        assert isinstance(scene.system, FlipSystem)
+        assert again.system.by_name == scene.system.by_name
+        assert again.start_state == scene.start_state
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("polygon:n=3", "n=3: expected a whole number of at least 4, at most 40"),
+        ("polygon:goal=6", "goal=6: expected a corner, 0 to 5"),
+        ("triangulation:n=3", "n=3: expected"),
+        ("triangulation:start=north", "start=north: expected one of right, left, up, down"),
+        ("triangulation:goal=0", "goal=0: expected one of right"),
+        ("triangulation:points=no.txt", "no.txt: No such file"),
+    ],
+)
+def test_specs_that_are_refused(spec: str, message: str) -> None:
+    """Each mistake in a key is named."""
+    with pytest.raises(InputError, match=message):
+        scene_from_spec(spec)
+
+
+@pytest.mark.slow
+def test_too_many_flips_are_refused() -> None:
+    """Many points in convex position have more flips than a list should hold."""
+    with pytest.raises(InputError, match="more than 200000 flips among 60 points"):
+        _ = PointSet(polygon_points(60)).quadrilaterals
