@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from cubepath.coordinator.verification.recording import Verification, verify
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Claim, Cube, Heard, Placed, decode, site_of
+from cubepath.protocol.wire.messages import Claim, Cube, GeneratorPlacement, Heard, decode, site_of
 from recordings import all_edited, edited, first, recorded, with_records
 
 Tampering = Callable[[], Recording]
@@ -148,7 +148,7 @@ def a_move_from_elsewhere() -> Recording:
     report = first(crowd(), "report", moved)
     system: Any = crowd().scene.system
     ends = next([*edge] for edge in system.edges if site_of(report.before) not in edge)
-    return edited(crowd(), report, replace(report, move=Placed("edge", ends)))
+    return edited(crowd(), report, replace(report, move=GeneratorPlacement("edge", ends)))
 
 
 @tampers("admissible", "claims")
@@ -158,7 +158,7 @@ def a_move_onto_another_module() -> Recording:
     for site, report in occupied.items():
         for move in whole.scene.system.moves(site):
             if move is not None and move.target in occupied:
-                placed = Placed(move.generator, move.at)
+                placed = GeneratorPlacement(move.generator, move.at)
                 return edited(
                     whole, report, replace(report, claim="granted", move=placed, site=move.target)
                 )
@@ -168,7 +168,7 @@ def a_move_onto_another_module() -> Recording:
 @tampers("admissible")
 def a_generator_that_is_none() -> Recording:
     report = first(crowd(), "report", moved)
-    return edited(crowd(), report, replace(report, move=Placed("hop", report.move.at)))
+    return edited(crowd(), report, replace(report, move=GeneratorPlacement("hop", report.move.at)))
 
 
 @tampers("commuting", "claims")
@@ -176,7 +176,7 @@ def a_lost_claim_is_executed_too() -> Recording:
     whole = crowd()
     lost = first(whole, "report", lambda message: message.claim == "lost")
     claim = first(whole, "claim", lambda m: (m.round, m.module) == (lost.round, lost.module))
-    placed = Placed(claim.generator, claim.at)
+    placed = GeneratorPlacement(claim.generator, claim.at)
     return edited(whole, lost, replace(lost, claim="granted", move=placed))
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Cube, Executed, Placed, decode
+from cubepath.protocol.wire.messages import Cube, Executed, GeneratorPlacement, decode
 from recordings import all_edited, edited, first, recorded
 from tamperings import crowd, tampers
 
@@ -84,7 +84,7 @@ def a_cube_of_no_moves() -> Recording:
 @tampers("normal")
 def a_cube_of_no_action() -> Recording:
     cube = first(crowd(), "cube")
-    return edited(crowd(), cube, replace(cube, moves=[Placed("edge", [0, 0])]))
+    return edited(crowd(), cube, replace(cube, moves=[GeneratorPlacement("edge", [0, 0])]))
 
 
 @tampers("ends", "class")
@@ -102,7 +102,7 @@ def the_other_way_round() -> Recording:
     left.sort(key=lambda edge: whole.scene.start[0] not in edge)
 
     def turn(cube: Cube) -> Cube:
-        return replace(cube, moves=[Placed("edge", left[cube.index - 1])])
+        return replace(cube, moves=[GeneratorPlacement("edge", left[cube.index - 1])])
 
     return all_edited(whole, "cube", turn)
 

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Placed, Stopped
+from cubepath.protocol.wire.messages import GeneratorPlacement, Stopped
 from recordings import edited, first
 from schedules import (
     VEHICLES,
@@ -121,7 +121,7 @@ def a_stop_by_another_module() -> Recording:
 
 @tampers("schedule")
 def a_stop_for_a_move_of_no_cube() -> Recording:
-    return with_stop(stopped(), move=Placed("edge", [[9, 9], [9, 8]]))
+    return with_stop(stopped(), move=GeneratorPlacement("edge", [[9, 9], [9, 8]]))
 
 
 @tampers("schedule")

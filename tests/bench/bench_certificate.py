@@ -20,7 +20,7 @@ from bench_shorten import exponent, floor, random_walk, seconds
 
 from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.normal_form.timetable import earliest
-from cubepath.coordinator.verification.proof import examine
+from cubepath.coordinator.verification.proof import check_proof
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.certificates import Certificate
 
@@ -42,7 +42,7 @@ def readers(moves: int) -> list[Action]:
 
 def check(path: Sequence[Action], found: Certificate) -> None:
     """Check a certificate, which holds."""
-    why = examine(path, found.cancelled, found.cubes, found.chain)
+    why = check_proof(path, found.cancelled, found.cubes, found.chain)
     if any(why.values()):
         raise AssertionError(why)
 

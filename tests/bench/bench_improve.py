@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.heuristics import Potential
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.shortening.optimality import Task, beyond, task_of
 from cubepath.coordinator.shortening.shorten import shorten
 from cubepath.protocol.core.actions import Action, apply_in_place
@@ -65,7 +65,7 @@ def plans(names: tuple[str, ...]) -> Iterator[Case]:
     for name in names:
         path = DATA / f"{name}.json"
         found = shorten(path)
-        yield Case(name, task_of(path, found), found.moves, scenario_from_json(path).peer_makespan)
+        yield Case(name, task_of(path, found), found.moves, scenario_from_json(path).planner_rounds)
 
 
 def triangulations(sizes: tuple[int, ...]) -> Iterator[Case]:
@@ -76,7 +76,7 @@ def triangulations(sizes: tuple[int, ...]) -> Iterator[Case]:
     """
     for count in sizes:
         system = FlipSystem(random_points(count, count))
-        steps = Steps(system)
+        steps = Transitions(system)
         base = steps.encode({*system.plane.sweep("right")})
         random = Random(count)
         ends: list[int] = []
@@ -102,7 +102,7 @@ def walks(specs: tuple[str, ...], moves: int) -> Iterator[Case]:
     for spec in specs:
         scene = scene_from_spec(spec)
         state: set[Site] = set(scene.start_state)
-        steps = Steps(scene.system)
+        steps = Transitions(scene.system)
         random = Random(spec)
         path: list[Action] = []
         for _ in range(moves):

@@ -35,11 +35,11 @@ def echo(endpoint: str, number: int) -> None:
         heard.put(sample.payload.to_bytes())
 
     with open_client(endpoint) as session:
-        ear = subscribe(session, "bench/go", enqueue)
+        subscriber = subscribe(session, "bench/go", enqueue)
         put(session, f"bench/ready/{number}", b"join")
         while heard.get() != b"stop":
             put(session, f"bench/ready/{number}", b"ready")
-        ear.undeclare()
+        subscriber.undeclare()
 
 
 def floor_ms(rounds: int) -> float:
@@ -51,7 +51,7 @@ def floor_ms(rounds: int) -> float:
         heard.put(sample.payload.to_bytes())
 
     with router, open_client(endpoint) as session:
-        ear = subscribe(session, "bench/ready/*", enqueue)
+        subscriber = subscribe(session, "bench/ready/*", enqueue)
         context = mp.get_context("spawn")
         children = [
             context.Process(target=echo, args=(endpoint, number)) for number in range(PROCESSES)
@@ -71,7 +71,7 @@ def floor_ms(rounds: int) -> float:
         put(session, "bench/go", b"stop")
         for child in children:
             child.join()
-        ear.undeclare()
+        subscriber.undeclare()
     return statistics.median(times) * 1e3
 
 

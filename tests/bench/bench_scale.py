@@ -37,7 +37,7 @@ from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, write_path
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 LINES = 1_000_000
@@ -158,7 +158,7 @@ def walk_of_lines(lines: int) -> tuple[NumberedPath, NumberedPath]:
     # A part of it, there and back again and again, is as legal as a walk as long.
     part = random_walk(SPEC, min(lines, 20_000) // 2)
     names = {
-        move.action: Placed(move.generator, move.at)
+        move.action: GeneratorPlacement(move.generator, move.at)
         for action in dict.fromkeys(part)
         for site in in_order(action.trace)
         for move in scene.system.moves(site)

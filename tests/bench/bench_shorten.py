@@ -66,7 +66,7 @@ def segments(moves: int) -> list[Action]:
 
 
 def _follow(modules: list[Site], move: Move) -> None:
-    places = [(modules.index(source), target) for source, target in move.goes]
+    places = [(modules.index(source), target) for source, target in move.motion]
     for number, target in places:
         modules[number] = target
 

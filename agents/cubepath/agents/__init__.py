@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
     from cubepath.agents.local.observation import View
-    from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
+    from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 
 _HOME = {
     "CubepathEnv": "environments.environment",
     "env": "environments.environment",
     "parallel_env": "environments.environment",
     "raw_env": "environments.environment",
-    "Birth": "rules.rule",
+    "InitialKnowledge": "rules.rule",
     "Choice": "rules.rule",
     "Rule": "rules.rule",
     "RuleType": "rules.rule",
@@ -26,9 +26,9 @@ _HOME = {
 }
 
 __all__ = [
-    "Birth",
     "Choice",
     "CubepathEnv",
+    "InitialKnowledge",
     "Rule",
     "RuleType",
     "View",

@@ -213,7 +213,7 @@ def test_actions_out_of_range_are_stay(transport: Any) -> None:
 )
 def test_what_cannot_be_stepped_is_refused(keywords: dict[str, Any], message: str) -> None:
     """Unknown agents and notes that do not fit are named, before anything has changed."""
-    one = CubepathEnv("hex:n=3", talk=2)
+    one = CubepathEnv("hex:n=3", note_length=2)
     one.reset(seed=0)
     with pytest.raises(InputError, match=message):
         one.step(**keywords)
@@ -238,7 +238,7 @@ def test_an_interrupted_step_does_not_reach_into_the_next_episode() -> None:
         there.reset(seed=1)
         world = there.world
         fleet = world._fleet
-        fleet.fly = lambda _: (_ for _ in ()).throw(KeyboardInterrupt)
+        fleet.act = lambda _: (_ for _ in ()).throw(KeyboardInterrupt)
         with pytest.raises(KeyboardInterrupt):
             there.step({})
         first, _ = here.reset(seed=2)

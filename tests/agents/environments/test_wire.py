@@ -189,10 +189,10 @@ def eavesdropper(fleet: Fleet) -> Iterator[SimpleQueue[bytes]]:
         found.put(sample.payload.to_bytes())
 
     with open_client(fleet.endpoint) as session:
-        ear = subscribe(session, everything(fleet.run), enqueue)
+        subscriber = subscribe(session, everything(fleet.run), enqueue)
         time.sleep(0.2)  # a subscriber tells nobody when it has been declared everywhere
         yield found
-        ear.undeclare()
+        subscriber.undeclare()
 
 
 @pytest.mark.slow

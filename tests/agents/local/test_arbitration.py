@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.local.arbitration import Conflicts, maximal, rank, settled
+from cubepath.agents.local.arbitration import Conflicts, maximal, priority, settled
 from cubepath.agents.local.module import ModuleCore, ProtocolError
-from cubepath.agents.rules.actor import Pilot, pilots_for
+from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.actions import Action, apply_in_place, commute
 from cubepath.protocol.core.system import Scene
@@ -37,9 +37,9 @@ def random_rounds(spec: str, seed: int, rounds: int) -> Iterator[tuple[World, di
     """Yield the world and its claims in each round of a random run."""
     scene = scene_from_spec(spec)
     world = World(scene, seed=seed)
-    pilots = pilots_for(scene, RANDOM, seed=seed, hesitate=0.0)
+    actors = actors_for(scene, RANDOM, seed=seed, hesitate=0.0)
     for _ in range(rounds):
-        actions = {m: pilot.act(world.observe(m)).action for m, pilot in pilots.items()}
+        actions = {m: actor.act(world.observe(m)).action for m, actor in actors.items()}
         claims = {}
         for module, action in actions.items():
             move = scene.system.moves(world.sites[module])[action - 1] if action else None
@@ -63,7 +63,7 @@ def test_what_is_executed_commutes_and_nothing_could_be_added(spec: str) -> None
                 assert not set(rivals) & set(winners)
             else:
                 assert set(rivals) & set(winners)
-            if all(rank(1, number, module) > rank(1, number, m) for m in rivals):
+            if all(priority(1, number, module) > priority(1, number, m) for m in rivals):
                 assert module in winners
     assert lost > 0
 
@@ -94,8 +94,8 @@ def test_conflicts_are_found_by_sites(parts: list[tuple[set[int], set[int]]]) ->
 
 def test_rank_is_a_fixed_function() -> None:
     """Ranks are the same in every process and differ between rounds, modules and seeds."""
-    assert rank(0, 1, 0) == (5988601568097220684, 0)
-    values = {rank(seed, number, m)[0] for seed in (0, 1) for number in (1, 2) for m in (0, 1)}
+    assert priority(0, 1, 0) == (5988601568097220684, 0)
+    values = {priority(seed, number, m)[0] for seed in (0, 1) for number in (1, 2) for m in (0, 1)}
     assert len(values) == 8
 
 
@@ -112,7 +112,7 @@ class Mail:
                 site=site,
                 goals=scene.goals[module] if scene.goals else (),
                 seed=seed,
-                talk=0,
+                note_length=0,
             )
             for module, site in enumerate(scene.start)
         ]
@@ -127,16 +127,16 @@ class Mail:
                 if place in at:
                     self.post += at[place].hear(message)
 
-    def round(self, number: int, pilots: dict[int, Pilot]) -> list[int]:
+    def round(self, number: int, actors: dict[int, Actor]) -> list[int]:
         """Play a round by messages; return the modules whose claims were executed."""
         for core in self.cores:
             self.post += core.sense(number)
         self.deliver()
         for core in self.cores:
-            self.post += core.claim(pilots[core.module].act(core.observation()).action, None)
+            self.post += core.claim(actors[core.module].act(core.observation()).action, None)
         self.deliver()
         for core in self.cores:
-            self.post += core.settle()
+            self.post += core.arbitrate()
         self.deliver()
         assert all(core.finished for core in self.cores)
         reports = [core.report() for core in self.cores]
@@ -151,10 +151,10 @@ def test_modules_settle_by_messages_what_is_settled_at_once(spec: str) -> None:
         scene = scene_from_spec(spec)
         world = World(scene, seed=seed)
         mail = Mail(scene, seed, random.Random(seed + 100))  # noqa: S311 - a test's own order
-        here = pilots_for(scene, RANDOM, seed=seed, hesitate=0.2)
-        there = pilots_for(scene, RANDOM, seed=seed, hesitate=0.2)
+        here = actors_for(scene, RANDOM, seed=seed, hesitate=0.2)
+        there = actors_for(scene, RANDOM, seed=seed, hesitate=0.2)
         for number in range(1, 25):
-            actions = {m: pilot.act(world.observe(m)).action for m, pilot in here.items()}
+            actions = {m: actor.act(world.observe(m)).action for m, actor in here.items()}
             played = world.step(actions)
             lost += len(played.lost)
             assert mail.round(number, there) == list(played.moves)
@@ -167,10 +167,10 @@ def test_the_state_of_the_world_follows_its_actions() -> None:
     for spec in SPECS:
         scene = scene_from_spec(spec)
         world = World(scene, seed=0)
-        pilots = pilots_for(scene, RANDOM, seed=0, hesitate=0.0)
+        actors = actors_for(scene, RANDOM, seed=0, hesitate=0.0)
         state = set(scene.start_state)
         for _ in range(30):
-            played = world.step({m: p.act(world.observe(m)).action for m, p in pilots.items()})
+            played = world.step({m: p.act(world.observe(m)).action for m, p in actors.items()})
             for move in reversed(list(played.moves.values())):
                 apply_in_place(move.action, state)
             assert state == set(world.sites) | scene.system.filled
@@ -179,7 +179,7 @@ def test_the_state_of_the_world_follows_its_actions() -> None:
 def test_a_late_message_is_never_taken_silently() -> None:
     """A message for a phase that is over means that barriers broke: the module says so."""
     scene = scene_from_spec("hex:n=3")
-    core = ModuleCore(scene.system, module=0, site=(0, 0), goals=(), seed=0, talk=0)
+    core = ModuleCore(scene.system, module=0, site=(0, 0), goals=(), seed=0, note_length=0)
     core.sense(1)
     core.observation()
     with pytest.raises(ProtocolError, match="came late"):
@@ -193,7 +193,7 @@ def test_a_late_message_is_never_taken_silently() -> None:
 def test_an_early_message_waits_for_its_round() -> None:
     """A neighbour that is a round ahead is heard when that round begins."""
     scene = scene_from_spec("hex:n=3")
-    core = ModuleCore(scene.system, module=0, site=(0, 0), goals=(), seed=0, talk=0)
+    core = ModuleCore(scene.system, module=0, site=(0, 0), goals=(), seed=0, note_length=0)
     core.hear(Here(1, 1, (1, 0)))
     core.sense(1)
     seen = core.observation()["observation"]

@@ -8,7 +8,7 @@ import pytest
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import observe, view_of
-from cubepath.agents.rules.actor import pilots_for
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -49,10 +49,10 @@ def worlds(spec: str) -> Iterator[World]:
     """Yield the world of a random run after each of its rounds."""
     scene = scene_from_spec(spec)
     world = World(scene, seed=4)
-    pilots = pilots_for(scene, RANDOM, seed=4, hesitate=0.0)
+    actors = actors_for(scene, RANDOM, seed=4, hesitate=0.0)
     for _ in range(15):
         yield world
-        world.step({m: pilot.act(world.observe(m)).action for m, pilot in pilots.items()})
+        world.step({m: actor.act(world.observe(m)).action for m, actor in actors.items()})
 
 
 @pytest.mark.parametrize("spec", SPECS)
@@ -118,7 +118,7 @@ def test_a_view_reads_the_observation_back(spec: str) -> None:
 def test_notes_are_heard_within_reach_and_by_place() -> None:
     """A note said in one round is heard in the next within reach, and not beyond."""
     scene = scene_from_spec("agv:graph=P6,n=3")
-    world = World(scene, seed=0, talk=2)
+    world = World(scene, seed=0, note_length=2)
     assert view_of(scene.system, world.observe(0)).notes == {}
     world.step({2: 2}, {1: (7, 8), 2: (9, 10)})
     assert world.sites == [0, 1, 3]

@@ -13,9 +13,9 @@ import pytest
 from cubepath.agents.environments.play import Played, play
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import STAY, observe, view_of
-from cubepath.agents.rules.actor import pilots_for
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.chain import CHAIN
-from cubepath.agents.rules.rule import Birth, Rule, as_choice
+from cubepath.agents.rules.rule import InitialKnowledge, Rule, as_choice
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.actions import Action, admissible, commute
@@ -74,9 +74,9 @@ def actions_of(played: Played) -> list[list[Action]]:
     return [[move.action for move in each.moves.values()] for each in played.rounds]
 
 
-def births(scene: Scene) -> list[Birth]:
+def births(scene: Scene) -> list[InitialKnowledge]:
     return [
-        Birth(
+        InitialKnowledge(
             system=scene.system,
             module=module,
             modules=len(scene.start),
@@ -161,17 +161,17 @@ def reachable(scene: Scene) -> Iterator[tuple[tuple[Site, ...], int]]:
     A round may execute any claims that commute pairwise: the others hesitate, or lose. What a
     module claims depends on its view alone, once the first view has told it its line.
     """
-    pilots = pilots_for(scene, CHAIN, seed=0, hesitate=0.0)
-    for module, pilot in pilots.items():
-        pilot.act(World(scene, seed=0).observe(module))
+    actors = actors_for(scene, CHAIN, seed=0, hesitate=0.0)
+    for module, actor in actors.items():
+        actor.act(World(scene, seed=0).observe(module))
     seen, left = {scene.start}, [scene.start]
     while left:
         sites = left.pop()
         occupants = {site: site for site in sites}
         claims: list[tuple[int, Move]] = []
-        for module, pilot in pilots.items():
+        for module, actor in actors.items():
             sensed = observe(scene.system, sites[module], occupants, goals=frozenset())
-            action = pilot.act(sensed).action
+            action = actor.act(sensed).action
             move = scene.system.moves(sites[module])[action - 1] if action else None
             if move is not None:
                 claims.append((module, move))
@@ -206,9 +206,9 @@ def test_rounds_commute_and_every_choice_is_legal(spec: str, hesitate: float) ->
     """What is chosen is admissible in the whole state, what is executed commutes pairwise."""
     scene = scene_from_spec(spec)
     world = World(scene, seed=3)
-    pilots = pilots_for(scene, CHAIN, seed=3, hesitate=hesitate)
+    actors = actors_for(scene, CHAIN, seed=3, hesitate=hesitate)
     while not scene.reached(world.sites):
-        actions = {m: pilot.act(world.observe(m)).action for m, pilot in pilots.items()}
+        actions = {m: actor.act(world.observe(m)).action for m, actor in actors.items()}
         for module, action in actions.items():
             move = scene.system.moves(world.sites[module])[action - 1] if action else None
             assert (move is None) == (action == STAY)
@@ -326,7 +326,7 @@ def test_a_choice_depends_on_what_is_sensed_alone(spec: str) -> None:
     """Nothing is asked for beyond the radius of two cells, and filling it changes no choice."""
     scene = scene_from_spec(spec)
     system = scene.system
-    rules = [CHAIN.make(birth) for birth in births(scene)]
+    rules = [CHAIN.make(knowledge) for knowledge in births(scene)]
     world = World(scene, seed=0)
     while not scene.reached(world.sites):
         occupants = {site: site for site in world.sites}
@@ -393,7 +393,7 @@ def test_goals_that_it_cannot_reach_are_refused_at_birth(goals: list[Cell], mess
     scene = scene_of(LINE, LINE)
     scene = replace(scene, goals=(tuple(goals),) * 6)
     with pytest.raises(InputError, match=message) as refused:
-        pilots_for(scene, CHAIN, seed=0, hesitate=0.0)
+        actors_for(scene, CHAIN, seed=0, hesitate=0.0)
     assert "\n" not in str(refused.value)
 
 
@@ -401,7 +401,7 @@ def test_goals_listed_twice_are_no_chain() -> None:
     """A goal that stays on one cell is not straight."""
     scene = replace(scene_of(LINE[:2], LINE[:2]), goals=(((1, 0), (1, 0)),) * 2)
     with pytest.raises(InputError, match="no straight chain"):
-        pilots_for(scene, CHAIN, seed=0, hesitate=0.0)
+        actors_for(scene, CHAIN, seed=0, hesitate=0.0)
 
 
 @pytest.mark.parametrize(
@@ -435,7 +435,7 @@ def test_obstacles_and_walls_in_the_way_are_refused(obstacles: dict[str, list[Ce
     system = LatticeSystem(hex_catalogue(keeps_topology=True), **obstacles)
     scene = scene_of(LINE, row((5, 0), 1, 6), system)
     with pytest.raises(InputError, match="needs room"):
-        pilots_for(scene, CHAIN, seed=0, hesitate=0.0)
+        actors_for(scene, CHAIN, seed=0, hesitate=0.0)
 
 
 def test_an_obstacle_far_away_is_no_hindrance() -> None:

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from cubepath.agents.environments.play import Played, play
 from cubepath.agents.environments.world import Round, World
-from cubepath.agents.rules.actor import pilots_for
-from cubepath.agents.rules.pibt import PIBT, Said, patience
+from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.pibt import PIBT, PushNote, patience
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -84,9 +84,9 @@ def without_cut_vertices(draw: st.DrawFn) -> Scene:
     ends = st.lists(st.integers(0, size - 1), min_size=2, max_size=2, unique=True)
     edges += [(one, other) for one, other in draw(st.lists(ends, max_size=2))]
     one, other = draw(ends)
-    ear = [one, *range(size, size + draw(st.integers(0, 2))), other]
-    edges += pairwise(ear)
-    size += len(ear) - 2
+    subscriber = [one, *range(size, size + draw(st.integers(0, 2))), other]
+    edges += pairwise(subscriber)
+    size += len(subscriber) - 2
     vehicles = size - draw(st.integers(1, 2))
     starts = draw(st.permutations(range(size)))[:vehicles]
     goals = draw(st.permutations(range(size)))[:vehicles]
@@ -96,11 +96,11 @@ def without_cut_vertices(draw: st.DrawFn) -> Scene:
 def check_promise(scene: Scene, seed: int, hesitate: float) -> None:
     """Check that every vehicle is at its goal at some time, though not all at one time."""
     goals = [(known[0], label) for label, known in enumerate(scene.goals)]
-    world = World(scene, seed=seed, talk=PIBT.talk(len(goals)))
-    pilots = pilots_for(scene, PIBT, seed=seed, hesitate=hesitate)
+    world = World(scene, seed=seed, note_length=PIBT.note_length(len(goals)))
+    actors = actors_for(scene, PIBT, seed=seed, hesitate=hesitate)
     missing = set(range(len(goals)))
     while missing and world.round < 4000:
-        choices = {module: pilot.act(world.observe(module)) for module, pilot in pilots.items()}
+        choices = {module: actor.act(world.observe(module)) for module, actor in actors.items()}
         missing -= {module for module in missing if world.sites[module] == goals[module]}
         world.step(
             {module: choice.action for module, choice in choices.items()},
@@ -133,7 +133,7 @@ def test_a_push_runs_down_a_corridor() -> None:
     # 0 is the strongest at the start; its goal is three on, where the row stands.
     played = run(scene_on(path(9), [0, 1, 2, 3], [3, 4, 5, 6]))
     assert played.reached
-    first = [move.goes[0][0] for move in played.rounds[0].moves.values()]
+    first = [move.motion[0][0] for move in played.rounds[0].moves.values()]
     assert first == [(3, 3)]
 
 
@@ -192,16 +192,16 @@ def test_it_fits_labelled_graphs_only() -> None:
     """It is offered for labelled vehicles, and refuses to be made for anything else."""
     assert PIBT.fits(scene_from_spec("agv-labelled:graph=K5").system)
     assert not PIBT.fits(scene_from_spec("agv:graph=K5").system)
-    assert PIBT.talk(30) == len(Said._fields)
+    assert PIBT.note_length(30) == len(PushNote._fields)
     with pytest.raises(InputError, match="vehicles on a graph"):
-        pilots_for(scene_from_spec("arm:n=3"), PIBT, seed=0, hesitate=0.0)
+        actors_for(scene_from_spec("arm:n=3"), PIBT, seed=0, hesitate=0.0)
 
 
 def test_it_needs_a_goal() -> None:
     """A vehicle without a goal is refused at birth."""
     scene = Scene("test", "agv-labelled", GraphSystem([0, 1], [(0, 1)], labels=1), ((0, 0),))
     with pytest.raises(InputError, match="needs one goal a vehicle, found 0"):
-        pilots_for(scene, PIBT, seed=0, hesitate=0.0)
+        actors_for(scene, PIBT, seed=0, hesitate=0.0)
 
 
 def test_loop_chain_map_is_reached() -> None:

@@ -14,8 +14,9 @@ RULES = """
 from cubepath.agents import Choice, RuleType
 
 
-def rule(name, choose, talk=0):
-    return RuleType(name, "of a test", "a test", lambda s: True, lambda b: choose, lambda n: talk)
+def rule(name, choose, note_length=0):
+    return RuleType(name, "of a test", "a test", lambda s: True, lambda b: choose, lambda n:
+    note_length)
 
 
 def boom(view):

@@ -8,7 +8,7 @@ import pytest
 from cubepath.agents.environments.play import Played, play
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
-from cubepath.agents.rules.actor import Pilot, pilots_for
+from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.rule import Choice
 from cubepath.agents.rules.scheduled import scheduled
 from cubepath.protocol.core.actions import Action
@@ -19,7 +19,7 @@ from cubepath.protocol.path_files.schedules import OwnMoves, schedule_from_jsonl
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.wire.messages import Note, Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement, Note
 
 Own = dict[int, OwnMoves]
 
@@ -38,8 +38,8 @@ def vehicles(*starts: int) -> Scene:
 def test_each_module_moves_in_its_rounds_and_stays_in_others() -> None:
     """Two vehicles, one of which waits a round."""
     own: Own = {
-        0: {1: Placed("edge", [0, 1]), 3: Placed("edge", [1, 2])},
-        1: {2: Placed("edge", [4, 5])},
+        0: {1: GeneratorPlacement("edge", [0, 1]), 3: GeneratorPlacement("edge", [1, 2])},
+        1: {2: GeneratorPlacement("edge", [4, 5])},
     }
     played = play(vehicles(0, 4), scheduled(own), max_rounds=4)
     assert made(played) == [(1, 0, (0, 1)), (2, 1, (4, 5)), (3, 0, (1, 2))]
@@ -49,7 +49,7 @@ def test_each_module_moves_in_its_rounds_and_stays_in_others() -> None:
 
 def test_a_module_knows_its_own_moves_only() -> None:
     """Whatever is on the list of others, a module with an empty one stays."""
-    own: Own = {1: {1: Placed("edge", [0, 1])}}
+    own: Own = {1: {1: GeneratorPlacement("edge", [0, 1])}}
     played = play(vehicles(0, 3), scheduled(own), max_rounds=2)
     assert made(played) == []
     assert played.failed == "module_1: edge at [0,1] is no move from 3"
@@ -65,7 +65,7 @@ def test_a_module_knows_its_own_moves_only() -> None:
 )
 def test_what_cannot_be_done_is_said(starts: tuple[int, ...], at: list[int], reason: str) -> None:
     """The module stays, and says in one line what is not as it must be."""
-    own: Own = {0: {1: Placed("edge", at)}}
+    own: Own = {0: {1: GeneratorPlacement("edge", at)}}
     played = play(vehicles(*starts), scheduled(own), max_rounds=2)
     assert played.failed == f"module_0: {reason}"
     assert made(played) == []
@@ -74,7 +74,10 @@ def test_what_cannot_be_done_is_said(starts: tuple[int, ...], at: list[int], rea
 
 def test_others_make_their_moves_of_the_same_round() -> None:
     """They do not hear of it before the round is over, and theirs commute with what is not done."""
-    own: Own = {0: {1: Placed("edge", [0, 1])}, 2: {1: Placed("edge", [4, 5])}}
+    own: Own = {
+        0: {1: GeneratorPlacement("edge", [0, 1])},
+        2: {1: GeneratorPlacement("edge", [4, 5])},
+    }
     played = play(vehicles(0, 1, 4), scheduled(own), max_rounds=3)
     assert made(played) == [(1, 2, (4, 5))]
     assert played.failed is not None
@@ -87,13 +90,13 @@ def hexagons(start: tuple[Site, ...], filled: tuple[Site, ...] = ()) -> Scene:
     return Scene("hexagons", "", LatticeSystem(catalogue, filled=filled), start)
 
 
-def a_pivot(scene: Scene) -> tuple[Placed, Action]:
+def a_pivot(scene: Scene) -> tuple[GeneratorPlacement, Action]:
     """Return the first move that module 0 can make."""
     state = scene.start_state
     move = next(
         m for m in scene.system.moves(scene.start[0]) if m is not None and m.possible(state)
     )
-    return Placed(move.generator, list(move.at)), move.action  # type: ignore[call-overload]
+    return GeneratorPlacement(move.generator, list(move.at)), move.action  # type: ignore[call-overload]
 
 
 def test_what_is_wrong_in_the_support_is_named() -> None:
@@ -134,16 +137,18 @@ def test_the_edge_of_the_workspace_is_told() -> None:
 def test_it_acts_through_observation_and_mask_alone() -> None:
     """The same observation with the move masked out: the module stays."""
     scene = vehicles(0)
-    pilot = pilots_for(
-        scene, scheduled({0: {1: Placed("edge", [0, 1]), 2: Placed("edge", [0, 1])}}),
-        seed=0, hesitate=0.0,
-    )[0]  # fmt: skip
+    actor = actors_for(
+        scene,
+        scheduled({0: dict.fromkeys((1, 2), GeneratorPlacement("edge", [0, 1]))}),
+        seed=0,
+        hesitate=0.0,
+    )[0]
     seen = World(scene, seed=0).observe(0)
-    first = pilot.act(seen)
+    first = actor.act(seen)
     assert first.action != 0
     assert first.failed is None
     seen["action_mask"] = np.array([1] + [0] * (len(seen["action_mask"]) - 1), dtype=np.int8)
-    second: Choice = pilot.act(seen)
+    second: Choice = actor.act(seen)
     assert second.action == 0
     assert second.failed is not None
 
@@ -151,7 +156,7 @@ def test_it_acts_through_observation_and_mask_alone() -> None:
 def test_another_rule_is_silent_until_its_first_choice() -> None:
     """When a module follows another rule from round 3 on, it has nothing to say before round 4."""
     scene = vehicles(0)
-    core = ModuleCore(scene.system, module=0, site=0, goals=(), seed=0, talk=0)
+    core = ModuleCore(scene.system, module=0, site=0, goals=(), seed=0, note_length=0)
     said: dict[int, bool] = {}
     for number in range(1, 6):
         if number == 3:
@@ -160,7 +165,7 @@ def test_another_rule_is_silent_until_its_first_choice() -> None:
         note = (7, 8) if number >= 3 else None
         assert ("notes" in core.observation()) == (number >= 3)
         core.claim(0, note)
-        core.settle()
+        core.arbitrate()
         assert core.finished
         core.report()
     assert said == {1: False, 2: False, 3: False, 4: True, 5: True}
@@ -171,13 +176,13 @@ def test_a_pilot_may_be_born_where_its_module_stands() -> None:
     scene = vehicles(0, 3)
     born: list[Site] = []
 
-    def make(birth: object) -> object:
-        born.append(birth.start)  # type: ignore[attr-defined]
+    def make(knowledge: object) -> object:
+        born.append(knowledge.start)  # type: ignore[attr-defined]
         return lambda _: 0
 
     rule = scheduled({})
     rule = type(rule)(rule.name, rule.summary, rule.source, rule.fits, make)  # type: ignore[arg-type]
-    found: dict[int, Pilot] = pilots_for(
+    found: dict[int, Actor] = actors_for(
         scene, rule, seed=0, hesitate=0.0, modules=[1], sites={1: 5}
     )
     assert (born, list(found)) == ([5], [1])
@@ -185,5 +190,5 @@ def test_a_pilot_may_be_born_where_its_module_stands() -> None:
 
 def test_a_schedule_as_text() -> None:
     """What is written is read back; sites are JSON."""
-    cubes = ((Placed("edge", [0, 1]), Placed("edge", ["a", [1, 2]])), ())
+    cubes = ((GeneratorPlacement("edge", [0, 1]), GeneratorPlacement("edge", ["a", [1, 2]])), ())
     assert schedule_from_jsonl(schedule_to_jsonl(cubes)) == cubes

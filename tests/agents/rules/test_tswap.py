@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note
-from cubepath.agents.rules.actor import pilots_for
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.graph_distances import roads_of
-from cubepath.agents.rules.tswap import TSWAP, Said
+from cubepath.agents.rules.tswap import TSWAP, ExchangeNote
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -35,22 +35,22 @@ class Run:
     ) -> None:
         assert isinstance(scene.system, GraphSystem)
         self.scene, self.system = scene, scene.system
-        self.world = World(scene, seed=seed, talk=TSWAP.talk(len(scene.start)))
+        self.world = World(scene, seed=seed, note_length=TSWAP.note_length(len(scene.start)))
         self.failed: str | None = None
         self.moves = 0
         self.countdowns: list[int] = []
-        pilots = pilots_for(scene, TSWAP, seed=seed, hesitate=hesitate)
+        actors = actors_for(scene, TSWAP, seed=seed, hesitate=hesitate)
         before: int | None = None
         while self.world.round < max_rounds and self.failed is None and not self.reached:
             actions: dict[int, int] = {}
             notes: dict[int, Note] = {}
-            for module, pilot in pilots.items():
-                choice = pilot.act(self.world.observe(module))
+            for module, actor in actors.items():
+                choice = actor.act(self.world.observe(module))
                 assert choice.note is not None
                 actions[module], notes[module] = choice.action, choice.note
                 self.failed = self.failed or choice.failed
             self.check_goals(notes)
-            self.countdowns.append(max(Said(*note).countdown for note in notes.values()))
+            self.countdowns.append(max(ExchangeNote(*note).countdown for note in notes.values()))
             self.moves += len(self.world.step(actions, notes).moves)
             if self.failed is None:
                 left = self.left(notes)
@@ -59,14 +59,14 @@ class Run:
 
     def check_goals(self, notes: dict[int, Note]) -> None:
         """Check that the goals that vehicles hold are the goals of the scene."""
-        held = sorted(Said(*note).goal for note in notes.values())
+        held = sorted(ExchangeNote(*note).goal for note in notes.values())
         assert held == sorted(self.system.index[goal] for goal in self.scene.goal or ())
 
     def left(self, notes: dict[int, Note]) -> int:
         """Return the sum of squares of the distances that are left."""
         roads, index = roads_of(self.system), self.system.index
         return sum(
-            roads.distances(Said(*notes[module]).goal)[index[site]] ** 2
+            roads.distances(ExchangeNote(*notes[module]).goal)[index[site]] ** 2
             for module, site in enumerate(self.world.sites)
         )
 
@@ -245,14 +245,14 @@ def test_it_fits_unlabelled_graphs_only() -> None:
     arm = scene_from_spec("arm:n=3")
     assert not TSWAP.fits(arm.system)
     with pytest.raises(InputError, match="vehicles on a graph"):
-        pilots_for(arm, TSWAP, seed=0, hesitate=0.0)
+        actors_for(arm, TSWAP, seed=0, hesitate=0.0)
 
 
 def test_it_needs_a_goal() -> None:
     """A vehicle without a goal is refused at birth."""
     scene = Scene("test", "agv", GraphSystem([0, 1], [(0, 1)]), (0,))
     with pytest.raises(InputError, match="needs one goal a vehicle, found 0"):
-        pilots_for(scene, TSWAP, seed=0, hesitate=0.0)
+        actors_for(scene, TSWAP, seed=0, hesitate=0.0)
 
 
 def benchmark_scene(vehicles: int) -> Scene:

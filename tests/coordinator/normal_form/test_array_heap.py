@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.normal_form import array_heap as module
 from cubepath.coordinator.normal_form.array_heap import ActionTable, NumberedHeap, normal_form
-from cubepath.coordinator.normal_form.compiled_heap import FastHeap, Numbering, fates
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap, Numbering, cancellations
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
@@ -67,7 +67,7 @@ def test_levels_are_those_of_the_reference(word: Word) -> None:
     """The moves of a level are a cube, and the pairs are equal moves that the heap took out."""
     heap = Heap()
     heap.extend(word)
-    found = fates(word)
+    found = cancellations(word)
     cubes: list[list[Action]] = [[] for _ in range(heap.cubes)]
     for action, level, partner in zip(word, *(part.tolist() for part in found), strict=True):
         assert (level == 0) == (partner >= 0)
@@ -85,7 +85,7 @@ def test_levels_are_those_of_the_reference(word: Word) -> None:
 @given(all_words)
 def test_pairs_cancel_one_after_the_other(word: Word) -> None:
     """In the order of the later of each pair, all between the two commutes or is gone."""
-    found = fates(word)
+    found = cancellations(word)
     there = list(range(len(word)))
     pairs = {(min(pair), max(pair)) for pair in enumerate(found.partners.tolist()) if pair[1] >= 0}
     for early, late in sorted(pairs, key=lambda pair: pair[1]):
@@ -157,7 +157,7 @@ def test_everything_undone_leaves_nothing(word: Word) -> None:
     assert (heap.cubes, heap.reduced_moves, heap.max_cube_dimension) == (0, 0, 0)
     assert heap.cube_path() == ()
     assert not heap.changes().added
-    assert not fates([*word, *reversed(word)]).levels.any()
+    assert not cancellations([*word, *reversed(word)]).levels.any()
 
 
 def test_a_late_move_comes_into_the_first_cube_and_a_walk_back_takes_all() -> None:

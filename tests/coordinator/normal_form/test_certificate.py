@@ -19,7 +19,7 @@ from cubepath.coordinator.normal_form import certificate as builder
 from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
 from cubepath.coordinator.normal_form.definitions import end_state, obvious_normal_form
 from cubepath.coordinator.verification import proof as checker
-from cubepath.coordinator.verification.proof import examine
+from cubepath.coordinator.verification.proof import check_proof
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files import certificates
@@ -49,7 +49,7 @@ all_words = st.one_of(words(max_size=40), crowded_words())
 
 
 def judged(path: Sequence[Action], found: Certificate) -> dict[str, str | None]:
-    return examine(path, found.cancelled, found.cubes, found.chain)
+    return check_proof(path, found.cancelled, found.cubes, found.chain)
 
 
 def refused(path: Sequence[Action], found: Certificate) -> dict[str, str]:

@@ -30,7 +30,7 @@ from cubepath.protocol.path_files.timetables import (
     timetable_schema,
     write_timetable,
 )
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 from strategies import (
     SCENES,
     Word,
@@ -196,7 +196,14 @@ def test_the_most_particular_duration_counts() -> None:
     known = Durations(
         Fraction(2), {"slide": Fraction(3), "7": Fraction(5)}, {("slide", (0, 1)): Fraction(7)}
     )
-    names = [Placed("slide", [0, 1]), Placed("slide", [0, 2]), Placed("turn", [0, 1]), 7, "7", "a"]
+    names = [
+        GeneratorPlacement("slide", [0, 1]),
+        GeneratorPlacement("slide", [0, 2]),
+        GeneratorPlacement("turn", [0, 1]),
+        7,
+        "7",
+        "a",
+    ]
     assert [known.of(name) for name in names] == [7, 3, 2, 5, 5, 2]
 
 
@@ -210,7 +217,7 @@ def test_the_most_particular_duration_counts() -> None:
 def test_a_duration_of_no_move_is_refused(durations: Durations, reason: str) -> None:
     """A slip in a name is not passed over; of a path of no moves nothing is asked."""
     with pytest.raises(InputError) as refusal:
-        durations_of([move(Placed("slide", [0, 1])), move(3)], durations)
+        durations_of([move(GeneratorPlacement("slide", [0, 1])), move(3)], durations)
     assert reason in str(refusal.value)
     assert durations_of([], durations) == []
 
@@ -218,7 +225,10 @@ def test_a_duration_of_no_move_is_refused(durations: Durations, reason: str) -> 
 def test_a_place_counts_for_its_other_name() -> None:
     """An edge is one move, from whichever end it is written."""
     action = edge(1, 2)
-    path = [move(Placed("edge", [1, 2]), action), move(Placed("edge", [2, 1]), action)]
+    path = [
+        move(GeneratorPlacement("edge", [1, 2]), action),
+        move(GeneratorPlacement("edge", [2, 1]), action),
+    ]
     assert durations_of(path, Durations(placed={("edge", (2, 1)): Fraction(3)})) == [3, 3]
     both = {("edge", (2, 1)): Fraction(3), ("edge", (1, 2)): Fraction(4)}
     with pytest.raises(InputError, match="moves 1 and 2 are equal, but take 4 and 3"):
@@ -318,7 +328,7 @@ def test_durations_that_are_not_there(tmp_path: Path) -> None:
 def test_a_timetable_is_read_back(tmp_path: Path) -> None:
     """Lines as they were written; what is no line of one is refused with its number."""
     path = tmp_path / "t.jsonl"
-    lines = [TimedLine(0, "3/2", Placed("edge", [0, 1])), TimedLine("3/2", 2, "a")]
+    lines = [TimedLine(0, "3/2", GeneratorPlacement("edge", [0, 1])), TimedLine("3/2", 2, "a")]
     write_timetable(path, lines)
     assert list(read_timetable(path)) == lines
     assert set(timetable_schema()["required"]) == {"start", "duration", "move"}

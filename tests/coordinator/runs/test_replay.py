@@ -20,7 +20,7 @@ from cubepath.coordinator.runs.replay import SAID, replay
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of
-from cubepath.protocol.wire.messages import Placed, decode
+from cubepath.protocol.wire.messages import GeneratorPlacement, decode
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from recordings import all_edited, edited, first, recorded, with_records
 
@@ -67,8 +67,8 @@ def test_listeners_outside_hear_the_very_bytes_on_the_keys_they_had() -> None:
         def listen(endpoint: str, run: str) -> None:
             runs.append(run)
             session = sessions.enter_context(open_client(endpoint))
-            ear = subscribe(session, "cubepath/**", enqueue)
-            sessions.callback(ear.undeclare)
+            subscriber = subscribe(session, "cubepath/**", enqueue)
+            sessions.callback(subscriber.undeclare)
             # The listener is there when something put by a third session arrives.
             with open_client(endpoint) as third:
                 deadline = time.monotonic() + 10
@@ -196,7 +196,7 @@ def test_what_differs_from_the_record_is_named() -> None:
     assert "cube 1 is another" in differences(edited(whole, cube, replace(cube, moves=[])))
     assert "cube 0 is another" in differences(edited(whole, cube, cube, replace(cube, index=0)))
     report = first(whole, "report", lambda each: each.move)
-    other = replace(report, move=Placed("edge", [[0, 0], [1, 0]]))
+    other = replace(report, move=GeneratorPlacement("edge", [[0, 0], [1, 0]]))
     assert "path_digest is" in differences(edited(whole, report, other))
     last = decode(list(whole.of_kind("report"))[-1].data)
     assert "not all modules reported it" in differences(edited(whole, last))

@@ -17,7 +17,7 @@ from cubepath.coordinator.runs.gatherer import PathDigest, gathered
 from cubepath.coordinator.runs.info import info, render
 from cubepath.coordinator.runs.replay import replay
 from cubepath.coordinator.runs.run import Plan, run
-from cubepath.coordinator.runs.schedule import Course, course_of, read_schedule
+from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
@@ -25,7 +25,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.messages import Executed, Placed, Stopped, site_of
+from cubepath.protocol.wire.messages import Executed, GeneratorPlacement, Stopped, site_of
 from local_families import LOCAL_FAMILIES
 from recordings import recorded
 from schedules import (
@@ -101,8 +101,8 @@ def test_a_goal_that_was_reached_is_reached_by_its_schedule(case: tuple[str, str
 def test_any_number_of_processes_gives_the_path_of_the_environment() -> None:
     """0, 2 and n processes, and the rule in the PettingZoo environment."""
     first = original(*VEHICLES)
-    course = course_of(read_schedule(first.path), first.scene)
-    played = play(first.scene, scheduled(course.own), max_rounds=len(course.cubes))
+    assignment = assignment_of(read_schedule(first.path), first.scene)
+    played = play(first.scene, scheduled(assignment.own), max_rounds=len(assignment.cubes))
     digest = PathDigest()
     for done in played.rounds:
         digest.add(done.number, [Executed(m, e.generator, e.at) for m, e in done.moves.items()])
@@ -138,7 +138,7 @@ def test_the_command_carries_out_a_cubes_file(
 def test_a_move_may_be_named_from_either_end(tmp_path: Path) -> None:
     """An edge has no direction, so neither has its name."""
     path = tmp_path / "cubes.jsonl"
-    write_cubes(path, [[Placed("edge", [1, 0])], [Placed("edge", [1, 2])]])
+    write_cubes(path, [[GeneratorPlacement("edge", [1, 0])], [GeneratorPlacement("edge", [1, 2])]])
     outcome, recording = carry_out(path, "agv:graph=P3,n=1")
     assert outcome.rounds == 2
     assert outcome.goal_reached
@@ -148,7 +148,7 @@ def test_a_move_may_be_named_from_either_end(tmp_path: Path) -> None:
 def test_a_way_that_returns_is_gone_to_its_end(tmp_path: Path) -> None:
     """Round a cycle: the end is the start, and still every cube is carried out."""
     path = tmp_path / "cubes.jsonl"
-    write_cubes(path, [[Placed("edge", [a, (a + 1) % 4])] for a in range(4)])
+    write_cubes(path, [[GeneratorPlacement("edge", [a, (a + 1) % 4])] for a in range(4)])
     outcome, recording = carry_out(path, "agv:graph=C4,n=1")
     assert (outcome.rounds, outcome.cubes, outcome.goal_reached) == (4, 4, True)
     assert_whole(recording)
@@ -157,7 +157,7 @@ def test_a_way_that_returns_is_gone_to_its_end(tmp_path: Path) -> None:
 def test_a_cube_of_no_moves_is_a_round_of_rest(tmp_path: Path) -> None:
     """Nobody moves in it; and an empty file is a schedule of no rounds."""
     path = tmp_path / "cubes.jsonl"
-    write_cubes(path, [[], [Placed("edge", [0, 1])]])
+    write_cubes(path, [[], [GeneratorPlacement("edge", [0, 1])]])
     outcome, recording = carry_out(path, "agv:graph=P3,n=1")
     assert (outcome.rounds, outcome.cubes, outcome.schedule_cubes) == (2, 1, 2)
     assert_whole(recording)
@@ -471,24 +471,24 @@ def test_what_was_repaired_is_a_schedule_again() -> None:
 def test_a_process_is_handed_the_moves_of_its_modules_alone() -> None:
     """And each module is the mover of all that is on its list."""
     first = original(*VEHICLES)
-    course = course_of(read_schedule(first.path), first.scene)
-    fleet = Fleet(first.scene, "tswap", processes=2, schedule=course.own)
+    assignment = assignment_of(read_schedule(first.path), first.scene)
+    fleet = Fleet(first.scene, "tswap", processes=2, schedule=assignment.own)
     for modules in fleet.modules_of:
         handed = fleet._own(modules)
         assert handed is not None
         assert handed.keys() == set(modules)
-        assert all(handed[module] == course.own.get(module, {}) for module in modules)
+        assert all(handed[module] == assignment.own.get(module, {}) for module in modules)
 
 
 def test_who_is_taken_along_is_followed() -> None:
     """In an arm a flip takes a second module along, which has nothing on its list for that."""
     first = original("arm:n=6", "word", 30)
-    course: Course = course_of(read_schedule(first.path), first.scene)
-    assert course.stop is None
-    assert frozenset(course.ends) == first.scene.goal
-    assert list(course.ends) == gathered(first).sites
-    moves = sum(len(own) for own in course.own.values())
-    assert moves == sum(len(cube) for cube in course.cubes)
+    assignment: Assignment = assignment_of(read_schedule(first.path), first.scene)
+    assert assignment.stop is None
+    assert frozenset(assignment.ends) == first.scene.goal
+    assert list(assignment.ends) == gathered(first).sites
+    moves = sum(len(own) for own in assignment.own.values())
+    assert moves == sum(len(cube) for cube in assignment.cubes)
 
 
 # What cannot be run.
@@ -561,7 +561,7 @@ def test_a_listed_move_that_is_gone_stops_before_its_cube(tmp_path: Path) -> Non
     path = tmp_path / "cubes.jsonl"
     first = recorded("words", "random", seed=6, rounds=9)
     move = next(move for cube in gathered(first).schedule() for move in cube)
-    write_cubes(path, [[move], [Placed(move.generator, [99])]])
+    write_cubes(path, [[move], [GeneratorPlacement(move.generator, [99])]])
     outcome, recording = carry_out(path, "words")
     stopped = outcome.schedule_stopped
     assert stopped is not None

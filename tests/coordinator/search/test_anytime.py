@@ -18,7 +18,7 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search.anytime import Improved, improve
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.shortening.optimality import Task, beyond, ends_of, task_of
 from cubepath.coordinator.shortening.shorten import shorten
@@ -78,7 +78,7 @@ def test_every_step_of_an_improvement_is_legal_and_better(spec: str) -> None:
     end = end_state(walk, where.start_state)
     cubes = len(normal_cube_path(walk))
     assert lower_bound(where.system, where.start_state, end, within=cubes).cubes <= found.cubes
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     exact = optimum(steps, steps.encode(where.start_state), steps.encode(end), max_states=5_000)
     assert exact.at_least <= found.cubes <= cubes
 
@@ -107,13 +107,13 @@ def test_the_same_seed_finds_the_same_path(spec: str) -> None:
 
 HASHED = """
 from cubepath.coordinator.search.anytime import improve
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.scenes.specs import scene_from_spec
 from random import Random
 
 for spec in ("words:presentation=free2", "arms", "agv:graph=grid4x4,n=4"):
     scene = scene_from_spec(spec)
-    steps, random, path = Steps(scene.system), Random(1), []
+    steps, random, path = Transitions(scene.system), Random(1), []
     state = steps.encode(scene.start_state)
     for _ in range(120):
         number = random.choice(steps.possible(state))
@@ -162,7 +162,7 @@ def test_the_long_way_round_a_cycle_becomes_the_short_one(name: str, vehicles: i
     walk = round_the_cycle(where, vehicles, 9)
     assert len(normal_cube_path(walk)) > 8
     found = checked(where, walk, iterations=200, seed=1)
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     end = steps.encode(end_state(walk, where.start_state))
     exact = optimum(steps, steps.encode(where.start_state), end)
     assert exact.cubes is not None
@@ -172,7 +172,7 @@ def test_the_long_way_round_a_cycle_becomes_the_short_one(name: str, vehicles: i
 def test_the_long_way_round_the_obstacle_becomes_the_short_one() -> None:
     """Half round the 3-by-2 obstacle and on on the other side, which is the same turned by 180."""
     where = scene("sliding:p=3,q=2")
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     goal = (where.goal or frozenset()) | where.system.filled
     half = optimum(steps, steps.encode(where.start_state), steps.encode(goal)).cubes
     assert half is not None
@@ -226,25 +226,27 @@ def test_vehicles_of_a_planner_are_improved_and_keep_their_goals(
     assert ends_of((move for cube in known.cube_path for move in cube), task.start) == goals
 
 
-def test_own_ends_are_kept_or_exchanged() -> None:
+def test_labelled_goals_are_kept_or_exchanged() -> None:
     """One goes round a ring to the place behind the other: ten cubes, or two if they exchange."""
     where = scene("agv:graph=C12,n=2")
     assert isinstance(where.system, GraphSystem)
     walk = [where.system.action("edge", (place, place + 1)) for place in range(1, 11)]
     start = where.start_state
     free = improve(walk, start, where.system, iterations=300, seed=1)
-    own = improve(walk, start, where.system, iterations=300, seed=1, own_ends=True)
+    own = improve(walk, start, where.system, iterations=300, seed=1, labelled_goals=True)
     assert (free.cubes, own.cubes) == (2, 10)
     moves = [move for cube in own.cube_path for move in cube]
     assert ends_of(moves, start) == ends_of(walk, start) == {0: 0, 1: 11}
 
 
-def test_own_ends_hold_for_the_exhaustive_search_too() -> None:
+def test_labelled_goals_hold_for_the_exhaustive_search_too() -> None:
     """It looks at labelled vehicles, and gives back moves of those without labels."""
     where = scene("agv:graph=grid3x3,n=3")
     for seed in range(4):
         walk = tuple(random_walk(where.spec, 40, seed))
-        known = beyond(Task(walk, where.start_state, where.system, own_ends=True), iterations=0)
+        known = beyond(
+            Task(walk, where.start_state, where.system, labelled_goals=True), iterations=0
+        )
         assert known.optimal
         assert known.improved == known.lower_bound == len(known.cube_path)
         moves = [move for cube in known.cube_path for move in cube]
@@ -259,7 +261,7 @@ def test_a_plan_of_vehicles_is_its_cube_path() -> None:
     where = scene("agv:graph=grid4x4,n=4")
     assert isinstance(where.system, GraphSystem)
     cubes = normal_cube_path(random_walk(where.spec, 60, seed=1))
-    plan = Replanner(where.system, where.start_state, cubes, own_ends=False)
+    plan = Replanner(where.system, where.start_state, cubes, labelled_goals=False)
     assert plan.rounds == len(cubes)
     assert normal_cube_path(plan.actions()) == cubes
 
@@ -275,7 +277,7 @@ def test_an_empty_path_and_no_time_are_no_trouble() -> None:
     with pytest.raises(InputError, match="when to stop"):
         improve(walk, where.start_state, where.system)
     with pytest.raises(InputError, match="own ends"):
-        improve(walk, where.start_state, where.system, iterations=1, own_ends=True)
+        improve(walk, where.start_state, where.system, iterations=1, labelled_goals=True)
 
 
 def loop(path: Path) -> Path:

@@ -11,7 +11,7 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_cube
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.simply_connected import only_class
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -59,7 +59,7 @@ def obvious_distances(where: Scene) -> dict[frozenset[Site], int]:
 def test_the_optimum_is_what_the_obvious_search_finds(spec: str) -> None:
     """From the start to every state within three rounds, and the path is one of cubes."""
     where = scene(spec)
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     start = steps.encode(where.start_state)
     known = obvious_distances(where)
     for state, distance in sorted(known.items(), key=lambda each: each[1])[-40:]:
@@ -75,7 +75,7 @@ def test_the_optimum_is_what_the_obvious_search_finds(spec: str) -> None:
 def test_a_search_that_is_stopped_still_bounds_from_below(bound: int) -> None:
     """Whatever the number of states it may look at, it never claims too much."""
     where = scene("agv:graph=grid3x3,n=3")
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     start, goal = steps.encode(where.start_state), steps.encode(where.goal or ())
     exact = optimum(steps, start, goal)
     assert exact.cubes is not None
@@ -89,7 +89,7 @@ def test_a_search_that_is_stopped_still_bounds_from_below(bound: int) -> None:
 def test_no_path_is_shorter_than_the_optimum(data: st.DataObject) -> None:
     """The normal cube path of any walk has at least as many cubes."""
     where = scene(data.draw(st.sampled_from(SMALL)))
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     walk = data.draw(walks(where.spec, max_size=14))
     end = steps.encode(end_state(walk, where.start_state))
     found = optimum(steps, steps.encode(where.start_state), end)
@@ -100,7 +100,7 @@ def test_no_path_is_shorter_than_the_optimum(data: st.DataObject) -> None:
 def test_maximal_sets_of_moves_are_not_enough() -> None:
     """One vehicle must stay where it is although it could move, or the other is not there alone."""
     where = scene("agv:graph=P5,n=2")
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     found = optimum(steps, steps.encode([0, 3]), steps.encode([0, 4]))
     assert found.cubes is not None
     assert [len(cube) for cube in found.cubes] == [1]
@@ -110,14 +110,14 @@ def test_maximal_sets_of_moves_are_not_enough() -> None:
 def test_what_is_out_of_reach_is_not_found() -> None:
     """Two labelled vehicles on a path cannot pass each other: no optimum, and no endless search."""
     where = scene("agv-labelled:graph=P3,n=2")
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     found = optimum(steps, steps.encode([(0, 0), (2, 1)]), steps.encode([(2, 0), (0, 1)]))
     assert found.cubes is None
 
 
 def test_a_list_of_actions_is_a_system_too() -> None:
     """Without a system the moves are those that are listed, also those that start from nothing."""
-    listed = Steps(None, [toggle(f"on {number}") for number in range(3)])
+    listed = Transitions(None, [toggle(f"on {number}") for number in range(3)])
     found = optimum(listed, 0, listed.encode(["on 0", "on 2"]))
     assert found.cubes is not None
     assert [len(cube) for cube in found.cubes] == [2]

@@ -22,7 +22,7 @@ from cubepath.coordinator.search.lower_bounds import (
     lower_bound,
     module_bound,
 )
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.scenes.families.triangulations import fan, polygon_points
 from cubepath.protocol.systems.flips import FlipSystem
@@ -55,7 +55,7 @@ SMALL = (
 def test_no_bound_is_above_the_optimum(spec: str) -> None:
     """From some states to others, among the first few hundred of each system."""
     where = scene(spec)
-    steps = Steps(where.system)
+    steps = Transitions(where.system)
     states = states_of(where, most=300)
     random = Random(spec)  # noqa: S311 - nothing secret
     for _ in range(25):
@@ -146,7 +146,7 @@ def test_modules_that_are_not_taken_one_to_one_are_not_paired() -> None:
         trace=((0, 0), (1, 0), (2, 0)),
         before=((0, 0), (2, 0)),
         after=((1, 0),),
-        goes=(((0, 0), (1, 0)), ((2, 0), (1, 0))),
+        motion=(((0, 0), (1, 0)), ((2, 0), (1, 0))),
     )
     system = LatticeSystem(Catalogue(SQUARES, (merge,)))
     assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0)}, within=9) == 1

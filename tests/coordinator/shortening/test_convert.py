@@ -19,7 +19,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import read_moves_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 from strategies import SCENES, scene, walk
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
@@ -135,7 +135,9 @@ def test_the_compiled_check_says_what_the_definition_says(
     word, _ = walk(where, where.start_state, choices)
     if data.draw(st.booleans()):
         word = data.draw(st.permutations(word))
-    path = number_moves(PathMove(action, Placed("any", place)) for place, action in enumerate(word))
+    path = number_moves(
+        PathMove(action, GeneratorPlacement("any", place)) for place, action in enumerate(word)
+    )
     state, expected = where.start_state, None
     shown = []
     for place, action in enumerate(word):

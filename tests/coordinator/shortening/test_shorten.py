@@ -24,7 +24,7 @@ from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graphs import scenario_from_json
-from cubepath.protocol.wire.messages import Placed, Report, encode
+from cubepath.protocol.wire.messages import GeneratorPlacement, Report, encode
 from strategies import scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"
@@ -67,7 +67,7 @@ def test_real_paths_have_the_known_normal_cube_paths(
     assert figures(result) == expected
     scenario = scenario_from_json(path)
     where = scene(f"agv:scene={path}")
-    lines = [Placed("edge", move) for move in scenario.moves]
+    lines = [GeneratorPlacement("edge", move) for move in scenario.moves]
     moves = [move.action for move in read_moves(save(folder / "m.jsonl", lines), where)]
     assert tuple(map(frozenset, result.cube_path)) == obvious_normal_form(moves)
     assert is_normal(result.cube_path)
@@ -303,7 +303,7 @@ def test_progress_counts_every_move(tmp_path: Path) -> None:
 
 def report(number: int, module: int, before: list[int], site: list[int] | None = None) -> Report:
     """Return the report of a vehicle that went along an edge, or stayed."""
-    move = None if site is None else Placed("edge", sorted([before, site]))
+    move = None if site is None else GeneratorPlacement("edge", sorted([before, site]))
     claim: Literal["none", "granted"] = "none" if move is None else "granted"
     return Report(number, module, before, site or before, claim, move, [])
 
@@ -332,8 +332,8 @@ def test_a_recording_is_shortened_from_its_reports(tmp_path: Path) -> None:
     result = shorten(path)
     assert figures(result) == (4, 2, 2, 1)
     assert result.named == (
-        (Placed("edge", [[0, 1], [1, 1]]),),
-        (Placed("edge", [[1, 1], [1, 2]]),),
+        (GeneratorPlacement("edge", [[0, 1], [1, 1]]),),
+        (GeneratorPlacement("edge", [[1, 1], [1, 2]]),),
     )
     unfinished = report(4, 0, [0, 0], [1, 0])
     arrival = [RUN[3], RUN[2], *RUN[::-1], unfinished]

@@ -14,42 +14,42 @@ from cubepath.coordinator.shortening.convert import convert
 from cubepath.coordinator.shortening.optimality import task_of
 from cubepath.coordinator.shortening.shorten import shorten
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.plans.formats import Said
-from cubepath.protocol.wire.messages import Placed, encode
+from cubepath.protocol.plans.formats import PlanHints
+from cubepath.protocol.wire.messages import GeneratorPlacement, encode
 from plans import DATA
 
 AGV = Path(__file__).parents[2] / "data" / "agv"
 ROOM = DATA / "room.map"
-KITE = Said("cgshop2026:triangulation=0", (DATA / "kite.instance.json",))
-SAMPLES: dict[str, tuple[str, str | None, Said, tuple[int, int, int, int | None]]] = {
-    "log": ("lacam.txt", None, Said(None, (ROOM,)), (8, 8, 5, 4)),
-    "agents": ("eecbs.txt", None, Said(None, (ROOM, DATA / "room.scen")), (8, 8, 5, 4)),
-    "lists": ("paths.json", None, Said(None, (ROOM,)), (8, 8, 5, 4)),
+KITE = PlanHints("cgshop2026:triangulation=0", (DATA / "kite.instance.json",))
+SAMPLES: dict[str, tuple[str, str | None, PlanHints, tuple[int, int, int, int | None]]] = {
+    "log": ("lacam.txt", None, PlanHints(None, (ROOM,)), (8, 8, 5, 4)),
+    "agents": ("eecbs.txt", None, PlanHints(None, (ROOM, DATA / "room.scen")), (8, 8, 5, 4)),
+    "lists": ("paths.json", None, PlanHints(None, (ROOM,)), (8, 8, 5, 4)),
     "2021": (
         "train.solution.json",
         None,
-        Said(None, (DATA / "train.instance.json",)),
+        PlanHints(None, (DATA / "train.instance.json",)),
         (12, 12, 5, 4),
     ),
     "2026": ("kite.solution.json", None, KITE, (8, 4, 3, 4)),
-    "pivots": ("pivots.txt", "hex:n=3", Said(), (5, 5, 4, None)),
-    "slides": ("slides.txt", "sliding:p=3,q=1,n=3", Said(), (3, 1, 1, None)),
+    "pivots": ("pivots.txt", "hex:n=3", PlanHints(), (5, 5, 4, None)),
+    "slides": ("slides.txt", "sliding:p=3,q=1,n=3", PlanHints(), (3, 1, 1, None)),
 }
 
 
 @pytest.mark.parametrize("name", SAMPLES)
 def test_samples(name: str) -> None:
     """Moves, reduced moves, cubes and the planner's own rounds; the end is that of the plan."""
-    source, system, said, expected = SAMPLES[name]
-    found = shorten(DATA / source, system=system, said=said)
+    source, system, hints, expected = SAMPLES[name]
+    found = shorten(DATA / source, system=system, hints=hints)
     document = found.document()
     keys = ("moves", "reduced_moves", "cubes", "planner_rounds")
     assert tuple(document[key] for key in keys) == expected
     assert is_normal(found.cube_path)
-    task = task_of(DATA / source, found, system, said)
+    task = task_of(DATA / source, found, system, hints)
     word = [found.path.actions[number] for number in found.path.numbers.tolist()]
     assert end_state(word, task.start) == end_state(found.cube_path, task.start)
-    assert all(isinstance(move, Placed) for cube in found.named for move in cube)
+    assert all(isinstance(move, GeneratorPlacement) for cube in found.named for move in cube)
 
 
 @pytest.mark.parametrize(
@@ -71,9 +71,9 @@ def test_a_moves_file_says_nothing_of_rounds(tmp_path: Path) -> None:
 def test_a_plan_becomes_a_moves_file(tmp_path: Path) -> None:
     """Converted, it is a path by generator against the instance as a system."""
     target = tmp_path / "flips.jsonl"
-    convert(DATA / "kite.solution.json", target, said=KITE)
+    convert(DATA / "kite.solution.json", target, hints=KITE)
     system = f"triangulation:points={DATA / 'kite.instance.json'}"
-    first = shorten(DATA / "kite.solution.json", said=KITE)
+    first = shorten(DATA / "kite.solution.json", hints=KITE)
     assert encode(shorten(target, system=system).named) == encode(first.named)
 
 
@@ -145,4 +145,4 @@ def test_files_of_a_plan_beside_moves_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "moves.jsonl"
     path.write_text('{"id": 1, "support": [1], "trace": [1]}\n')
     with pytest.raises(InputError, match="a moves file, which needs no other file"):
-        shorten(path, said=Said(None, (ROOM,)))
+        shorten(path, hints=PlanHints(None, (ROOM,)))

@@ -24,13 +24,13 @@ from cubepath.coordinator.verification import proof as certified
 from cubepath.coordinator.verification import recording as verify_module
 from cubepath.coordinator.verification import rounds as rederive
 from cubepath.coordinator.verification import schedule as carried_out
-from cubepath.coordinator.verification import transcript as evidence
+from cubepath.coordinator.verification import transcript
 from cubepath.coordinator.verification.recording import CHECKS, recover, verify
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
-from cubepath.protocol.wire.messages import Cube, Placed, decode
+from cubepath.protocol.wire.messages import Cube, GeneratorPlacement, decode
 from recordings import edited, first, record_of, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 
@@ -191,7 +191,7 @@ def test_a_run_ended_from_outside_may_stop_in_a_round() -> None:
     assert failing(cut) == {"complete"}
     gatherer = gathered(edited(before, last))
     names = {
-        action: Placed(move.generator, move.at)
+        action: GeneratorPlacement(move.generator, move.at)
         for step in gatherer.steps
         for move, action in zip(step.executed, step.actions, strict=True)
     }
@@ -251,7 +251,7 @@ def test_verifying_shares_no_code_with_the_run() -> None:
         carried_out,
         certificate_checks,
         certified,
-        evidence,
+        transcript,
         rederive,
         verify_module,
     ):

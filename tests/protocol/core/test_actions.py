@@ -13,7 +13,7 @@ from cubepath.protocol.core.actions import (
     apply_in_place,
     commute,
     end_at,
-    misfit,
+    why_inadmissible,
 )
 from cubepath.protocol.core.errors import InputError
 
@@ -92,7 +92,7 @@ def test_a_guard_lets_a_free_site_be_on_only_beside_its_neighbour() -> None:
     assert admissible(guarded, {"a", "next"})
     assert admissible(guarded, {"a", "over", "next"})
     assert not admissible(guarded, {"a", "over"})
-    assert "so 'next' must be on" in misfit(guarded, {"a", "over"})
+    assert "so 'next' must be on" in why_inadmissible(guarded, {"a", "over"})
 
 
 @pytest.mark.parametrize(

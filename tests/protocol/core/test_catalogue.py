@@ -46,7 +46,7 @@ def test_the_generators_are_one_up_to_rotation() -> None:
             trace=tuple(turn(c) for c in generator.trace),
             before=tuple(turn(c) for c in generator.before),
             after=tuple(turn(c) for c in generator.after),
-            goes=tuple((turn(a), turn(b)) for a, b in generator.goes),
+            motion=tuple((turn(a), turn(b)) for a, b in generator.motion),
         )
         assert turned.place(catalogue.lattice, (0, 0)) in placed
 
@@ -85,4 +85,4 @@ def test_a_move_can_be_undone_by_the_same_module() -> None:
                     after = apply(move.action, state)
                     assert move.target in after
                     back = [m for m in system.moves(move.target) if m and m.action == move.action]
-                    assert [m.goes for m in back] == [tuple((b, a) for a, b in move.goes)]
+                    assert [m.motion for m in back] == [tuple((b, a) for a, b in move.motion)]

@@ -22,7 +22,7 @@ from cubepath.protocol.path_files.moves import (
     write_moves,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 SYSTEM = "agv:graph=P4,n=1"
 """One vehicle at 0 of the path 0-1-2-3."""
@@ -340,7 +340,10 @@ def test_generators_are_placed_by_the_system(tmp_path: Path) -> None:
     there, back = read(path, SYSTEM)
     system = scene_from_spec(SYSTEM).system
     assert there.action == back.action == system.action("edge", (0, 1))
-    assert (there.name, back.name) == (Placed("edge", [0, 1]), Placed("edge", [1, 0]))
+    assert (there.name, back.name) == (
+        GeneratorPlacement("edge", [0, 1]),
+        GeneratorPlacement("edge", [1, 0]),
+    )
     assert (there.before, back.before) == (frozenset([0]), frozenset([1]))
 
 
@@ -378,7 +381,7 @@ def test_an_action_of_a_system_has_no_id() -> None:
 def test_cubes_are_written_and_read_back(tmp_path: Path) -> None:
     """A cubes file has one cube a line, each move by its name."""
     path = tmp_path / "cubes.jsonl"
-    cubes = [("a", 7), (Placed("edge", [[0, 0], [0, 1]]),)]
+    cubes = [("a", 7), (GeneratorPlacement("edge", [[0, 0], [0, 1]]),)]
     write_cubes(path, cubes)
     assert path.read_text() == (
         '{"moves":["a",7]}\n{"moves":[{"generator":"edge","at":[[0,0],[0,1]]}]}\n'

@@ -31,7 +31,7 @@ from cubepath.protocol.path_files.numbered import (
     read_path,
     write_path,
 )
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 from strategies import SCENES, lists_of, scene, walk
 
 CROSSING = "agv:graph=grid3x2,n=2"
@@ -102,7 +102,7 @@ def test_generators_come_back_from_every_form(tmp_path: Path, spec: str) -> None
     where = scene(spec)
     word, _ = walk(where, where.start_state, [7 * n % 60 for n in range(40)])
     placed = {
-        move.action: Placed(move.generator, move.at)
+        move.action: GeneratorPlacement(move.generator, move.at)
         for action in word
         for site in action.trace
         for move in where.system.moves(site)
@@ -187,7 +187,7 @@ def sample() -> NumberedPath:
     moves = [
         PathMove(step, 1, frozenset({1})),
         PathMove(step, "back", frozenset({2})),
-        PathMove(guarded, Placed("slide", [0, 1])),
+        PathMove(guarded, GeneratorPlacement("slide", [0, 1])),
     ]
     path = number_moves(moves)
     return NumberedPath(
@@ -213,7 +213,7 @@ def test_cubes_are_written_and_read_back_in_binary(tmp_path: Path) -> None:
     cubes = NumberedCubes(np.array([0, 1, 2]), np.array([2, 1]))
     target = tmp_path / "c.npz"
     write_cubes_npz(target, sample(), cubes)
-    assert read_cubes_npz(target) == ((Placed("slide", [0, 1]),), ("back",))
+    assert read_cubes_npz(target) == ((GeneratorPlacement("slide", [0, 1]),), ("back",))
     assert holds_cubes(target)
     with pytest.raises(InputError, match="format: found 'cubepath-cubes-1'"):
         read_moves_npz(target)

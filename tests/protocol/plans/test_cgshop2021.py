@@ -38,7 +38,7 @@ def pair(folder: Path, steps: Steps, **instance: Any) -> tuple[Path, Path]:
 
 def test_the_sample_train() -> None:
     """Three robots that follow one another in one step move from the head on."""
-    found = read_plan(SOLUTION, beside=[INSTANCE])
+    found = read_plan(SOLUTION, companions=[INSTANCE])
     assert found is not None
     assert found.rounds == 4
     moves = list(found.moves)
@@ -55,7 +55,7 @@ def test_the_sample_train() -> None:
 def test_the_workspace_holds_what_is_visited(tmp_path: Path) -> None:
     """A robot may leave the box of the instance: the plane is not bounded."""
     solution, instance = pair(tmp_path, [[(0, 0)], [(-1, 0)], [(-2, 0)], [(-1, 0)]])
-    found = read_plan(solution, beside=[instance])
+    found = read_plan(solution, companions=[instance])
     assert found is not None
     assert len(list(found.moves)) == 3
     assert found.scene().system.has_place((-3, 0))
@@ -71,7 +71,7 @@ def test_a_real_solution_as_steps(tmp_path: Path) -> None:
         targets=known.goals,
         obstacles=[],
     )
-    cubes = normal_cube_path(actions_read(solution, beside=[instance]))
+    cubes = normal_cube_path(actions_read(solution, companions=[instance]))
     assert (sum(map(len, cubes)), len(cubes)) == (4719, 114)
 
 
@@ -84,7 +84,7 @@ def test_a_solution_read_back_is_the_path(
     where = scene(VEHICLES)
     steps = timesteps(where.start, vehicle_moves(word, where.start_state))  # type: ignore[arg-type]
     solution, instance = pair(tmp_path_factory.mktemp("plan"), steps)
-    assert normal_cube_path(actions_read(solution, beside=[instance])) == normal_cube_path(word)
+    assert normal_cube_path(actions_read(solution, companions=[instance])) == normal_cube_path(word)
 
 
 ROTATION: Steps = [
@@ -114,7 +114,7 @@ def test_an_illegal_solution_is_refused_at_its_first_bad_move(tmp_path: Path, na
     steps, told = BAD[name]
     solution, instance = pair(tmp_path, steps)
     with pytest.raises(InputError) as caught:
-        moves_read(solution, beside=[instance])
+        moves_read(solution, companions=[instance])
     assert str(caught.value).startswith(f"{solution}: ")
     assert told in str(caught.value)
 
@@ -134,7 +134,7 @@ def test_a_step_that_is_none_is_refused(tmp_path: Path, name: str) -> None:
     _, instance = pair(tmp_path, [[(0, 0), (1, 0)]])
     solution = save(tmp_path / "s.json", {"instance": "test", "steps": [step]})
     with pytest.raises(InputError) as caught:
-        moves_read(solution, beside=[instance])
+        moves_read(solution, companions=[instance])
     assert told in str(caught.value)
 
 
@@ -149,10 +149,10 @@ def test_instances_that_do_not_belong_are_refused(tmp_path: Path) -> None:
     ):
         solution, instance = pair(tmp_path, plan, **change)
         with pytest.raises(InputError, match=told):
-            read_plan(solution, beside=[instance])
+            read_plan(solution, companions=[instance])
     with pytest.raises(InputError, match="says nothing of its instance: expected --with FILE"):
         read_plan(SOLUTION)
     with pytest.raises(InputError, match="a second file beside the plan"):
-        read_plan(SOLUTION, beside=[INSTANCE, INSTANCE])
+        read_plan(SOLUTION, companions=[INSTANCE, INSTANCE])
     with pytest.raises(InputError, match="expected no --system"):
-        read_plan(SOLUTION, beside=[INSTANCE], system=VEHICLES)
+        read_plan(SOLUTION, companions=[INSTANCE], system=VEHICLES)

@@ -37,7 +37,7 @@ def pair(folder: Path, instance: dict[str, Any], flips: object) -> tuple[Path, P
 @pytest.mark.parametrize(("chosen", "moves", "cubes", "rounds"), [(0, 8, 3, 4), (1, 6, 2, 3)])
 def test_the_sample_kite(chosen: int, moves: int, cubes: int, rounds: int) -> None:
     """Both paths end in one triangulation; their moves are flips of the instance as a system."""
-    found = read_plan(SOLUTION, f"cgshop2026:triangulation={chosen}", beside=[INSTANCE])
+    found = read_plan(SOLUTION, f"cgshop2026:triangulation={chosen}", companions=[INSTANCE])
     assert found is not None
     read = list(found.moves)
     assert (len(read), found.rounds) == (moves, rounds)
@@ -51,7 +51,7 @@ def test_the_sample_kite(chosen: int, moves: int, cubes: int, rounds: int) -> No
         assert move.before == move.action.support & state
         state ^= move.action.trace
     if chosen:
-        other = moves_read(SOLUTION, "cgshop2026:triangulation=0", beside=[INSTANCE])
+        other = moves_read(SOLUTION, "cgshop2026:triangulation=0", companions=[INSTANCE])
         end = set(scene_from_spec(f"triangulation:points={INSTANCE},start=0").start_state)
         for move in other:
             end ^= move.action.trace
@@ -78,13 +78,13 @@ def test_flips_read_back_are_the_path(
     }
     flips = flips_2026(word, where.start_state)
     solution, saved = pair(tmp_path_factory.mktemp("flips"), instance, flips)
-    assert normal_cube_path(actions_read(solution, beside=[saved])) == normal_cube_path(word)
+    assert normal_cube_path(actions_read(solution, companions=[saved])) == normal_cube_path(word)
 
 
 def test_the_hull_may_be_left_out(tmp_path: Path) -> None:
     """The square as it is published: one diagonal, and its flip."""
     solution, instance = pair(tmp_path, SQUARE, [[[3, 0]], [[1, 2]]])
-    moves = moves_read(solution, beside=[instance])
+    moves = moves_read(solution, companions=[instance])
     assert [move.name.at for move in moves] == [(0, 1, 2, 3)] * 2  # type: ignore[union-attr]
     assert normal_cube_path([move.action for move in moves]) == ()
 
@@ -102,7 +102,7 @@ def test_flips_that_are_none_are_refused(tmp_path: Path, name: str) -> None:
     flips, told = BAD_FLIPS[name]
     solution, instance = pair(tmp_path, SQUARE, flips)
     with pytest.raises(InputError) as caught:
-        moves_read(solution, beside=[instance])
+        moves_read(solution, companions=[instance])
     assert str(caught.value).startswith(f"{solution}: triangulation 0, {told}")
 
 
@@ -122,19 +122,19 @@ def test_flips_of_one_triangle_are_no_round(tmp_path: Path) -> None:
     """Two diagonals of a pentagon share a triangle, so they do not flip at one time."""
     solution, instance = pair(tmp_path, FIVE, [[[0, 2], [0, 3]]])
     with pytest.raises(InputError, match=r"triangle \[0, 2, 3\] is that of \[0, 2\] too"):
-        moves_read(solution, beside=[instance])
+        moves_read(solution, companions=[instance])
 
 
 def test_a_quadrilateral_that_is_not_convex_does_not_flip(tmp_path: Path) -> None:
     """The corner where it bends in is named; so is one where it is straight."""
     solution, instance = pair(tmp_path, DART, [[[2, 3]]])
     with pytest.raises(InputError, match=r"\[0, 1, 2, 3\] is not strictly convex at point 3"):
-        moves_read(solution, beside=[instance])
+        moves_read(solution, companions=[instance])
     straight = {**DART, "points_y": [0, 0, 8, 0]}
     straight["triangulations"] = [[[2, 3]]]
     solution, instance = pair(tmp_path, straight, [[[2, 3]]])
     with pytest.raises(InputError, match="not strictly convex at point 3"):
-        moves_read(solution, beside=[instance])
+        moves_read(solution, companions=[instance])
 
 
 BAD_INSTANCES: dict[str, tuple[dict[str, Any], str]] = {
@@ -162,7 +162,7 @@ def test_instances_that_are_none_are_refused(tmp_path: Path, name: str) -> None:
     change, told = BAD_INSTANCES[name]
     solution, instance = pair(tmp_path, {**SQUARE, **change}, [])
     with pytest.raises(InputError) as caught:
-        read_plan(solution, beside=[instance])
+        read_plan(solution, companions=[instance])
     assert told in str(caught.value)
 
 
@@ -171,24 +171,24 @@ def test_a_point_within_and_overlapping_edges_are_found(tmp_path: Path) -> None:
     lonely = {**DART, "triangulations": [[]]}
     solution, instance = pair(tmp_path, lonely, [])
     with pytest.raises(InputError, match="no edge ends at point 3"):
-        read_plan(solution, beside=[instance])
+        read_plan(solution, companions=[instance])
     over = {**DART, "points_y": [0, 0, 8, 4], "triangulations": [[[0, 3], [1, 3], [2, 3]]]}
     over["points_x"], over["points_y"] = [0, 8, 0, 2, 4], [0, 0, 8, 2, 4]
     over["triangulations"] = [[[0, 3], [0, 4], [1, 3], [2, 3], [3, 4]]]
     solution, instance = pair(tmp_path, over, [])
     with pytest.raises(InputError, match=r"edges \[0, 3\] and \[0, 4\] overlap"):
-        read_plan(solution, beside=[instance])
+        read_plan(solution, companions=[instance])
 
 
 def test_which_triangulation_has_to_be_said() -> None:
     """With more than one there is no default; a number that is none is refused."""
     with pytest.raises(InputError, match="2 triangulations, each with a path of its own: expected"):
-        read_plan(SOLUTION, beside=[INSTANCE])
+        read_plan(SOLUTION, companions=[INSTANCE])
     for value in ("2", "-1", "x", "9" * 30):
         with pytest.raises(InputError, match="expected 0 to 1"):
-            read_plan(SOLUTION, f"cgshop2026:triangulation={value}", beside=[INSTANCE])
+            read_plan(SOLUTION, f"cgshop2026:triangulation={value}", companions=[INSTANCE])
     with pytest.raises(InputError, match="expected no --system"):
-        read_plan(SOLUTION, beside=[INSTANCE], system="hex")
+        read_plan(SOLUTION, companions=[INSTANCE], system="hex")
 
 
 @settings(max_examples=25, deadline=None)

@@ -40,22 +40,22 @@ PLAN: Steps = [[(1, 0), (2, 0)], [(2, 0), (2, 1)], [(2, 0), (2, 2)]]
 @pytest.mark.parametrize("scenario", [(), (DATA / "room.scen",)], ids=["map", "map and scenario"])
 def test_samples_hold_one_plan(name: str, scenario: Sequence[Path]) -> None:
     """Every form of the sample, detected by content, gives the same moves and 4 rounds."""
-    found = read_plan(DATA / name, beside=[*scenario, ROOM])
+    found = read_plan(DATA / name, companions=[*scenario, ROOM])
     assert found is not None
     assert found.rounds == 4
     moves = list(found.moves)
-    expected = moves_read(DATA / "lacam.txt", beside=[ROOM])
+    expected = moves_read(DATA / "lacam.txt", companions=[ROOM])
     assert [move.name for move in moves] == [move.name for move in expected]
     assert len(moves) == 8
     assert len(normal_cube_path([move.action for move in moves])) == 5
     where = found.scene()
     assert where.start == ((1, 0), (2, 0), (4, 3))
-    assert found.own_ends
+    assert found.labelled_goals
 
 
 def test_a_follower_waits_for_whom_it_follows() -> None:
     """In the first round agent 1 goes first, though agent 0 comes before it in the file."""
-    names = [move.name for move in moves_read(DATA / "lacam.txt", beside=[ROOM])][:2]
+    names = [move.name for move in moves_read(DATA / "lacam.txt", companions=[ROOM])][:2]
     assert [name.at for name in names] == [((2, 0), (2, 1)), ((1, 0), (2, 0))]  # type: ignore[union-attr]
 
 
@@ -65,10 +65,10 @@ def test_a_real_plan_as_a_log(tmp_path: Path) -> None:
     known = scenario_from_json(AGV / "random-32-32-10-30agents.json")
     steps = timesteps(known.starts, known.moves)  # type: ignore[arg-type]
     path = save(tmp_path / "log.txt", log_text(steps))
-    found = read_plan(path, beside=[AGV / "random-32-32-10.map"])
+    found = read_plan(path, companions=[AGV / "random-32-32-10.map"])
     assert found is not None
     cubes = normal_cube_path([move.action for move in found.moves])
-    assert (found.rounds, sum(map(len, cubes)), len(cubes)) == (known.peer_makespan, 719, 53)
+    assert (found.rounds, sum(map(len, cubes)), len(cubes)) == (known.planner_rounds, 719, 53)
 
 
 @pytest.mark.slow
@@ -91,7 +91,7 @@ def test_a_plan_read_back_is_the_path(
         table = steps if form == "by=step" else list(zip(*steps, strict=True))
         path = save(folder / "paths.json", table)
         spec = "mapf-json:by=step" if form == "by=step" else None
-    found: list[Action] = actions_read(path, spec, beside=[room])
+    found: list[Action] = actions_read(path, spec, companions=[room])
     assert normal_cube_path(found) == normal_cube_path(word)
 
 
@@ -103,15 +103,15 @@ def test_the_order_is_what_the_map_allows(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=r"as \(x, y\) and as \(row, column\): expected"):
             read_plan(
                 path,
-                beside=[save(tmp_path / "free.map", map_text([*GRID, (3, 3), (2, 3), (3, 2)]))],
+                companions=[save(tmp_path / "free.map", map_text([*GRID, (3, 3), (2, 3), (3, 2)]))],
             )
     path = save(tmp_path / "paths.txt", agents_text(PLAN, order="rc"))
-    moves = moves_read(path, beside=[ROOM])
-    assert [move.name for move in moves_read(path, "mapf-agents:order=rc", beside=[ROOM])] == [
+    moves = moves_read(path, companions=[ROOM])
+    assert [move.name for move in moves_read(path, "mapf-agents:order=rc", companions=[ROOM])] == [
         move.name for move in moves
     ]
     with pytest.raises(InputError, match=r"agent 0 starts at \[0,1\], an obstacle or outside"):
-        read_plan(path, "mapf-agents:order=xy", beside=[ROOM])
+        read_plan(path, "mapf-agents:order=xy", companions=[ROOM])
 
 
 BAD_STEPS: dict[str, tuple[Steps, str]] = {
@@ -153,7 +153,7 @@ def test_an_illegal_plan_is_refused_at_its_first_bad_move(tmp_path: Path, name: 
     steps, told = BAD_STEPS[name]
     path = save(tmp_path / "log.txt", log_text(steps, soc=None))
     with pytest.raises(InputError) as caught:
-        moves_read(path, beside=[ROOM])
+        moves_read(path, companions=[ROOM])
     assert told in str(caught.value)
     assert str(caught.value).startswith(str(path))
 
@@ -161,7 +161,7 @@ def test_an_illegal_plan_is_refused_at_its_first_bad_move(tmp_path: Path, name: 
 def test_moves_before_the_first_bad_one_are_yielded(tmp_path: Path) -> None:
     """A plan is read as a stream: what is legal comes before the refusal."""
     path = save(tmp_path / "log.txt", log_text(BAD_STEPS["jump"][0]))
-    found = read_plan(path, beside=[ROOM])
+    found = read_plan(path, companions=[ROOM])
     assert found is not None
     assert next(found.moves).before == {(2, 0)}
     with pytest.raises(InputError):
@@ -197,7 +197,7 @@ def test_a_log_that_contradicts_itself_is_refused(tmp_path: Path, name: str) -> 
     content, told = BAD_LOGS[name]
     path = save(tmp_path / "log.txt", content or log_text(PLAN))
     with pytest.raises(InputError) as caught:
-        moves_read(path, "mapf-log", beside=[ROOM] if content else [])
+        moves_read(path, "mapf-log", companions=[ROOM] if content else [])
     assert told in str(caught.value)
 
 
@@ -216,7 +216,7 @@ def test_paths_that_are_none_are_refused(tmp_path: Path, name: str) -> None:
     content, told = BAD_AGENTS[name]
     path = save(tmp_path / "paths.txt", content)
     with pytest.raises(InputError) as caught:
-        read_plan(path, "mapf-agents", beside=[ROOM])
+        read_plan(path, "mapf-agents", companions=[ROOM])
     assert told in str(caught.value)
 
 
@@ -235,13 +235,13 @@ def test_lists_that_are_no_plan_are_refused(tmp_path: Path, name: str) -> None:
     content, spec, told = BAD_LISTS[name]
     path = save(tmp_path / "paths.json", content)
     with pytest.raises(InputError) as caught:
-        read_plan(path, spec, beside=[ROOM])
+        read_plan(path, spec, companions=[ROOM])
     assert told in str(caught.value)
 
 
 def test_no_agents_make_no_moves(tmp_path: Path) -> None:
     """An empty list is a plan of no moves in no rounds."""
-    found = read_plan(save(tmp_path / "none.json", []), beside=[ROOM])
+    found = read_plan(save(tmp_path / "none.json", []), companions=[ROOM])
     assert found is not None
     assert (found.rounds, list(found.moves)) == (0, [])
 
@@ -265,7 +265,7 @@ def test_a_scenario_that_is_not_of_the_plan_is_refused(tmp_path: Path, name: str
     content, told = SCENARIOS[name]
     path = save(tmp_path / "log.txt", log_text(PLAN))
     with pytest.raises(InputError) as caught:
-        read_plan(path, beside=[ROOM, save(tmp_path / "room.scen", content)])
+        read_plan(path, companions=[ROOM, save(tmp_path / "room.scen", content)])
     assert told in str(caught.value)
 
 
@@ -273,6 +273,6 @@ def test_one_map_and_no_system(tmp_path: Path) -> None:
     """Two maps, or a system beside a map, are refused."""
     path = save(tmp_path / "log.txt", log_text(PLAN))
     with pytest.raises(InputError, match="a second map, expected one"):
-        read_plan(path, beside=[ROOM, ROOM])
+        read_plan(path, companions=[ROOM, ROOM])
     with pytest.raises(InputError, match="a plan on a map, expected no --system"):
-        read_plan(path, beside=[ROOM], system=VEHICLES)
+        read_plan(path, companions=[ROOM], system=VEHICLES)

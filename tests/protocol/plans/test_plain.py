@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import FORMATS, read_plan
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 from plans import DATA, actions_read, moves_read, plain_text, save
 from strategies import random_walk, scene
 
@@ -40,18 +40,18 @@ def test_pivots() -> None:
     """Hexagons with and without the one they pivot about, in round or square brackets."""
     moves = moves_read(PIVOTS, system="hex:n=3")
     assert [move.name for move in moves] == [
-        Placed("pivot-1-right", (0, 0)),
-        Placed("pivot-0-right", (0, 1)),
-        Placed("pivot-2-right", (1, 0)),
-        Placed("pivot-1-left", (2, 0)),
-        Placed("pivot-1-right", (0, 1)),
+        GeneratorPlacement("pivot-1-right", (0, 0)),
+        GeneratorPlacement("pivot-0-right", (0, 1)),
+        GeneratorPlacement("pivot-2-right", (1, 0)),
+        GeneratorPlacement("pivot-1-left", (2, 0)),
+        GeneratorPlacement("pivot-1-right", (0, 1)),
     ]
 
 
 def test_slides() -> None:
     """A run is named by its first square, by its last, or by what gets free and what gets taken."""
     moves = moves_read(SLIDES, system="sliding:p=3,q=1,n=3")
-    assert [move.name for move in moves] == [Placed("row-2", (0, 1))] * 3
+    assert [move.name for move in moves] == [GeneratorPlacement("row-2", (0, 1))] * 3
 
 
 def test_words_are_sites(tmp_path: Path) -> None:
@@ -122,7 +122,9 @@ def test_what_could_be_two_moves_is_refused_with_both(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"over at \[0, 1\]; under at \[0, 1\] all do that"):
         moves_read(path, system=system)
     save(path, "(0,1) -> (1,1) about (0,2)\n")
-    assert [move.name for move in moves_read(path, system=system)] == [Placed("under", (0, 1))]
+    assert [move.name for move in moves_read(path, system=system)] == [
+        GeneratorPlacement("under", (0, 1))
+    ]
 
 
 def test_a_list_needs_its_system(tmp_path: Path) -> None:
@@ -132,7 +134,7 @@ def test_a_list_needs_its_system(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not a local system"):
         read_plan(PIVOTS, system="hex-connected")
     with pytest.raises(InputError, match="says all itself, expected no --with"):
-        read_plan(PIVOTS, system="hex:n=3", beside=[SLIDES])
+        read_plan(PIVOTS, system="hex:n=3", companions=[SLIDES])
 
 
 # Formats by name and by content
@@ -183,6 +185,6 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     """One line, whatever the format."""
     for name in FORMATS:
         with pytest.raises(InputError):
-            read_plan(tmp_path / "none", name, beside=[tmp_path / "no map"], system="hex:n=3")
+            read_plan(tmp_path / "none", name, companions=[tmp_path / "no map"], system="hex:n=3")
     with pytest.raises(InputError, match="No such file"):
         read_plan(tmp_path / "none")

@@ -143,8 +143,8 @@ def test_without_a_base_an_arm_walks_away() -> None:
 def test_the_segments_keep_their_order_along_the_arm() -> None:
     """In a flip each of the two keeps the end that is not at the corner."""
     (rising, falling) = flips()
-    assert dict(rising.goes) == {(0, 0, 0): (0, 0, 1), (1, 0, 1): (0, 1, 0)}
-    assert dict(falling.goes) == {(0, 0, 0): (1, 0, 1), (0, 0, 1): (0, 1, 0)}
+    assert dict(rising.motion) == {(0, 0, 0): (0, 0, 1), (1, 0, 1): (0, 1, 0)}
+    assert dict(falling.motion) == {(0, 0, 0): (1, 0, 1), (0, 0, 1): (0, 1, 0)}
 
 
 def test_a_scene_is_the_same_after_a_file() -> None:

@@ -214,13 +214,13 @@ ROW: dict[str, tuple[tuple[int, ...], ...]] = {
         ({"free": ((0, 7),)}, r"the free sites holds \(0, 7\), which is not in the support"),
         ({"guards": (((0, 1), (0, 9)),)}, r"a guard holds \(0, 9\), which is not in the support"),
         ({"guards": (((0, 1), (1, 0)),)}, r"guard site \(1, 0\) is in the trace"),
-        ({"goes": ()}, "no module goes anywhere"),
-        ({"goes": (((0, 1), (1, 0)),)}, "'goes' must take every site of the trace"),
+        ({"motion": ()}, "no module goes anywhere"),
+        ({"motion": (((0, 1), (1, 0)),)}, "'goes' must take every site of the trace"),
     ],
 )
 def test_a_generator_that_is_none_is_refused_by_name(keys: dict[str, object], message: str) -> None:
     """Local states that differ off the trace, a trace outside the support, and their like."""
-    given = {**ROW, "goes": (((0, 0), (1, 0)),), **keys}
+    given = {**ROW, "motion": (((0, 0), (1, 0)),), **keys}
     with pytest.raises(InputError, match=f"generator 'crawl': {message}") as caught:
         Generator(name="crawl", **given)  # type: ignore[arg-type]
     assert "\n" not in str(caught.value)

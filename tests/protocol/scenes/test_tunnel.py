@@ -133,7 +133,7 @@ def test_its_pivots_are_those_of_the_two_catalogues() -> None:
     """Along the rows as in the first catalogue, across as in the second, six in all."""
     first, second = (hex_catalogue(keeps_topology=keeps) for keeps in (True, False))
     for pivot in tunnel_catalogue().generators:
-        along = pivot.goes[0][0][1] == pivot.goes[0][1][1]
+        along = pivot.motion[0][0][1] == pivot.motion[0][1][1]
         assert pivot == (first if along else second).by_name[pivot.name]
     assert len(tunnel_catalogue().generators) == 6
 

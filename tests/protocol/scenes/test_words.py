@@ -128,13 +128,13 @@ def test_a_letter_that_is_read_and_kept_is_in_the_support_alone() -> None:
     (move,) = word_moves(3, [("abc", "adc")])
     assert move.action.support == {(0, "a"), (1, "b"), (1, "d"), (2, "c")}
     assert move.action.trace == {(1, "b"), (1, "d")}
-    assert move.goes == (((1, "b"), (1, "d")),)
+    assert move.motion == (((1, "b"), (1, "d")),)
 
 
 def test_the_leftmost_position_that_changes_proposes() -> None:
     """The mover is the first, and the others are taken along from letter to letter."""
     (move,) = word_moves(3, [("abc", "acb")])
-    assert move.goes == (((1, "b"), (1, "c")), ((2, "c"), (2, "b")))
+    assert move.motion == (((1, "b"), (1, "c")), ((2, "c"), (2, "b")))
     assert (move.generator, move.at) == ("abc~acb", 0)
 
 

@@ -25,11 +25,11 @@ from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.listed import TabledSystem
 
 
-def slide(name: str, *goes: tuple[Site, Site], reads: Iterable[Site] = ()) -> Move:
+def slide(name: str, *motion: tuple[Site, Site], reads: Iterable[Site] = ()) -> Move:
     """Return a move of these modules, which reads that further sites are off."""
-    before, after = zip(*goes, strict=True)
+    before, after = zip(*motion, strict=True)
     trace = [*before, *after]
-    return Move(Action([*trace, *reads], trace, before, after, label=name), name, name, goes)
+    return Move(Action([*trace, *reads], trace, before, after, label=name), name, name, motion)
 
 
 def train() -> TabledSystem:
@@ -70,13 +70,13 @@ def moves_at(system: TabledSystem, place: Site) -> list[Move]:
     both = [
         move
         for one in system.listed
-        for move in (one, replace(one, goes=tuple((b, a) for a, b in one.goes)))
+        for move in (one, replace(one, motion=tuple((b, a) for a, b in one.motion)))
     ]
     return [move for move in both if system.place_of(move.source) == place]
 
 
 def along(system: TabledSystem, move: Move) -> set[Site]:
-    return {system.place_of(source) for source, _ in move.goes[1:]}
+    return {system.place_of(source) for source, _ in move.motion[1:]}
 
 
 @pytest.mark.parametrize("spec", SYSTEMS)
@@ -120,13 +120,13 @@ def test_a_module_may_propose_what_starts_at_its_site(spec: str) -> None:
     """Moves by site are those of the list, each from both of its ends, and found by name."""
     system = tabled(spec)
     found = {
-        (move.generator, move.at, move.goes)
+        (move.generator, move.at, move.motion)
         for place in system.places
         for site in (place, *((place, letter) for letter in system.letters))
         for move in system.moves(site)
         if move is not None
     }
-    expected = {(m.generator, m.at, m.goes) for p in system.places for m in moves_at(system, p)}
+    expected = {(m.generator, m.at, m.motion) for p in system.places for m in moves_at(system, p)}
     assert found == expected
     assert len(expected) == 2 * len(system.listed)
     for move in system.listed:
@@ -183,9 +183,9 @@ GOOD = slide("good", (1, 2))
         ([GOOD], {"letters": ["a", "b", "a"]}, "letter 'a' stands twice"),
         ([GOOD], {"fixed": [2]}, "good: its trace holds 2, which is fixed"),
         ([GOOD], {"letters": ["a"], "fixed": [(7, "a")]}, r"\(7, 'a'\) is fixed and has a letter"),
-        ([replace(GOOD, goes=())], {}, "good: 'goes' must take every site"),
-        ([replace(GOOD, goes=((1, 3),))], {}, "good: 'goes' must take every site"),
-        ([replace(GOOD, goes=((1, 2), (1, 2)))], {}, "good: 'goes' must take every site"),
+        ([replace(GOOD, motion=())], {}, "good: 'goes' must take every site"),
+        ([replace(GOOD, motion=((1, 3),))], {}, "good: 'goes' must take every site"),
+        ([replace(GOOD, motion=((1, 2), (1, 2)))], {}, "good: 'goes' must take every site"),
         ([GOOD], {"positions": {1: (0.0, float("nan"))}}, "position of 1: expected two numbers"),
         ([GOOD], {"drawing": "chords"}, "chord 1: expected a pair of points that have positions"),
         (
@@ -251,13 +251,13 @@ def test_labels_in_another_order() -> None:
     """The label of a vehicle is that of its start, whatever its number."""
     system = GraphSystem(range(4), [(0, 1), (1, 2), (2, 3)], labels=2)
     scene = Scene("own", "", system, ((0, 1), (3, 0)))
-    from cubepath.agents.rules.actor import pilots_for
+    from cubepath.agents.rules.actor import actors_for
     from cubepath.agents.rules.registry import rule_named
 
     world = World(scene, seed=0)
-    pilots = pilots_for(scene, rule_named("random", system), seed=0, hesitate=0.0)
+    actors = actors_for(scene, rule_named("random", system), seed=0, hesitate=0.0)
     for _ in range(6):
-        world.step({m: pilots[m].act(world.observe(m)).action for m in (0, 1)})
+        world.step({m: actors[m].act(world.observe(m)).action for m in (0, 1)})
     assert {site[1] for site in world.sites if isinstance(site, tuple)} == {0, 1}
 
 

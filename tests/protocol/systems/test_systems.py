@@ -94,7 +94,7 @@ def test_reach_is_where_a_competitor_can_stand(spec: str) -> None:
     system = scene.system
     here = system.place_of(scene.start[0])
     mine = [m for site in sites_at(system, here) for m in system.moves(site) if m]
-    along = {system.place_of(source) for move in mine for source, _ in move.goes[1:]}
+    along = {system.place_of(source) for move in mine for source, _ in move.motion[1:]}
     for other in places_near(system, here):
         if other == here:
             continue

@@ -34,7 +34,9 @@ def test_different_places_have_different_chunks(one: Site, other: Site) -> None:
 
 def hears(run: str, system: System, place: Site, key: zenoh.KeyExpr) -> int:
     """Return how many of the ears of a module at `place` match the key."""
-    return sum(key.intersects(zenoh.KeyExpr(ear)) for ear in heard_at(run, system, place))
+    return sum(
+        key.intersects(zenoh.KeyExpr(subscriber)) for subscriber in heard_at(run, system, place)
+    )
 
 
 @pytest.mark.parametrize("spec", ["hex", "arm", "agv", "agv-labelled:graph=C9,n=2"])

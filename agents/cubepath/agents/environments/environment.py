@@ -60,10 +60,12 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         *,
         max_cycles: int = 500,
         render_mode: str | None = None,
-        talk: int = 0,
+        note_length: int = 0,
     ) -> None:
-        """Make the environment; `talk` is the length of the notes that `step` may be given."""
-        EzPickle.__init__(self, system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+        """Make the environment; `note_length` is that of the notes that `step` may be given."""
+        EzPickle.__init__(
+            self, system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+        )
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError(
                 f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
@@ -72,11 +74,11 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self.scene = local_only(scene, "environment")
         self.max_cycles = max_cycles
         self.render_mode = render_mode
-        self.talk = talk
+        self.note_length = note_length
         self.possible_agents = list(self.scene.modules)
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
-        space = _observation_space(self.scene, talk)
+        space = _observation_space(self.scene, note_length)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
@@ -115,7 +117,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         return observations, _infos(observations, set())
 
     def _make_world(self, seed: int) -> World | WireWorld:
-        return World(self.scene, seed=seed, talk=self.talk)
+        return World(self.scene, seed=seed, note_length=self.note_length)
 
     @property
     def world(self) -> World | WireWorld:
@@ -130,13 +132,13 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     def step(
         self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Play one round; `notes` are for rules that talk and are heard in the next round."""
+        """Play one round; `notes` are for rules that send notes and are heard in the next round."""
         world = self.world
         if not self.agents:
             return {}, {}, {}, {}, {}
         wanted = {self._number(name): int(action or 0) for name, action in actions.items()}
         told = {
-            self._number(name): checked_note(note, self.talk)
+            self._number(name): checked_note(note, self.note_length)
             for name, note in (notes or {}).items()
         }
         slots = self.scene.system.move_slots
@@ -223,17 +225,19 @@ class WireEnv(CubepathEnv):
         *,
         max_cycles: int = 500,
         render_mode: str | None = None,
-        talk: int = 0,
+        note_length: int = 0,
         processes: int = 2,
     ) -> None:
         """Make the environment; `processes` 0 keeps the modules here, on a session all the same."""
-        super().__init__(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+        super().__init__(
+            system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+        )
         EzPickle.__init__(
             self,
             system,
             max_cycles=max_cycles,
             render_mode=render_mode,
-            talk=talk,
+            note_length=note_length,
             processes=processes,
         )
         if processes < 0:
@@ -243,7 +247,9 @@ class WireEnv(CubepathEnv):
     def _make_world(self, seed: int) -> World | WireWorld:
         from cubepath.agents.environments.wire_world import WireWorld  # noqa: PLC0415 - zenoh only when used
 
-        world = WireWorld(self.scene, seed=seed, talk=self.talk, processes=self.processes)
+        world = WireWorld(
+            self.scene, seed=seed, note_length=self.note_length, processes=self.processes
+        )
         # An environment that is dropped, or left open at exit, takes its processes with it.
         weakref.finalize(self, world.close)
         return world
@@ -256,7 +262,7 @@ def _infos(observations: dict[str, Observation], illegal: set[str]) -> Infos:
     }
 
 
-def _observation_space(scene: Scene, talk: int) -> spaces.Dict:
+def _observation_space(scene: Scene, note_length: int) -> spaces.Dict:
     system = scene.system
     info = np.iinfo(np.int32)
     low = np.zeros(observation_length(system), np.int32)
@@ -268,8 +274,8 @@ def _observation_space(scene: Scene, talk: int) -> spaces.Dict:
         "observation": spaces.Box(low, high, dtype=np.int32),
         "action_mask": spaces.Box(0, 1, (system.move_slots + 1,), np.int8),
     }
-    if talk:
-        parts["notes"] = spaces.Box(SILENT, info.max, (system.reach_slots, talk), np.int32)
+    if note_length:
+        parts["notes"] = spaces.Box(SILENT, info.max, (system.reach_slots, note_length), np.int32)
     return spaces.Dict(parts)
 
 
@@ -278,7 +284,7 @@ def parallel_env(
     *,
     max_cycles: int = 500,
     render_mode: str | None = None,
-    talk: int = 0,
+    note_length: int = 0,
     transport: Literal["local", "zenoh"] = "local",
     processes: int = 2,
 ) -> ParallelEnv[str, Observation, int | None]:
@@ -288,11 +294,17 @@ def parallel_env(
     one another by messages; observations, masks and results are the same.
     """
     if transport == "local":
-        return CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+        return CubepathEnv(
+            system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+        )
     if transport != "zenoh":
         raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
     return WireEnv(
-        system, max_cycles=max_cycles, render_mode=render_mode, talk=talk, processes=processes
+        system,
+        max_cycles=max_cycles,
+        render_mode=render_mode,
+        note_length=note_length,
+        processes=processes,
     )
 
 
@@ -301,11 +313,11 @@ def env(
     *,
     max_cycles: int = 500,
     render_mode: str | None = None,
-    talk: int = 0,
+    note_length: int = 0,
 ) -> AECEnv[str, Observation, int | None]:
     """Return the environment in turns, with PettingZoo's usual wrappers."""
     turns = parallel_to_aec(
-        CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, talk=talk)
+        CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length)
     )
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.world import Round
 from cubepath.agents.local.observation import Note
-from cubepath.agents.rules.actor import pilots_for
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -37,9 +37,9 @@ def play(
     watch: Callable[[Round], None] | None = None,
 ) -> Played:
     """Play until the goal is reached, a rule gives up, or `max_rounds` are over."""
-    talk = rule.talk(len(scene.start))
-    env = CubepathEnv(scene, max_cycles=max_rounds, talk=talk)
-    pilots = pilots_for(scene, rule, seed=seed, hesitate=hesitate)
+    note_length = rule.note_length(len(scene.start))
+    env = CubepathEnv(scene, max_cycles=max_rounds, note_length=note_length)
+    actors = actors_for(scene, rule, seed=seed, hesitate=hesitate)
     observations, _ = env.reset(seed=seed)
     spoken: dict[str, Note] = {}
     rounds: list[Round] = []
@@ -47,7 +47,7 @@ def play(
     while env.agents and failed is None and not scene.reached(env.sites):
         actions = {}
         for number, name in enumerate(env.possible_agents):
-            choice = pilots[number].act(observations[name])
+            choice = actors[number].act(observations[name])
             actions[name] = choice.action
             if choice.note is not None:
                 spoken[name] = choice.note

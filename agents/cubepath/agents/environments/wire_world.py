@@ -22,12 +22,14 @@ from cubepath.protocol.wire.messages import Act, Observed, Report, decode, site_
 
 
 class WireWorld:
-    """All modules of a scene in a fleet, flown from outside."""
+    """All modules of a scene in a fleet, driven from outside."""
 
-    def __init__(self, scene: Scene, *, seed: int, talk: int = 0, processes: int = 2) -> None:
+    def __init__(
+        self, scene: Scene, *, seed: int, note_length: int = 0, processes: int = 2
+    ) -> None:
         """Start the fleet and sense for the first time."""
         self.scene = scene
-        self.talk = talk
+        self.note_length = note_length
         self._observed: dict[int, Observed] = {}
         self._reports: dict[int, Report] = {}
         self._processes = processes
@@ -42,7 +44,7 @@ class WireWorld:
             OUTSIDE,
             seed=seed,
             processes=self._processes,
-            talk=self.talk,
+            note_length=self.note_length,
             sink=self._take,
         )
         self._fleet.__enter__()
@@ -93,7 +95,7 @@ class WireWorld:
             "observation": np.array(sent.observation, np.int32),
             "action_mask": np.array(sent.action_mask, np.int8),
         }
-        if self.talk:
+        if self.note_length:
             found["notes"] = np.array(sent.notes, np.int32)
         return found
 
@@ -109,7 +111,7 @@ class WireWorld:
             legal = seen.action_mask[action] == 1
             note = (notes or {}).get(module, ())
             acts.append(Act(fleet.round, module, action if legal else STAY, list(note)))
-        fleet.fly(acts)
+        fleet.act(acts)
         moves: dict[int, Move] = {}
         for module, report in sorted(self._reports.items()):
             if report.move is not None:

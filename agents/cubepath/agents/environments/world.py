@@ -29,15 +29,15 @@ class Round:
 class World:
     """All modules of a scene, stepped in lockstep; round numbers count from 1."""
 
-    def __init__(self, scene: Scene, *, seed: int, talk: int = 0) -> None:
+    def __init__(self, scene: Scene, *, seed: int, note_length: int = 0) -> None:
         """Put every module at its start."""
         self.scene = scene
-        self.talk = talk
+        self.note_length = note_length
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
         """Put every module back at its start, with another seed."""
-        scene, talk = self.scene, self.talk
+        scene, note_length = self.scene, self.note_length
         self.seed = seed
         self.round = 0
         self.sites: list[Site] = list(scene.start)
@@ -45,7 +45,7 @@ class World:
         self._occupants: dict[Site, Site] = {system.place_of(s): s for s in scene.start}
         self._module_at = {site: number for number, site in enumerate(scene.start)}
         self._state: set[Site] = set(scene.start_state)
-        self._said: list[Note] = [(0,) * talk] * len(self.sites)
+        self._said: list[Note] = [(0,) * note_length] * len(self.sites)
         self._notes: dict[Site, Note] = {}
         goals = [frozenset(known) for known in scene.goals] or [frozenset[Site]()] * len(self.sites)
         self._goals = goals
@@ -61,7 +61,7 @@ class World:
             self._occupants,
             goals=self._goals[module],
             notes=self._notes,
-            talk=self.talk,
+            note_length=self.note_length,
         )
 
     def step(self, actions: Mapping[int, int], notes: Mapping[int, Note] | None = None) -> Round:
@@ -83,7 +83,7 @@ class World:
         executed = {module: claims[module] for module in winners}
         for move in executed.values():
             self._execute(move)
-        if self.talk:
+        if self.note_length:
             for module, note in (notes or {}).items():
                 self._said[module] = note
             self._notes = {
@@ -97,7 +97,7 @@ class World:
         apply_in_place(move.action, self._state)
         place_of = self.scene.system.place_of
         moved = []
-        for source, target in move.goes:
+        for source, target in move.motion:
             module = self._module_at.pop(source)
             del self._occupants[place_of(source)]
             moved.append((module, target))

@@ -15,7 +15,7 @@ from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.sites import Site
 
 
-def rank(seed: int, round_number: int, module: int) -> tuple[int, int]:
+def priority(seed: int, round_number: int, module: int) -> tuple[int, int]:
     """Return the rank of a module's claim in a round; the greater outranks.
 
     A keyed hash, so that it favours no module over a run and is the same in every process.
@@ -51,8 +51,10 @@ class Conflicts:
 
 def settled(claims: Mapping[int, Action], seed: int, round_number: int) -> list[int]:
     """Return the modules whose claims are executed, in increasing order."""
-    by_rank = sorted(claims, key=lambda number: rank(seed, round_number, number), reverse=True)
-    return sorted(maximal(claims, by_rank))
+    by_priority = sorted(
+        claims, key=lambda number: priority(seed, round_number, number), reverse=True
+    )
+    return sorted(maximal(claims, by_priority))
 
 
 def maximal(claims: Mapping[int, Action], order: Iterable[int]) -> list[int]:

@@ -2,12 +2,12 @@
 
 Room: agents. It holds what the module has been told in this round and nothing else; it opens no
 session, reads no clock, and gives the same answers in whatever order messages arrive. Once in a
-round: `sense`, `observation`, `claim`, `settle`, then `hear` until `finished`, then `report`.
+round: `sense`, `observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
 """
 
 from __future__ import annotations
 
-from cubepath.agents.local.arbitration import rank
+from cubepath.agents.local.arbitration import priority
 from cubepath.agents.local.observation import Note as NoteNumbers
 from cubepath.agents.local.observation import Observation, observe
 from cubepath.protocol.core.actions import commute
@@ -17,11 +17,11 @@ from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Claim,
+    GeneratorPlacement,
     Heard,
     Here,
     Message,
     Note,
-    Placed,
     Report,
     Verdict,
     kind_of,
@@ -52,7 +52,7 @@ class ModuleCore:
         site: Site,
         goals: tuple[Site, ...],
         seed: int,
-        talk: int,
+        note_length: int,
     ) -> None:
         """Put the module at its start, before the first round."""
         self.module = module
@@ -61,15 +61,15 @@ class ModuleCore:
         self._system = system
         self._goals = frozenset(goals)
         self._seed = seed
-        self.follow(talk)
+        self.follow(note_length)
         self._phase = "report"
         self._stash: list[Message] = []
         self._clear()
 
-    def follow(self, talk: int) -> None:
+    def follow(self, note_length: int) -> None:
         """Follow another rule from the next round on, one with notes of this length."""
-        self._talk = talk
-        self._said: NoteNumbers = (0,) * talk
+        self._note_length = note_length
+        self._said: NoteNumbers = (0,) * note_length
         self._first_choice = self.round + 1
 
     def _clear(self) -> None:
@@ -98,7 +98,7 @@ class ModuleCore:
         self._clear()
         found: list[Message] = [Here(round_number, self.module, self.site)]
         # Before the rule's first choice there is nothing to say.
-        if self._talk and round_number > self._first_choice:
+        if self._note_length and round_number > self._first_choice:
             found.append(Note(round_number, self.module, self.site, list(self._said)))
         stash, self._stash = self._stash, []
         for message in stash:
@@ -152,7 +152,7 @@ class ModuleCore:
             self._occupants,
             goals=self._goals,
             notes=self._notes,
-            talk=self._talk,
+            note_length=self._note_length,
         )
         self._mask = seen["action_mask"].tolist()
         return seen
@@ -172,22 +172,22 @@ class ModuleCore:
         move = self._claim
         return [Claim(self.round, self.module, self.site, move.generator, move.at)]
 
-    def settle(self) -> list[Message]:
+    def arbitrate(self) -> list[Message]:
         """All claims are in: find whose verdicts count here, and decide if none is open."""
         self._phase = "settle"
-        mine = rank(self._seed, self.round, self.module)
+        mine = priority(self._seed, self.round, self.module)
         places: set[Site] = set()
         for other, move in self._claims.items():
-            if any(source == self.site for source, _ in move.goes[1:]):
+            if any(source == self.site for source, _ in move.motion[1:]):
                 self._takes_me.add(other)
             if self._claim is None or commute(self._claim.action, move.action):
                 continue
-            if rank(self._seed, self.round, other) > mine:
+            if priority(self._seed, self.round, other) > mine:
                 self._before_me.add(other)
             else:
                 places.add(self._system.place_of(move.source))
         if self._claim is not None:
-            places |= {self._system.place_of(source) for source, _ in self._claim.goes[1:]}
+            places |= {self._system.place_of(source) for source, _ in self._claim.motion[1:]}
         self._wait_for_me = list(in_order(places))
         return self._decide()
 
@@ -222,7 +222,7 @@ class ModuleCore:
             self.site = move.target
         for other in self._takes_me:
             if self._verdicts[other]:
-                self.site = dict(self._claims[other].goes)[before]
+                self.site = dict(self._claims[other].motion)[before]
         self._phase = "report"
         outcome = {None: "none", True: "granted", False: "lost"}[self._granted]
         return Report(
@@ -231,7 +231,7 @@ class ModuleCore:
             before=before,
             site=self.site,
             claim=outcome,  # type: ignore[arg-type]
-            move=None if move is None else Placed(move.generator, move.at),
+            move=None if move is None else GeneratorPlacement(move.generator, move.at),
             heard=sorted(self._heard, key=lambda heard: (heard.kind, heard.module)),
             failed=self._failed,
         )

@@ -28,14 +28,14 @@ SILENT = np.iinfo(np.int32).min
 """Fills the note of a place within reach from which nothing was heard."""
 
 
-def checked_note(note: Iterable[int], talk: int) -> Note:
-    """Return a note as integers; InputError where it has not `talk` numbers that a note can hold.
+def checked_note(note: Iterable[int], note_length: int) -> Note:
+    """Return a note as integers; InputError where it has not `note_length` numbers.
 
     A number of a note is an int32 above the least, which is `SILENT`.
     """
     numbers = tuple(int(number) for number in note)
-    if len(numbers) != talk:
-        raise InputError(f"a note of {len(numbers)} numbers, expected {talk}")
+    if len(numbers) != note_length:
+        raise InputError(f"a note of {len(numbers)} numbers, expected {note_length}")
     wrong = [number for number in numbers if not SILENT < number <= np.iinfo(np.int32).max]
     if wrong:
         raise InputError(f"a note with {wrong[0]}, expected more than {SILENT} and an int32")
@@ -54,7 +54,7 @@ def observe(
     *,
     goals: frozenset[Site],
     notes: Mapping[Site, Note] | None = None,
-    talk: int = 0,
+    note_length: int = 0,
 ) -> Observation:
     """Return the PettingZoo observation of a module at `site`.
 
@@ -66,7 +66,8 @@ def observe(
       1 module, 2 occupied obstacle, 3 no place, 4 + label or letter) and 1 if that place, or what
       is on there, is one of its goals;
     - ``action_mask``, int8, shape ``(move_slots + 1,)``: which actions are legal, stay first;
-    - ``notes`` when `talk` is positive, int32, shape ``(len(reach), talk)`` padded to the largest
+    - ``notes`` when `note_length` is positive, int32, shape ``(len(reach), note_length)`` padded to
+      the largest
       reach: what was heard from each place within reach, `SILENT` where nothing was.
     """
     place = system.place_of(site)
@@ -88,8 +89,8 @@ def observe(
         if move is not None and move.possible(on):
             mask[slot] = 1
     found: Observation = {"observation": np.array(numbers, dtype=np.int32), "action_mask": mask}
-    if talk:
-        heard = np.full((system.reach_slots, talk), SILENT, dtype=np.int32)
+    if note_length:
+        heard = np.full((system.reach_slots, note_length), SILENT, dtype=np.int32)
         for slot, near in enumerate(system.reach(place)):
             note = (notes or {}).get(near)
             if note is not None:

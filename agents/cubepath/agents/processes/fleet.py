@@ -28,7 +28,16 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.keys import everything, key_of, topic_in, topic_key
-from cubepath.protocol.wire.messages import Act, Go, Message, Placed, Ready, Reset, decode, encode
+from cubepath.protocol.wire.messages import (
+    Act,
+    GeneratorPlacement,
+    Go,
+    Message,
+    Ready,
+    Reset,
+    decode,
+    encode,
+)
 from cubepath.protocol.wire.sessions import (
     open_client,
     open_router,
@@ -66,7 +75,7 @@ class Fleet:
         seed: int = 0,
         hesitate: float = 0.0,
         processes: int = 2,
-        talk: int = 0,
+        note_length: int = 0,
         schedule: Mapping[int, OwnMoves] | None = None,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
@@ -89,7 +98,7 @@ class Fleet:
         self._rule = rule
         self._seed = seed
         self._hesitate = hesitate
-        self._talk = talk
+        self._note_length = note_length
         self._schedule = schedule
         self._sink = sink
         self._check = check
@@ -132,8 +141,8 @@ class Fleet:
         session = self._session = open_client(self.endpoint)
         self._resources.callback(session.close)
         listen = topic_key(self.run, "ready") if self._sink is None else everything(self.run)
-        ear = subscribe(session, listen, self._enqueue)
-        self._resources.callback(ear.undeclare)
+        subscriber = subscribe(session, listen, self._enqueue)
+        self._resources.callback(subscriber.undeclare)
         wait_for_subscriber(router, topic_key(self.run, "ready", "process_0"))
         scene = scene_to_toml(self.scene)
         for process, modules in enumerate(self.modules_of):
@@ -146,7 +155,7 @@ class Fleet:
                 rule=self._rule,
                 seed=self._seed,
                 hesitate=self._hesitate,
-                talk=self._talk,
+                note_length=self._note_length,
                 schedule=self._own(modules),
             )
             if self.processes:
@@ -157,7 +166,7 @@ class Fleet:
         self._wait(0, "join")
         self._joined = True
 
-    def _own(self, modules: list[int]) -> dict[int, dict[int, Placed]] | None:
+    def _own(self, modules: list[int]) -> dict[int, dict[int, GeneratorPlacement]] | None:
         if self._schedule is None:
             return None
         return {module: dict(self._schedule.get(module, {})) for module in modules}
@@ -215,11 +224,11 @@ class Fleet:
         self._phase("sense")
 
     def ask(self) -> None:
-        """Let modules that are flown from outside send what they observe; do not wait for it."""
+        """Let modules that are driven from outside send what they observe; do not wait for it."""
         self._say(Go(self.round, "claim"))
 
-    def fly(self, acts: list[Act]) -> None:
-        """Send the actions of modules flown from outside, and play the round to its end."""
+    def act(self, acts: list[Act]) -> None:
+        """Send the actions of modules driven from outside, and play the round to its end."""
         for act in acts:
             self._say(act)
         self._wait(self.round, "claim")

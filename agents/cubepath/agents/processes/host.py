@@ -21,7 +21,7 @@ import zenoh
 
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import Observation
-from cubepath.agents.rules.actor import Pilot, pilots_for
+from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.scheduled import scheduled
@@ -31,10 +31,10 @@ from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.keys import heard_at, key_of, topic_key
 from cubepath.protocol.wire.messages import (
     Act,
+    GeneratorPlacement,
     Go,
     Message,
     Observed,
-    Placed,
     Ready,
     Reset,
     decode,
@@ -43,7 +43,7 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 
 OUTSIDE = "outside"
-"""In place of a rule's name: the modules are flown from outside, by `Act` messages."""
+"""In place of a rule's name: the modules are driven from outside, by `Act` messages."""
 
 
 TOLD = 4
@@ -62,8 +62,8 @@ class Orders(msgspec.Struct, frozen=True):
     rule: str
     seed: int
     hesitate: float
-    talk: int
-    schedule: dict[int, dict[int, Placed]] | None = None
+    note_length: int
+    schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
     """By module its own moves of a schedule, by round; the rule follows when that is over."""
 
 
@@ -78,10 +78,10 @@ class Host:
         self._rule: RuleType | None = None
         if orders.rule != OUTSIDE:
             self._rule = rule_named(orders.rule, self._system)
-        self._pilots: dict[int, Pilot] = {}
+        self._actors: dict[int, Actor] = {}
         self._cores: dict[int, ModuleCore] = {}
         self._queue: SimpleQueue[tuple[int | None, bytes]] = SimpleQueue()
-        self._ears: dict[int, list[zenoh.Subscriber[None]]] = {}
+        self._subscribers: dict[int, list[zenoh.Subscriber[None]]] = {}
         self._settling = False
         self._acts: dict[int, Act] = {}
 
@@ -100,8 +100,8 @@ class Host:
             self._join(orders.seed)
             while self._serve(*self._queue.get()):
                 pass
-            for ear in chain(control, *self._ears.values()):
-                ear.undeclare()
+            for subscriber in chain(control, *self._subscribers.values()):
+                subscriber.undeclare()
 
     def _join(self, seed: int) -> None:
         """Put the modules at their start, with nothing remembered, and say that they are there."""
@@ -109,11 +109,11 @@ class Host:
         self._settling = False
         self._acts.clear()
         self._seed = seed
-        rule, talk = self._rule, orders.talk
+        rule, note_length = self._rule, orders.note_length
         if orders.schedule is not None:
             rule = scheduled(orders.schedule)
         if rule is not None:
-            talk = self._fly(rule)
+            note_length = self._assign(rule)
         self._cores = {
             module: ModuleCore(
                 scene.system,
@@ -121,7 +121,7 @@ class Host:
                 site=scene.start[module],
                 goals=scene.goals[module] if scene.goals else (),
                 seed=seed,
-                talk=talk,
+                note_length=note_length,
             )
             for module in orders.modules
         }
@@ -129,10 +129,10 @@ class Host:
             self._listen(module, core.place)
         self._say(Ready(0, orders.process, "join"))
 
-    def _fly(self, rule: RuleType, sites: Mapping[int, Site] | None = None) -> int:
-        """Give every module a pilot of this rule; return the length of its notes."""
+    def _assign(self, rule: RuleType, sites: Mapping[int, Site] | None = None) -> int:
+        """Give every module an actor with this rule; return the length of its notes."""
         orders, scene = self._orders, self._scene
-        self._pilots = pilots_for(
+        self._actors = actors_for(
             scene,
             rule,
             seed=self._seed,
@@ -140,15 +140,17 @@ class Host:
             modules=orders.modules,
             sites=sites,
         )
-        return rule.talk(len(scene.start))
+        return rule.note_length(len(scene.start))
 
     def _end_schedule(self) -> None:
         """Let every module follow its rule from where it stands."""
         if self._rule is None or self._orders.schedule is None:
             return  # there is none
-        talk = self._fly(self._rule, {module: core.site for module, core in self._cores.items()})
+        note_length = self._assign(
+            self._rule, {module: core.site for module, core in self._cores.items()}
+        )
         for core in self._cores.values():
-            core.follow(talk)
+            core.follow(note_length)
 
     def _enqueue(self, module: int | None) -> Callable[[zenoh.Sample], None]:
         def enqueue(sample: zenoh.Sample) -> None:
@@ -157,13 +159,13 @@ class Host:
         return enqueue
 
     def _listen(self, module: int, place: Site) -> None:
-        old = self._ears.get(module, [])
-        self._ears[module] = [
+        old = self._subscribers.get(module, [])
+        self._subscribers[module] = [
             subscribe(self._session, key, self._enqueue(module))
             for key in heard_at(self._orders.run, self._system, place)
         ]
-        for ear in old:
-            ear.undeclare()
+        for subscriber in old:
+            subscriber.undeclare()
 
     def _say(self, *messages: Message) -> None:
         for message in messages:
@@ -196,7 +198,7 @@ class Host:
                 self._choose(go.round)
             case "settle":
                 for core in self._cores.values():
-                    self._say(*core.settle())
+                    self._say(*core.arbitrate())
                 self._settling = True
                 self._conclude()
             case "over":
@@ -205,14 +207,14 @@ class Host:
                 pass  # the loop ends
 
     def _choose(self, round_number: int) -> None:
-        """Let pilots claim; modules that are flown from outside say what they observe."""
+        """Let actors claim; modules that are driven from outside say what they observe."""
         for module, core in self._cores.items():
-            if not self._pilots:
+            if not self._actors:
                 self._say(_observed(round_number, module, core.observation()))
                 continue
-            choice = self._pilots[module].act(core.observation())
+            choice = self._actors[module].act(core.observation())
             self._say(*core.claim(choice.action, choice.note, choice.failed))
-        if self._pilots:
+        if self._actors:
             self._say(Ready(round_number, self._orders.process, "claim"))
 
     def _claim_from_outside(self) -> None:

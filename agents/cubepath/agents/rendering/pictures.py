@@ -310,8 +310,8 @@ def _graph_ground(pen: _Pen) -> None:
         places, ways = system.vertices, dict.fromkeys(system.edges)
     elif isinstance(system, TabledSystem):
         places = system.places
-        goes = (ends for move in system.listed for ends in move.goes)
-        ways = {(system.place_of(a), system.place_of(b)): None for a, b in goes}
+        motion = (ends for move in system.listed for ends in move.motion)
+        ways = {(system.place_of(a), system.place_of(b)): None for a, b in motion}
     lines = [np.array([_middle(system, end) for end in edge]) for edge in ways]
     pen.strokes(lines, colors=LINE, linewidths=pen.line(0.05))
     width = pen.line(0.04)

@@ -1,6 +1,6 @@
-"""A pilot: one module's rule with its memory, from PettingZoo observation to action.
+"""An actor: one module's rule with its memory, from PettingZoo observation to action.
 
-Room: agents. The same pilot flies a module in the environment and in a process on the wire.
+Room: agents. The same actor acts for a module in the environment and in a process on the wire.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from cubepath.agents.local.observation import STAY, Observation, checked_note, view_of
-from cubepath.agents.rules.rule import Birth, Choice, RuleType, as_choice
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType, as_choice
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
@@ -24,8 +24,8 @@ def stream(seed: int, module: int, purpose: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(module, purpose)))
 
 
-class Pilot:
-    """Flies one module: asks its rule for a choice, and may hesitate to claim it.
+class Actor:
+    """Acts for one module: asks its rule for a choice, and may hesitate to claim it.
 
     With `hesitate` P the module makes no claim in a round with probability P; its rule is asked
     and its note is sent all the same, as if the claim had been lost.
@@ -44,7 +44,7 @@ class Pilot:
         hesitate: float = 0.0,
     ) -> None:
         """Make the rule for this module; it is told nothing of the others but their number."""
-        birth = Birth(
+        knowledge = InitialKnowledge(
             system=system,
             module=module,
             modules=modules,
@@ -52,28 +52,28 @@ class Pilot:
             goals=goals,
             random=stream(seed, module, _RULE),
         )
-        self.talk = rule.talk(modules)
+        self.note_length = rule.note_length(modules)
         self._who = f"rule {rule.name!r}, module_{module}"
         try:
             with _blamed_on(self._who):
-                self._rule = rule.make(birth)
+                self._rule = rule.make(knowledge)
         except RuleError as error:
             if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
                 raise error.__cause__ from None
             raise
-        self._birth = birth
+        self._knowledge = knowledge
         self._hesitate = hesitate
         self._doubt = stream(seed, module, _HESITATE)
 
     def act(self, observation: Observation) -> Choice:
         """Return the rule's choice, checked; RuleError where it fails or is none to be made."""
-        view = view_of(self._birth.system, observation, self._birth.label)
+        view = view_of(self._knowledge.system, observation, self._knowledge.label)
         with _blamed_on(self._who):
             choice = as_choice(self._rule(view))
             if not 0 <= choice.action < len(view.mask) or not view.mask[choice.action]:
                 legal = view.mask.nonzero()[0].tolist()
                 raise InputError(f"chose action {choice.action}, legal were {legal}")
-            note = None if choice.note is None else checked_note(choice.note, self.talk)
+            note = None if choice.note is None else checked_note(choice.note, self.note_length)
         hesitates = bool(self._hesitate) and self._doubt.random() < self._hesitate
         return Choice(STAY if hesitates else choice.action, note, choice.failed)
 
@@ -90,7 +90,7 @@ def _blamed_on(who: str) -> Generator[None]:
         raise RuleError(f"{who}: {type(error).__name__}: {text}") from error
 
 
-def pilots_for(
+def actors_for(
     scene: Scene,
     rule: RuleType,
     *,
@@ -98,14 +98,14 @@ def pilots_for(
     hesitate: float,
     modules: list[int] | None = None,
     sites: Mapping[int, Site] | None = None,
-) -> dict[int, Pilot]:
-    """Return a pilot for each of the modules (all when left out).
+) -> dict[int, Actor]:
+    """Return an actor for each of the modules (all when left out).
 
     `sites` is where they stand, at the start of the scene when left out.
     """
     count = len(scene.start)
     return {
-        module: Pilot(
+        module: Actor(
             rule,
             system=scene.system,
             module=module,

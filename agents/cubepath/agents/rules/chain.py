@@ -36,7 +36,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.catalogue import HEXAGONS, Cell
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
@@ -113,10 +113,12 @@ class _Task:
         return joined and {before, after}.issuperset(beside)
 
 
-def _goal_chain(birth: Birth) -> tuple[Cell, ...]:
-    goals = tuple(HEXAGONS.check(site) for site in birth.goals)
-    if len(goals) != birth.modules:
-        raise InputError(f"rule 'chain': {birth.modules} modules, found {len(goals)} goal cells")
+def _goal_chain(knowledge: InitialKnowledge) -> tuple[Cell, ...]:
+    goals = tuple(HEXAGONS.check(site) for site in knowledge.goals)
+    if len(goals) != knowledge.modules:
+        raise InputError(
+            f"rule 'chain': {knowledge.modules} modules, found {len(goals)} goal cells"
+        )
     ahead = _along(goals[0], goals[-1])[1] or (0, 0)
     line = tuple(_plus(goals[0], ahead, place) for place in range(len(goals)))
     if goals != line or len(set(goals)) < len(goals):
@@ -148,15 +150,15 @@ def _check_room(system: System, cells: list[Cell]) -> None:
             raise InputError(f"rule 'chain' needs room two cells about, found none at {near}")
 
 
-def make(birth: Birth) -> Rule:
+def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one module; InputError if it can tell that the goal will not be reached.
 
     What no module knows from birth shows in its first view: whether the start is a straight
     chain, and, if its cell is in line with both ends of the goal, which of them is g_0.
     """
-    start, goals = HEXAGONS.check(birth.start), _goal_chain(birth)
+    start, goals = HEXAGONS.check(knowledge.start), _goal_chain(knowledge)
     tasks = [] if start in goals else _tasks(start, goals)
-    _check_room(birth.system, [start, *goals])
+    _check_room(knowledge.system, [start, *goals])
     begun: list[Rule] = []
 
     def choose(view: View) -> int | Choice:

@@ -46,7 +46,7 @@ from typing import NamedTuple
 
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.graph_distances import roads_of
-from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.systems.graph import GraphSystem
 
@@ -59,7 +59,7 @@ def patience(vertices: int) -> int:
     return 400 + 4 * vertices
 
 
-class Said(NamedTuple):
+class PushNote(NamedTuple):
     """A vehicle's note; vertices by number."""
 
     key: int
@@ -78,13 +78,13 @@ class Said(NamedTuple):
 
 
 class _Vehicle:
-    def __init__(self, birth: Birth, system: GraphSystem) -> None:
-        if len(birth.goals) != 1:
-            raise InputError(f"rule 'pibt' needs one goal a vehicle, found {len(birth.goals)}")
+    def __init__(self, knowledge: InitialKnowledge, system: GraphSystem) -> None:
+        if len(knowledge.goals) != 1:
+            raise InputError(f"rule 'pibt' needs one goal a vehicle, found {len(knowledge.goals)}")
         self._system = system
         self._roads = roads_of(system)
-        self._birth = birth
-        self._goal = system.index[birth.goals[0]]
+        self._knowledge = knowledge
+        self._goal = system.index[knowledge.goals[0]]
         self._round = 0
         self._at_goal = 0  # the last round there
         self._away = 0  # rounds elsewhere
@@ -94,7 +94,7 @@ class _Vehicle:
 
     @property
     def _key(self) -> int:
-        return self._at_goal * self._birth.modules + self._birth.module
+        return self._at_goal * self._knowledge.modules + self._knowledge.module
 
     def __call__(self, view: View) -> Choice:
         index = self._system.index
@@ -107,7 +107,7 @@ class _Vehicle:
             self._at_goal = self._round
         else:
             self._away += 1
-        heard = {index[place]: Said(*note) for place, note in view.notes.items()}
+        heard = {index[place]: PushNote(*note) for place, note in view.notes.items()}
         said = self._decide(heard, {index[place] for place in view.occupied})
         vertices = self._system.vertices
         action = STAY
@@ -117,7 +117,7 @@ class _Vehicle:
         return Choice(action, tuple(said), self._failed())
 
     def _failed(self) -> str | None:
-        start, goal = self._birth.start, self._birth.goals[0]
+        start, goal = self._knowledge.start, self._knowledge.goals[0]
         if self._round == 1 and self._roads.distances(self._goal)[self._place] < 0:
             return f"no way from {self._system.place_of(start)!r} to the goal {goal!r}"
         most = patience(len(self._system.vertices))
@@ -125,16 +125,16 @@ class _Vehicle:
             return f"more than {most} rounds away from the goal {goal!r}: others are in the way"
         return None
 
-    def _decide(self, heard: Mapping[int, Said], taken: set[int]) -> Said:
+    def _decide(self, heard: Mapping[int, PushNote], taken: set[int]) -> PushNote:
         push = self._heard_push(heard)
         if push is not None:
             self._target = NOWHERE
             return self._give_way(push, heard, taken)
         if self._place == self._goal:
-            return Said(self._key)
+            return PushNote(self._key)
         return self._go(heard, taken)
 
-    def _heard_push(self, heard: Mapping[int, Said]) -> Said | None:
+    def _heard_push(self, heard: Mapping[int, PushNote]) -> PushNote | None:
         """Return the strongest push that this vehicle has to follow, if there is one."""
         pushes = [
             said
@@ -146,7 +146,7 @@ class _Vehicle:
         ]
         return min(pushes, default=None)
 
-    def _below(self, said: Said, at: int) -> list[int]:
+    def _below(self, said: PushNote, at: int) -> list[int]:
         """Return what a vehicle at `at` is after by its push: w, or the vertices one deeper."""
         near = self._roads.near[at]
         if at == said.pusher:
@@ -156,17 +156,17 @@ class _Vehicle:
         depth = self._roads.distances(said.pushed, said.pusher)
         return [other for other in near if depth[other] == depth[at] + 1]
 
-    def _give_way(self, push: Said, heard: Mapping[int, Said], taken: set[int]) -> Said:
+    def _give_way(self, push: PushNote, heard: Mapping[int, PushNote], taken: set[int]) -> PushNote:
         further = self._below(push, self._place)
         free = [other for other in further if other not in taken]
         want = self._best(free, push.key, heard)
         if want != NOWHERE:
-            return Said(push.key, want=want)
-        answer = Said(push.key, push.pusher, push.pushed, full=1)
+            return PushNote(push.key, want=want)
+        answer = PushNote(push.key, push.pusher, push.pushed, full=1)
         full = all(heard.get(other) == answer for other in further)
         return answer if full else answer._replace(full=0)
 
-    def _go(self, heard: Mapping[int, Said], taken: set[int]) -> Said:
+    def _go(self, heard: Mapping[int, PushNote], taken: set[int]) -> PushNote:
         here, key = self._place, self._key
         ways = self._roads.nearer(here, self._goal)
         want = self._best([way for way in ways if way not in taken], key, heard)
@@ -175,23 +175,23 @@ class _Vehicle:
             blocked = all(way in heard for way in ahead)
             self._target = self._weaker(ahead, heard) if blocked else NOWHERE
             if self._target == NOWHERE:
-                return Said(key, want=want)
-            return Said(key, want, self._target, want=want)
-        full = {way for way in ways if heard.get(way) == Said(key, here, way, full=1)}
+                return PushNote(key, want=want)
+            return PushNote(key, want, self._target, want=want)
+        full = {way for way in ways if heard.get(way) == PushNote(key, here, way, full=1)}
         self._given_up |= full
         ways = [way for way in ways if way not in self._given_up]
         if not ways:
             self._at_goal = self._round
             self._given_up.clear()
         self._target = self._weaker(ways, heard)
-        return Said(self._key) if self._target == NOWHERE else Said(key, here, self._target)
+        return PushNote(self._key) if self._target == NOWHERE else PushNote(key, here, self._target)
 
-    def _weaker(self, ways: Iterable[int], heard: Mapping[int, Said]) -> int:
+    def _weaker(self, ways: Iterable[int], heard: Mapping[int, PushNote]) -> int:
         """Return the way to push: the one that is being pushed if it may be, else the first."""
         may = [way for way in ways if way in heard and heard[way].key >= self._key]
         return min(may, key=lambda way: (way != self._target, way), default=NOWHERE)
 
-    def _best(self, free: Collection[int], key: int, heard: Mapping[int, Said]) -> int:
+    def _best(self, free: Collection[int], key: int, heard: Mapping[int, PushNote]) -> int:
         """Return the best of the empty vertices that are not closed to who acts at this key."""
         if not free:
             return NOWHERE
@@ -205,16 +205,16 @@ class _Vehicle:
 
         def cost(vertex: int) -> tuple[int, int, float]:
             onward = sum(way not in heard for way in self._roads.nearer(vertex, self._goal))
-            return distance[vertex], -onward, self._birth.random.random()
+            return distance[vertex], -onward, self._knowledge.random.random()
 
         return min((vertex for vertex in free if vertex not in closed), key=cost, default=NOWHERE)
 
 
-def make(birth: Birth) -> Rule:
+def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one vehicle, whose only goal is its own vertex."""
-    if not isinstance(birth.system, GraphSystem):
+    if not isinstance(knowledge.system, GraphSystem):
         raise InputError("rule 'pibt' is for vehicles on a graph")
-    return _Vehicle(birth, birth.system)
+    return _Vehicle(knowledge, knowledge.system)
 
 
 PIBT = RuleType(
@@ -223,5 +223,5 @@ PIBT = RuleType(
     source="Okumura, Machida, Defago and Tamura, PIBT (multi-agent path finding), made local",
     fits=lambda system: isinstance(system, GraphSystem) and system.labels is not None,
     make=make,
-    talk=lambda _: len(Said._fields),
+    note_length=lambda _: len(PushNote._fields),
 )

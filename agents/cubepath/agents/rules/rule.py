@@ -18,7 +18,7 @@ from cubepath.protocol.core.system import System
 
 
 @dataclass(frozen=True, slots=True)
-class Birth:
+class InitialKnowledge:
     """What a module knows from birth: the static map, its own number, place and goals.
 
     `modules` is how many there are; where the others are it does not know. `random` is its own
@@ -68,8 +68,8 @@ class RuleType:
     summary: str
     source: str
     fits: Callable[[System], bool]
-    make: Callable[[Birth], Rule]
-    talk: Callable[[int], int] = _silent
+    make: Callable[[InitialKnowledge], Rule]
+    note_length: Callable[[int], int] = _silent
     """Length of the notes, from the number of modules; 0 for a rule that is silent."""
 
 

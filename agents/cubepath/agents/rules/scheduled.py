@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
-from cubepath.protocol.core.actions import misfit
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
+from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
@@ -25,8 +25,8 @@ NAME = "schedule"
 def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
     """Return the rule by which each module makes the moves of its own list in `own`."""
 
-    def make(birth: Birth) -> Rule:
-        return _follow(own.get(birth.module, {}))
+    def make(knowledge: InitialKnowledge) -> Rule:
+        return _follow(own.get(knowledge.module, {}))
 
     return RuleType(
         name=NAME,
@@ -75,7 +75,7 @@ def why_not(move: Move, view: View) -> str:
     before = one if move.source in one else other
     wrong = in_order((before ^ (action.support & on)) - action.free)
     if not wrong:
-        return misfit(action, on)
+        return why_inadmissible(action, on)
     site, text = wrong[0], site_text(wrong[0])
     if site not in on:
         how = f"site {text} is off, expected on"

@@ -48,7 +48,7 @@ from typing import NamedTuple
 
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.graph_distances import roads_of
-from cubepath.agents.rules.rule import Birth, Choice, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.systems.graph import GraphSystem
 
@@ -58,7 +58,7 @@ SEEN_WHOLE = 5
 """In a cycle of so many vehicles any two are within distance two, so all hear all."""
 
 
-class Said(NamedTuple):
+class ExchangeNote(NamedTuple):
     """A vehicle's note; vertices and goals by number."""
 
     goal: int
@@ -76,13 +76,13 @@ class Said(NamedTuple):
 
 
 class _Vehicle:
-    def __init__(self, birth: Birth, system: GraphSystem) -> None:
-        if len(birth.goals) != 1:
-            raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(birth.goals)}")
+    def __init__(self, knowledge: InitialKnowledge, system: GraphSystem) -> None:
+        if len(knowledge.goals) != 1:
+            raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(knowledge.goals)}")
         self._system = system
         self._roads = roads_of(system)
-        self._goal = system.index[birth.goals[0]]
-        self._place = system.index[birth.start]
+        self._goal = system.index[knowledge.goals[0]]
+        self._place = system.index[knowledge.start]
         self._want = self._next(self._place, ())
         self._second = self._want
         self._blocked = NOBODY  # rounds blocked by the same vehicle before this one
@@ -90,7 +90,7 @@ class _Vehicle:
         self._countdown = 0
         self._failed: str | None = None
         if self._roads.distances(self._goal)[self._place] < 0:
-            self._failed = f"no way from {birth.start!r} to the goal {birth.goals[0]!r}"
+            self._failed = f"no way from {knowledge.start!r} to the goal {knowledge.goals[0]!r}"
 
     def _next(self, place: int, taken: Iterable[int]) -> int:
         """Return a vertex next on the way from `place` to the goal, an empty one if there is."""
@@ -99,7 +99,7 @@ class _Vehicle:
 
     def __call__(self, view: View) -> Choice:
         index = self._system.index
-        heard = {index[place]: Said(*note) for place, note in view.notes.items()}
+        heard = {index[place]: ExchangeNote(*note) for place, note in view.notes.items()}
         taken = {index[place] for place in view.occupied}
         self._arrive(index[view.place])
         probe = (NOBODY, 0)
@@ -124,7 +124,7 @@ class _Vehicle:
         self._passed_on = False
         self._countdown = 0
 
-    def _new_goal(self, heard: Mapping[int, Said]) -> int | None:
+    def _new_goal(self, heard: Mapping[int, ExchangeNote]) -> int | None:
         """Return the goal that an exchange or a rotation brings in this round, if one does."""
         here, want = self._place, self._want
         behind = {at: said for at, said in heard.items() if said.want(at) == here}
@@ -147,7 +147,7 @@ class _Vehicle:
             at = heard[at].want(at)
         return None
 
-    def _wait(self, heard: Mapping[int, Said], taken: set[int]) -> tuple[int, int]:
+    def _wait(self, heard: Mapping[int, ExchangeNote], taken: set[int]) -> tuple[int, int]:
         """Stand behind a vehicle that is not at its goal; return the probe to say."""
         self._blocked += 1
         self._countdown = max(self._countdown - 1, 0)
@@ -170,19 +170,19 @@ class _Vehicle:
                 return (NOBODY, 0)
         return probe
 
-    def _say(self, view: View, heard: Mapping[int, Said], probe: tuple[int, int]) -> Choice:
+    def _say(self, view: View, heard: Mapping[int, ExchangeNote], probe: tuple[int, int]) -> Choice:
         self._second = self._next(self._want, heard)
-        note = Said(self._goal, self._want, self._second, *probe, self._countdown)
+        note = ExchangeNote(self._goal, self._want, self._second, *probe, self._countdown)
         target = self._system.vertices[self._want]
         action = next((action for action, move in view.legal() if move.target == target), STAY)
         return Choice(action, tuple(note), self._failed)
 
 
-def make(birth: Birth) -> Rule:
+def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one vehicle; its only goal is a vertex that some vehicle is to take."""
-    if not isinstance(birth.system, GraphSystem):
+    if not isinstance(knowledge.system, GraphSystem):
         raise InputError("rule 'tswap' is for vehicles on a graph")
-    return _Vehicle(birth, birth.system)
+    return _Vehicle(knowledge, knowledge.system)
 
 
 TSWAP = RuleType(
@@ -191,5 +191,5 @@ TSWAP = RuleType(
     source="Okumura and Defago, TSWAP (target assignment and path planning), made local",
     fits=lambda system: isinstance(system, GraphSystem) and system.labels is None,
     make=make,
-    talk=lambda _: len(Said._fields),
+    note_length=lambda _: len(ExchangeNote._fields),
 )

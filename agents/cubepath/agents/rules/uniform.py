@@ -6,15 +6,15 @@ Room: agents.
 from __future__ import annotations
 
 from cubepath.agents.local.observation import View
-from cubepath.agents.rules.rule import Birth, Rule, RuleType
+from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
 
 
-def make(birth: Birth) -> Rule:
+def make(knowledge: InitialKnowledge) -> Rule:
     """Return a rule that picks uniformly among the legal actions from the module's own stream."""
 
     def choose(view: View) -> int:
         legal = view.mask.nonzero()[0]
-        return int(legal[birth.random.integers(len(legal))])
+        return int(legal[knowledge.random.integers(len(legal))])
 
     return choose
 

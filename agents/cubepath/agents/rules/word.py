@@ -18,7 +18,7 @@ every round and the word is spelt after at most sum |h - H| rounds.
 from __future__ import annotations
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.rule import Birth, Rule, RuleType
+from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.catalogue import EDGES
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -30,11 +30,11 @@ def _height(edge: Site) -> int:
     return x + (1 if axis == 0 else 0)
 
 
-def make(birth: Birth) -> Rule:
+def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one segment; its only goal is its own edge in the goal word."""
-    if not birth.goals:
+    if not knowledge.goals:
         raise InputError("rule 'word' needs a goal word")
-    wanted = _height(birth.goals[0])
+    wanted = _height(knowledge.goals[0])
 
     def choose(view: View) -> int:
         height = _height(view.site)

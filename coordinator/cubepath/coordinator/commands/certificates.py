@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
-from cubepath.coordinator.commands.plan_options import add_plan_options, said
+from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -100,7 +100,7 @@ def explain(options: argparse.Namespace, found: Shortened) -> Explained:
     from cubepath.coordinator.shortening.path_input import known_path  # noqa: PLC0415
     from cubepath.protocol.path_files.certificates import write_certificate  # noqa: PLC0415
 
-    path = known_path(options.input, options.system, said(options), found.path.moves())
+    path = known_path(options.input, options.system, hints(options), found.path.moves())
     certificate = certified_path(path)
     document: dict[str, Any] = {}
     rows: list[tuple[str, object]] = []
@@ -195,7 +195,7 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
         return True
     if options.log.suffix in {".json", ".jsonl"}:
         raise InputError(f"{options.log}: is checked against its input, expected --of INPUT")
-    if options.system or options.cubes or options.format or options.beside:
+    if options.system or options.cubes or options.format or options.companions:
         raise InputError("--system, --cubes, --format and --with are for --of INPUT, expected that")
     return False
 
@@ -204,8 +204,8 @@ def verify_certificate(options: argparse.Namespace) -> int:
     """Check a certificate against its path: what ``cubepath verify LOG --of INPUT`` does."""
     from cubepath.coordinator.shortening.path_input import known_path  # noqa: PLC0415
     from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
+        check_certificate,
         compare_cubes,
-        look_into,
     )
     from cubepath.protocol.path_files.certificates import (  # noqa: PLC0415
         companion,
@@ -221,8 +221,8 @@ def verify_certificate(options: argparse.Namespace) -> int:
             raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
         cubes_file, source = source, companion(source)
     certificate = read_certificate(source)
-    path = known_path(options.of, options.system, said(options))
-    found = look_into(certificate, path.actions, path.start)
+    path = known_path(options.of, options.system, hints(options))
+    found = check_certificate(certificate, path.actions, path.start)
     if cubes_file is not None:
         cubes = _cubes(cubes_file)
         if found["form"] is None:

@@ -36,7 +36,12 @@ from cubepath.coordinator.commands.console import (
     progress_bar,
     table,
 )
-from cubepath.coordinator.commands.plan_options import INPUT_HELP, add_plan_options, plan_rows, said
+from cubepath.coordinator.commands.plan_options import (
+    INPUT_HELP,
+    add_plan_options,
+    hints,
+    plan_rows,
+)
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
     beyond_rows,
@@ -330,7 +335,7 @@ def _shorten(options: argparse.Namespace) -> int:
         )
     with progress_bar(None, "shorten", " moves") as bar:
         found = shorten(
-            options.input, system=options.system, progress=bar.update, said=said(options)
+            options.input, system=options.system, progress=bar.update, hints=hints(options)
         )
     known = look_beyond(options, found)
     told = explain(options, found)
@@ -362,7 +367,7 @@ def _convert(options: argparse.Namespace) -> int:
             options.output,
             system=options.system,
             progress=bar.update,
-            said=said(options),
+            hints=hints(options),
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
     answer(options, document, f"{found.count} {found.what} written to {options.output}")

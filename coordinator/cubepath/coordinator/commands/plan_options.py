@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.shorten import Shortened
-    from cubepath.protocol.plans.formats import Said
+    from cubepath.protocol.plans.formats import PlanHints
 
 INPUT_HELP = (
     "a recording, a moves file (JSON Lines or .npz), a scenario (JSON), or another program's plan"
@@ -29,7 +29,7 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--with",
-        dest="beside",
+        dest="companions",
         type=Path,
         metavar="FILE",
         action="append",
@@ -38,11 +38,11 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def said(options: argparse.Namespace) -> Said:
+def hints(options: argparse.Namespace) -> PlanHints:
     """Return what the options say."""
-    from cubepath.protocol.plans.formats import Said  # noqa: PLC0415
+    from cubepath.protocol.plans.formats import PlanHints  # noqa: PLC0415
 
-    return Said(options.format, tuple(options.beside))
+    return PlanHints(options.format, tuple(options.companions))
 
 
 def plan_rows(found: Shortened) -> list[tuple[str, object]]:

@@ -108,7 +108,7 @@ class _Matching(NamedTuple):
 
     partner: Cells
     time: Cells
-    goes: Cells
+    motion: Cells
     unit: NDArray[np.int8]
 
 
@@ -192,7 +192,7 @@ def _matched(boundary: _Boundary, above: Rows) -> _Matching:
     """
     start, cells = boundary.start, len(boundary.start) - 1
     partner, time = np.full(cells, -1, np.int32), np.full(cells, -1, np.int32)
-    goes, unit = np.empty(cells, np.int32), np.zeros(cells, np.int8)
+    motion, unit = np.empty(cells, np.int32), np.zeros(cells, np.int8)
     now, lowest = 0, 0
     left = (start[1:] - start[:-1]).astype(np.int32)
     front = _Front(left, np.empty((2, cells), np.int32), np.zeros((2, 2), np.int64))
@@ -207,9 +207,9 @@ def _matched(boundary: _Boundary, above: Rows) -> _Matching:
             while lowest < cells and time[lowest] >= 0:
                 lowest += 1
             if lowest == cells:
-                return _Matching(partner, time, goes[:now], unit)
+                return _Matching(partner, time, motion[:now], unit)
             face = lowest
-        goes[now] = face
+        motion[now] = face
         time[face] = now
         _take_away(face, above, time, front)
         if cell >= 0:
@@ -300,7 +300,7 @@ def _flow(cell: int, boundary: _Boundary, matching: _Matching, flow: _Flow, limi
         while factor == 0:
             if not waiting:
                 return found
-            face = matching.goes[-heappop(waiting)]
+            face = matching.motion[-heappop(waiting)]
             source = int(matching.partner[face])
             # The incidence of the pair is its own inverse.
             factor = -flow.total[face] * int(matching.unit[face])

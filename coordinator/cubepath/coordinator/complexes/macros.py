@@ -18,7 +18,7 @@ from cubepath.coordinator.complexes.shape_complex import (
     normal_place,
     steps_at,
 )
-from cubepath.protocol.core.actions import Action, apply, apply_in_place, end_at, misfit
+from cubepath.protocol.core.actions import Action, apply, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.catalogue import Cell
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
@@ -139,7 +139,7 @@ def lift(system: LatticeSystem, plan: Macro, at: Cell) -> Lift:
             except InputError as error:
                 return Lift(at, None, f"cube {number}: {error}")
             if end_at(action, state) is None:
-                return Lift(at, None, f"cube {number}: {misfit(action, state)}")
+                return Lift(at, None, f"cube {number}: {why_inadmissible(action, state)}")
             actions.append(action)
         for action in actions:
             apply_in_place(action, state)

@@ -88,7 +88,7 @@ class Bits:
                 continue
             number = self._number_of(move.action)
             if number is not None:
-                sources = frozenset(source for source, _ in move.goes)
+                sources = frozenset(source for source, _ in move.motion)
                 end = 0 if sources == move.action.ends[0] & move.action.trace else 1
                 # Equal actions may be listed under two names, and with two movers: one edge.
                 if (number, end) not in self._filed:

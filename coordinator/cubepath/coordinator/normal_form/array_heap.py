@@ -40,7 +40,7 @@ class NormalForm(NamedTuple):
     """What became of each move of a path, both of shape (moves,), int32.
 
     `levels` counts from 1: the moves of level i are the i-th cube. It is 0 for a move that was
-    cancelled, and then `partners` has the place of the other of the pair; elsewise it has -1.
+    cancelled, and then `partners` has the place of the other of the pair; otherwise it has -1.
     """
 
     levels: Levels
@@ -181,7 +181,7 @@ class NumberedHeap:
         """Append the moves with these action numbers, shape (moves,), int32.
 
         With `told` return what became of them, as far as the moves up to here say, with the signs
-        of `cubepath.coordinator.normal_form.kernel.append_moves`; elsewise two empty arrays.
+        of `cubepath.coordinator.normal_form.kernel.append_moves`; otherwise two empty arrays.
         InputError where a number is none of an action, or where there is too much of anything for
         32 bits.
         """

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
-from cubepath.coordinator.normal_form.compiled_heap import fates
+from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.protocol.core.actions import Action, State, commute
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.certificates import Certificate
@@ -28,7 +28,7 @@ def certificate_of(path: Sequence[Action], end: State | None = None) -> Certific
     >>> found.cancelled, found.cubes, found.chain
     ([(1, 3)], [[2]], [2])
     """
-    levels, partners = (array.tolist() for array in fates(path))
+    levels, partners = (array.tolist() for array in cancellations(path))
     cubes: list[list[int]] = [[] for _ in range(max(levels, default=0))]
     cancelled: list[tuple[int, int]] = []
     for place, (level, partner) in enumerate(zip(levels, partners, strict=True)):

@@ -87,11 +87,11 @@ def _rows(lists: Sequence[Sequence[int]]) -> tuple[Numbers, Numbers]:
     return starts, np.array([site for found in lists for site in found], dtype=np.int32)
 
 
-def fates(actions: Iterable[Action]) -> NormalForm:
+def cancellations(actions: Iterable[Action]) -> NormalForm:
     """Return what becomes of each move of an edge path; see `NormalForm`.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
-    >>> fates([step, far, step]).levels.tolist()
+    >>> cancellations([step, far, step]).levels.tolist()
     [0, 1, 0]
     """
     numbering = Numbering()
@@ -151,7 +151,7 @@ class FastHeap:
     def prepare() -> None:
         """Load the compiled code, or make it, now: else the first question waits for it.
 
-        Seconds after an installation or a change, a seventh of one elsewise.
+        Seconds after an installation or a change, a seventh of one otherwise.
         """
         step = Action([1], [1], [1], [])
         heap = FastHeap()

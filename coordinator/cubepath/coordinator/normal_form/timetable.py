@@ -108,7 +108,7 @@ def durations_of(moves: Sequence[PathMove], durations: Durations) -> list[Fracti
     unused = durations.unused(move.name for move in moves) if moves else None
     if unused is not None:
         raise InputError(f"a duration is given, but {unused} of this path")
-    # What is said of a place is by its name where that stands, and elsewise by the action.
+    # What is said of a place is by its name where that stands, and otherwise by the action.
     placed: dict[Action, Fraction] = {}
     for move in moves:
         if durations.is_placed(move.name):

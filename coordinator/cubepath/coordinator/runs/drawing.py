@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from cubepath.agents.rendering.pictures import INK, draw_on, frame, palette
-from cubepath.coordinator.normal_form.compiled_heap import fates
-from cubepath.protocol.core.actions import Action, apply_in_place, end_at, misfit
+from cubepath.coordinator.normal_form.compiled_heap import cancellations
+from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
@@ -66,11 +66,11 @@ def snapshots(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterator[Snaps
         for action in actions:
             index = end_at(action, state)
             if index is None:
-                raise InputError(f"step {number}: {misfit(action, state)}")
-            goes = _goes(scene.system, action, index)
+                raise InputError(f"step {number}: {why_inadmissible(action, state)}")
+            motion = _goes(scene.system, action, index)
             apply_in_place(action, state)
-            movers = [module_at.pop(source) for source, _ in goes]
-            for module, (source, target) in zip(movers, goes, strict=True):
+            movers = [module_at.pop(source) for source, _ in motion]
+            for module, (source, target) in zip(movers, motion, strict=True):
                 moved[module], by[module] = source, action
                 sites[module] = target
                 module_at[target] = module
@@ -83,7 +83,7 @@ def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Si
     for site in before:
         for move in system.moves(site):
             if move is not None and move.action == action:
-                return move.goes
+                return move.motion
     after = in_order(action.ends[1 - index] & action.trace)
     if len(before) != len(after):
         raise InputError(f"{action!r} makes {len(after)} modules of {len(before)}")
@@ -134,7 +134,7 @@ def _cancelled(rounds: Iterable[Iterable[Action]]) -> set[tuple[int, Action]]:
     A move that cancels does so with the last one that equals it and is still there.
     """
     path = [(number, action) for number, actions in enumerate(rounds, 1) for action in actions]
-    levels = fates(action for _, action in path).levels
+    levels = cancellations(action for _, action in path).levels
     return {path[place] for place in np.flatnonzero(levels == 0).tolist()}
 
 

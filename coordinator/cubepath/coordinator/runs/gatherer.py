@@ -19,7 +19,7 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Executed, Placed, Report, decode, site_of
+from cubepath.protocol.wire.messages import Executed, GeneratorPlacement, Report, decode, site_of
 
 _encode = msgspec.json.Encoder().encode
 
@@ -106,7 +106,7 @@ class Gatherer:
     def schedule(self) -> Cubes:
         """Return the normal cube path, each move by its generator and its place."""
         placed = {
-            action: Placed(executed.generator, executed.at)
+            action: GeneratorPlacement(executed.generator, executed.at)
             for step in self.steps
             for executed, action in zip(step.executed, step.actions, strict=True)
         }

@@ -17,7 +17,7 @@ from typing import Any
 import zenoh
 
 from cubepath.coordinator.runs.gatherer import Gatherer
-from cubepath.coordinator.verification.certificate import look_into
+from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.recordings.recording import Record, Recording
@@ -130,9 +130,9 @@ class _Player:
         self._progress: Progress | None = None
         self._mouth = open_client(endpoint)
         resources.callback(self._mouth.close)
-        ear = open_client(endpoint)
-        resources.callback(ear.close)
-        resources.callback(subscribe(ear, everything(self.run), self._enqueue).undeclare)
+        subscriber = open_client(endpoint)
+        resources.callback(subscriber.close)
+        resources.callback(subscribe(subscriber, everything(self.run), self._enqueue).undeclare)
         self._wait_for_the_ear()
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
@@ -269,7 +269,7 @@ class _Player:
             message = _message(self._recording, record)
             if not isinstance(message, Certified):
                 continue
-            for check, why in look_into(message.certificate, path, start).items():
+            for check, why in check_certificate(message.certificate, path, start).items():
                 if why is not None:
                     yield f"the certificate does not prove what was gathered: {check}: {why}"
 

@@ -27,9 +27,9 @@ from cubepath.agents.rules.scheduled import NAME as SCHEDULE
 from cubepath.coordinator.normal_form.certificate import certificate_of, end_of
 from cubepath.coordinator.runs.gatherer import Gatherer, Step
 from cubepath.coordinator.runs.schedule import (
-    Carrying,
-    Course,
-    course_of,
+    Assignment,
+    ScheduleExecution,
+    assignment_of,
     read_schedule,
     told,
     with_end,
@@ -65,7 +65,7 @@ class Plan:
     """What to run; `rule` None is the rule that reaches the goal of the system's family.
 
     With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None is then
-    the system of the recording, elsewise "hex". Where it stops the run ends, or with `repair` the
+    the system of the recording, otherwise "hex". Where it stops the run ends, or with `repair` the
     modules follow the rule from there. `max_rounds` None is enough for the schedule, and
     `MAX_ROUNDS` for the rule.
     """
@@ -134,8 +134,8 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     """
     task = task_of(plan)
     path = plan.log or Path("logs") / _file_name(task, plan.seed)
-    course = task.course
-    schedule = None if course is None else schedule_to_jsonl(course.cubes)
+    assignment = task.assignment
+    schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
     with RecordingWriter(path, task.scene, _parameters(plan, task), schedule) as writer:
         return _Run(plan, task, writer).play(watch)
 
@@ -150,12 +150,12 @@ class Task:
     scene: Scene
     rule: str
     max_rounds: int
-    course: Course | None = None
+    assignment: Assignment | None = None
 
     @property
     def name(self) -> str:
         """Return the name of the rule that modules begin with."""
-        return self.rule if self.course is None else SCHEDULE
+        return self.rule if self.assignment is None else SCHEDULE
 
 
 def task_of(plan: Plan) -> Task:
@@ -186,12 +186,12 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
     if plan.system is not None or scene is None:
         scene = scene_from_spec(plan.system or "hex")
     scene = local_only(scene, "runs")
-    course = course_of(schedule, scene)
-    cubes = len(course.cubes)
+    assignment = assignment_of(schedule, scene)
+    cubes = len(assignment.cubes)
     most = cubes + (MAX_ROUNDS if plan.repair else 0)
     if plan.max_rounds is not None:
         most = plan.max_rounds if plan.repair else min(plan.max_rounds, cubes)
-    return Task(with_end(scene, schedule, course), _rule_of(plan, scene), most, course)
+    return Task(with_end(scene, schedule, assignment), _rule_of(plan, scene), most, assignment)
 
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
@@ -240,7 +240,7 @@ class _Run:
         self._task = task
         self._writer = writer
         self._gatherer = Gatherer(task.scene, self._step)
-        self._carrying = None if task.course is None else Carrying(task.course)
+        self._execution = None if task.assignment is None else ScheduleExecution(task.assignment)
         self._began = time.monotonic()
 
     def play(self, watch: Watch | None) -> Outcome:
@@ -259,14 +259,19 @@ class _Run:
 
     @property
     def _stopped(self) -> Stopped | None:
-        return None if self._carrying is None else self._carrying.stopped
+        return None if self._execution is None else self._execution.stopped
 
     def _with_stop(self, error: str) -> str:
         return error if self._stopped is None else f"{told(self._stopped)}; then {error}"
 
     def _rounds(self, watch: Watch | None) -> tuple[Ended, str | None]:
-        plan, task, gatherer, course = self._plan, self._task, self._gatherer, self._task.course
-        if gatherer.reached and (course is None or not course.cubes):
+        plan, task, gatherer, assignment = (
+            self._plan,
+            self._task,
+            self._gatherer,
+            self._task.assignment,
+        )
+        if gatherer.reached and (assignment is None or not assignment.cubes):
             return "goal", None
         with (
             _interrupts() as check,
@@ -276,7 +281,7 @@ class _Run:
                 seed=plan.seed,
                 hesitate=plan.hesitate,
                 processes=plan.processes,
-                schedule=None if course is None else course.own,
+                schedule=None if assignment is None else assignment.own,
                 sink=self._wire,
                 check=check,
             ) as fleet,
@@ -296,7 +301,7 @@ class _Run:
 
     def _ended(self, fleet: Fleet) -> tuple[Ended, str | None] | None:
         """Return how the run has ended, if it has, after a round or before the first."""
-        gatherer, carrying = self._gatherer, self._carrying
+        gatherer, carrying = self._gatherer, self._execution
         if carrying is not None and not carrying.over:
             carrying.look(gatherer)
             if not carrying.over:
@@ -357,7 +362,7 @@ class _Run:
 
     @property
     def _schedule_cubes(self) -> int | None:
-        return None if self._task.course is None else len(self._task.course.cubes)
+        return None if self._task.assignment is None else len(self._task.assignment.cubes)
 
     def _outcome(self, ended: Ended, error: str | None) -> Outcome:
         plan, gatherer, scene = self._plan, self._gatherer, self._task.scene

@@ -28,7 +28,7 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.salvage import MAGIC
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.wire.messages import Placed, Stopped, site_of
+from cubepath.protocol.wire.messages import GeneratorPlacement, Stopped, site_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Schedule:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Assignment:
     """Who makes which move of a schedule in a scene.
 
     `cubes` are those of the schedule, each move under the name that the system gives it. `stop` is
@@ -51,7 +51,7 @@ class Course:
     """
 
     cubes: Cubes
-    own: dict[int, dict[int, Placed]]
+    own: dict[int, dict[int, GeneratorPlacement]]
     ends: tuple[Site, ...]
     stop: Stopped | None
 
@@ -88,14 +88,14 @@ def _is_recording(path: Path) -> bool:
         raise InputError(f"{path}: {error.strerror or error}") from None
 
 
-def course_of(schedule: Schedule, scene: Scene) -> Course:
+def assignment_of(schedule: Schedule, scene: Scene) -> Assignment:
     """Follow the modules of the scene through the cubes; return who makes which move.
 
     InputError where a move is none of the system, or the moves of a cube do not commute.
     """
     where: dict[Site, int] = {site: module for module, site in enumerate(scene.start)}
-    own: dict[int, dict[int, Placed]] = {}
-    cubes: list[tuple[Placed, ...]] = []
+    own: dict[int, dict[int, GeneratorPlacement]] = {}
+    cubes: list[tuple[GeneratorPlacement, ...]] = []
     stop: Stopped | None = None
     system = _open_system(schedule, scene)
     for number, cube in enumerate(schedule.cubes, 1):
@@ -110,10 +110,10 @@ def course_of(schedule: Schedule, scene: Scene) -> Course:
             continue
         made = [move for move in found if isinstance(move, Move)]
         _follow(made, where, own, number)
-        cubes.append(tuple(Placed(move.generator, move.at) for move in made))
+        cubes.append(tuple(GeneratorPlacement(move.generator, move.at) for move in made))
     by_module = {module: site for site, module in where.items()}
     ends = tuple(by_module[module] for module in range(len(scene.start)))
-    return Course(tuple(cubes), own, ends, stop)
+    return Assignment(tuple(cubes), own, ends, stop)
 
 
 def _open_system(schedule: Schedule, scene: Scene) -> System:
@@ -162,7 +162,7 @@ def _actions(
 
 
 def _move(
-    system: System, where: dict[Site, int], placed: Placed, action: Action | str
+    system: System, where: dict[Site, int], placed: GeneratorPlacement, action: Action | str
 ) -> Move | str:
     """Return the move by who is to make it, or why there is nobody."""
     if isinstance(action, str):
@@ -173,7 +173,7 @@ def _move(
             if (
                 move is not None
                 and move.action == action
-                and on == frozenset(source for source, _ in move.goes)
+                and on == frozenset(source for source, _ in move.motion)
             ):
                 return move
     text = site_text(site_of(placed.at))
@@ -192,24 +192,24 @@ def _nobody(action: Action, on: frozenset[Site]) -> str:
 def _follow(
     moves: Iterable[Move],
     where: dict[Site, int],
-    own: dict[int, dict[int, Placed]],
+    own: dict[int, dict[int, GeneratorPlacement]],
     number: int,
 ) -> None:
     arrived: dict[Site, int] = {}
     for move in moves:
-        own.setdefault(where[move.source], {})[number] = Placed(move.generator, move.at)
-        for source, target in move.goes:
+        own.setdefault(where[move.source], {})[number] = GeneratorPlacement(move.generator, move.at)
+        for source, target in move.motion:
             arrived[target] = where.pop(source)
     where.update(arrived)
 
 
-def with_end(scene: Scene, schedule: Schedule, course: Course) -> Scene:
+def with_end(scene: Scene, schedule: Schedule, assignment: Assignment) -> Scene:
     """Return the scene with the end of the schedule as its goal.
 
     That is where those modules of the recording ended that are there; of a cubes file where the
     course ends. Where that is not known, or is no state of this scene, the scene keeps its own.
     """
-    ends = _ends_of(schedule, scene, course)
+    ends = _ends_of(schedule, scene, assignment)
     if ends is None or (frozenset(ends) == scene.goal and scene.goals):
         return scene
     try:
@@ -218,9 +218,9 @@ def with_end(scene: Scene, schedule: Schedule, course: Course) -> Scene:
         return scene
 
 
-def _ends_of(schedule: Schedule, scene: Scene, course: Course) -> tuple[Site, ...] | None:
+def _ends_of(schedule: Schedule, scene: Scene, assignment: Assignment) -> tuple[Site, ...] | None:
     if schedule.scene is None or schedule.ends is None:
-        return course.ends if course.stop is None else None
+        return assignment.ends if assignment.stop is None else None
     if len(schedule.ends) == len(scene.start):
         return schedule.ends
     of_start = dict(zip(schedule.scene.start, schedule.ends, strict=True))
@@ -241,12 +241,12 @@ def _known_goals(scene: Scene, ends: Sequence[Site]) -> tuple[tuple[Site, ...], 
         raise InputError("the modules have other labels") from None
 
 
-class Carrying:
+class ScheduleExecution:
     """A schedule under way: how far it is, and whether it has stopped."""
 
-    def __init__(self, course: Course) -> None:
+    def __init__(self, assignment: Assignment) -> None:
         """Begin before the first round."""
-        self.course = course
+        self.assignment = assignment
         self.stopped: Stopped | None = None
         self.over = False
         """True when it is done or has stopped, and when the rule has taken over."""
@@ -255,14 +255,14 @@ class Carrying:
         """Look at what was reported of the last round, or at nothing before the first."""
         if self.over:
             return
-        number, course = gatherer.rounds, self.course
+        number, assignment = gatherer.rounds, self.assignment
         failures = gatherer.steps[-1].failures if number else ()
         if failures:
             module, reason = failures[0]
-            self.stopped = Stopped(number, module, course.own[module][number], reason)
-        elif course.stop is not None and number == course.stop.round - 1:
-            self.stopped = course.stop
-        self.over = self.stopped is not None or number == len(course.cubes)
+            self.stopped = Stopped(number, module, assignment.own[module][number], reason)
+        elif assignment.stop is not None and number == assignment.stop.round - 1:
+            self.stopped = assignment.stop
+        self.over = self.stopped is not None or number == len(assignment.cubes)
 
 
 def told(stopped: Stopped) -> str:

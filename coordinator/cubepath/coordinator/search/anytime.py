@@ -17,7 +17,7 @@ from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.search.windows import Windows
 from cubepath.protocol.core.actions import Action, State
@@ -59,7 +59,7 @@ def improve(
     seconds: float | None = None,
     iterations: int | None = None,
     seed: int = 0,
-    own_ends: bool = False,
+    labelled_goals: bool = False,
     enough: int = 0,
     watch: Callable[[Improved], object] | None = None,
     tick: Callable[[int], object] | None = None,
@@ -69,22 +69,22 @@ def improve(
     Better is fewer cubes, then fewer moves; the result is never worse than the normal form of the
     path. Moves are those of `system`; without one, those that occur in the path. `path` must be
     admissible from `start` on, which is not checked here, and `start` holds the occupied obstacles.
-    With `own_ends` each vehicle ends where it does in the path, though the system gives them no
-    labels.
+    With `labelled_goals` each vehicle ends where it does in the path, though the system gives them
+    no labels.
 
     The search ends after `seconds` or `iterations`, whichever comes first, and with at most
     `enough` cubes. Bounded by iterations alone, the result depends on the input and `seed` only.
     `watch` is told of every better path as it is found, `tick` after each step how many there were.
 
-    InputError where neither bound is given, or `own_ends` is asked of what is no graph.
+    InputError where neither bound is given, or `labelled_goals` is asked of what is no graph.
     """
     if seconds is None and iterations is None:
         raise InputError("an improvement needs seconds or iterations to know when to stop")
-    if own_ends and not isinstance(system, GraphSystem):
+    if labelled_goals and not isinstance(system, GraphSystem):
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
     actions = list(path)
     best = _normal(actions, 0, 0)
-    search = _Search(system, start, actions, best, own_ends=own_ends)
+    search = _Search(system, start, actions, best, labelled_goals=labelled_goals)
     deadline = None if seconds is None else time.monotonic() + seconds
     random = Random(seed)  # noqa: S311 - nothing secret
     steps = found = 0
@@ -133,24 +133,24 @@ class _Search:
         path: Sequence[Action],
         best: Improved,
         *,
-        own_ends: bool,
+        labelled_goals: bool,
     ) -> None:
         self._start = start
         self._system = system
-        self._own_ends = own_ends
-        self._steps: Steps | None = None
+        self._labelled_goals = labelled_goals
+        self._steps: Transitions | None = None
         self._windows: Windows | None = None
         self._vehicles: Replanner | None = None
         self.possible = bool(best.cube_path)
         if not self.possible:
             return
         if isinstance(system, GraphSystem) and Replanner.fits(system, len(start), best.cubes):
-            self._vehicles = Replanner(system, start, best.cube_path, own_ends=own_ends)
+            self._vehicles = Replanner(system, start, best.cube_path, labelled_goals=labelled_goals)
         sites = (
             len(system.vertices) * (system.labels or 1) if isinstance(system, GraphSystem) else 0
         )
-        if not own_ends and sites <= _SITES_MAX:
-            self._steps = Steps(system, path if system is None else ())
+        if not labelled_goals and sites <= _SITES_MAX:
+            self._steps = Transitions(system, path if system is None else ())
             self._windows = Windows(self._steps, start, best.cube_path)
             self._fresh = True
         self.possible = self._windows is not None or self._vehicles is not None
@@ -177,4 +177,4 @@ class _Search:
         if not isinstance(self._system, GraphSystem):
             return None
         cubes = _normal(path, 0, 0).cube_path
-        return Replanner(self._system, self._start, cubes, own_ends=self._own_ends)
+        return Replanner(self._system, self._start, cubes, labelled_goals=self._labelled_goals)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 
 MAX_STATES = 100_000
 """So many states are looked at, unless told otherwise."""
@@ -35,7 +35,7 @@ class Optimum:
 
 
 def optimum(
-    steps: Steps,
+    steps: Transitions,
     start: int,
     goal: int,
     *,
@@ -78,7 +78,7 @@ _NOT_MET = -1
 
 
 def _round(
-    steps: Steps,
+    steps: Transitions,
     fronts: list[list[int]],
     sides: tuple[_Parents, _Parents],
     side: int,

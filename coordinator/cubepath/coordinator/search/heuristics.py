@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from cubepath.coordinator.search.lower_bounds import neighbours_of
-from cubepath.coordinator.search.transitions import Steps, bits_of
+from cubepath.coordinator.search.transitions import Transitions, bits_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.systems.flips import FlipSystem
@@ -51,7 +51,7 @@ class Potential:
     the nearest site of the goal, along the ways of modules; where these are not known 1 off it.
     """
 
-    def __init__(self, steps: Steps, start: int, goal: int, ways: Ways | None = None) -> None:
+    def __init__(self, steps: Transitions, start: int, goal: int, ways: Ways | None = None) -> None:
         """Measure the sites up to where the modules of `start` are, and a little beyond."""
         self.start, self.goal = start, goal
         self._steps = steps
@@ -81,7 +81,7 @@ class Potential:
         return known[1] if known[0] == before else -known[1]
 
 
-def _measure(steps: Steps, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
+def _measure(steps: Transitions, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
     goals = steps.decode(goal)
     system = steps.system
     if isinstance(system, FlipSystem):

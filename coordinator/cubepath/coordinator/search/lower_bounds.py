@@ -92,17 +92,19 @@ def neighbours_of(system: System) -> tuple[Neighbours, bool] | None:
     if isinstance(system, TabledSystem):
         listed: dict[Site, dict[Site, None]] = {}
         for move in system.listed:
-            for one, other in move.goes:
+            for one, other in move.motion:
                 listed.setdefault(one, {})[other] = None
                 listed.setdefault(other, {})[one] = None
-        return (lambda site: listed.get(site, {})), _one_to_one(m.goes for m in system.listed)
+        return (lambda site: listed.get(site, {})), _one_to_one(m.motion for m in system.listed)
     return None
 
 
 def _one_to_one(all_goes: Iterable[Sequence[tuple[Site, Site]]]) -> bool:
     return all(
-        len({source for source, _ in goes}) == len({target for _, target in goes}) == len(goes)
-        for goes in all_goes
+        len({source for source, _ in motion})
+        == len({target for _, target in motion})
+        == len(motion)
+        for motion in all_goes
     )
 
 
@@ -123,7 +125,7 @@ def _on_lattice(system: LatticeSystem) -> tuple[Neighbours, bool]:
     pairs = [
         pair
         for generator in catalogue.generators
-        for one, other in generator.goes
+        for one, other in generator.motion
         for pair in ((one, other), (other, one))
     ]
 
@@ -136,7 +138,7 @@ def _on_lattice(system: LatticeSystem) -> tuple[Neighbours, bool]:
                 found[lattice.shift(target, by)] = None
         return [other for other in found if system.has_place(other)]
 
-    return near, _one_to_one(generator.goes for generator in catalogue.generators)
+    return near, _one_to_one(generator.motion for generator in catalogue.generators)
 
 
 def _distances(near: Neighbours, site: Site, targets: Sequence[Site], within: int) -> list[int]:

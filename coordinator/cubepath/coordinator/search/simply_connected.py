@@ -13,7 +13,7 @@ from cubepath.coordinator.complexes.collapse import contractibility
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.homology import homology
 from cubepath.coordinator.complexes.state_complex import f_vector, state_complex
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.core.system import Scene, System
@@ -38,7 +38,7 @@ def only_class(system: System, start: State) -> bool | None:
     """
     if _is_positive_arm(system, start) or _is_assembly(system):
         return True
-    steps = Steps(system)
+    steps = Transitions(system)
     widest = len(steps.greedy(steps.possible(steps.encode(start))))
     if 1 << widest > STATES_MAX:
         # So many moves can be made or not, each for itself.

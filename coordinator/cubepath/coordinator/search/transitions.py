@@ -36,7 +36,7 @@ def maskable(system: System | None) -> bool:
     return system is None or (system.labels or 0) <= LABELS_MAX
 
 
-class Steps:
+class Transitions:
     """The moves of a system, or of a finite list of actions, on states that are whole numbers.
 
     `actions` holds the actions by number; `toggle`, `trace` and `support` their masks.
@@ -136,7 +136,7 @@ class Steps:
                 for move in self.system.moves(site)
                 if move is not None
                 for end in (0, 1)
-                if all(source in move.action.ends[end] for source, _ in move.goes)
+                if all(source in move.action.ends[end] for source, _ in move.motion)
             ]
         rows = self._rows[bit] = tuple(found)
         if not rows:

@@ -43,8 +43,8 @@ The powers press on those that come late; found by trial, the sum itself and squ
 class Replanner:
     """A plan of vehicles on a graph that gets better step by step.
 
-    Each vehicle starts and ends where it does in the given cube path; with `own_ends` each keeps
-    its own end, else ends may be exchanged. The cost never rises.
+    Each vehicle starts and ends where it does in the given cube path; with `labelled_goals` each
+    keeps its own end, else ends may be exchanged. The cost never rises.
     """
 
     def __init__(
@@ -53,11 +53,11 @@ class Replanner:
         start: State,
         cubes: Sequence[Sequence[Action]],
         *,
-        own_ends: bool,
+        labelled_goals: bool,
     ) -> None:
         """Follow the vehicles through the cube path, which is taken as legal."""
         self._system = system
-        self._own_ends = own_ends or system.labels is not None
+        self._labelled_goals = labelled_goals or system.labels is not None
         self._labels: list[int | None] = []
         degree = max(len(system.listeners(vertex)) for vertex in system.vertices)
         self._near = np.full((len(system.vertices), degree), FREE, dtype=np.int32)
@@ -155,7 +155,7 @@ class Replanner:
             vehicles.sort(key=lambda vehicle: -int(self._away[vehicle, self._plan[vehicle, 0]]))
         elif order < _BY_WAY + _BY_ARRIVAL:
             vehicles.sort(key=lambda vehicle: -self._arrivals[vehicle])
-        goals = list(vehicles) if self._own_ends else self._exchanged(random, vehicles)
+        goals = list(vehicles) if self._labelled_goals else self._exchanged(random, vehicles)
         # Who comes last has to come earlier, as long as that is possible at all.
         latest = [
             self.rounds - (1 if self._arrivals[vehicle] == self.rounds else 0)

@@ -19,7 +19,7 @@ from random import Random
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.heuristics import Potential, Ways
-from cubepath.coordinator.search.transitions import Steps
+from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, State
 
 Cost = tuple[int, int]
@@ -46,7 +46,7 @@ _CHOICES = 4
 class Windows:
     """A cube path that gets shorter, window by window; the cost never rises."""
 
-    def __init__(self, steps: Steps, start: State, cubes: Sequence[Sequence[Action]]) -> None:
+    def __init__(self, steps: Transitions, start: State, cubes: Sequence[Sequence[Action]]) -> None:
         """Take a normal cube path, as legal; what it does in vain between equal states is cut."""
         self._steps = steps
         self._ways = Ways(steps.system)
@@ -187,7 +187,7 @@ class Windows:
 
 
 def beam(
-    steps: Steps, potential: Potential, most: int, *, random: Random, still: int = 0
+    steps: Transitions, potential: Potential, most: int, *, random: Random, still: int = 0
 ) -> Path | None:
     """Search for a cube path of at most `most` cubes between the ends of a potential.
 

@@ -18,7 +18,7 @@ from cubepath.protocol.path_files.npz import (
     write_moves_npz,
 )
 from cubepath.protocol.path_files.numbered import Progress, write_path
-from cubepath.protocol.plans.formats import NOTHING_SAID, Said
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ def convert(
     *,
     system: str | None = None,
     progress: Progress | None = None,
-    said: Said = NOTHING_SAID,
+    hints: PlanHints = NO_HINTS,
 ) -> Converted:
     """Write a path, or the cubes of a binary cubes file, in the form that the target's name tells.
 
@@ -54,7 +54,7 @@ def convert(
         cubes = read_cubes_npz(source)
         write_cubes(target, cubes)
         return Converted("cubes", len(cubes))
-    path = path_of(source, system, progress, said)
+    path = path_of(source, system, progress, hints)
     if binary:
         write_moves_npz(target, path)
     else:

@@ -16,13 +16,13 @@ import msgspec
 from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
 from cubepath.coordinator.shortening.path_input import KnownPath
-from cubepath.coordinator.verification.certificate import look_into
+from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove, known_of_named
 from cubepath.protocol.path_files.timetables import Durations, TimedLine, time_text
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 
 def certified_path(path: KnownPath) -> Certificate:
@@ -33,7 +33,7 @@ def certified_path(path: KnownPath) -> Certificate:
     actions = path.actions
     end = None if path.start is None else end_of(actions, path.start)
     found = certificate_of(actions, end)
-    for check, why in look_into(found, actions, path.start).items():
+    for check, why in check_certificate(found, actions, path.start).items():
         if why is not None:
             raise CheckError(f"the certificate does not hold: {check}: {why}")
     return found
@@ -56,7 +56,7 @@ def _why(moves: Sequence[PathMove], before: int, move: int) -> str:
     one, other = moves[before - 1], moves[move - 1]
     # What stands for an id, and is no site of the input, is of no interest to anybody.
     support, hidden = other.action.support, frozenset[Site]()
-    if not isinstance(other.name, Placed):
+    if not isinstance(other.name, GeneratorPlacement):
         hidden = support - known_of_named(other.name, support)
     found = link(one.action, other.action, hidden)
     site = site_text(found.site)
@@ -69,7 +69,7 @@ def _why(moves: Sequence[PathMove], before: int, move: int) -> str:
 
 def name_text(move: PathMove) -> str:
     """Return how a move is written, for people: ``edge at [[0,0],[1,0]]``, or its id."""
-    if isinstance(move.name, Placed):
+    if isinstance(move.name, GeneratorPlacement):
         return f"{move.name.generator} at {msgspec.json.encode(move.name.at).decode()}"
     return str(move.name)
 

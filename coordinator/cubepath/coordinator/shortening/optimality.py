@@ -21,18 +21,18 @@ from cubepath.coordinator.search.anytime import CubePath, Improved, improve
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
-from cubepath.coordinator.search.transitions import Steps, maskable
+from cubepath.coordinator.search.transitions import Transitions, maskable
 from cubepath.coordinator.shortening.shorten import Shortened, moves_of, plan_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.path_files.moves import MoveName, PathMove, id_of
-from cubepath.protocol.plans.formats import NOTHING_SAID, Said
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 State = frozenset[Site]
 
@@ -41,14 +41,14 @@ State = frozenset[Site]
 class Task:
     """What a path has to do: from which state, by the moves of what, and how its moves are named.
 
-    Without a system its moves are those of `path`. With `own_ends` the vehicles of a graph have no
-    labels but each is to end where it does.
+    Without a system its moves are those of `path`. With `labelled_goals` the vehicles of a graph
+    have no labels but each is to end where it does.
     """
 
     path: tuple[Action, ...]
     start: State
     system: System | None
-    own_ends: bool = False
+    labelled_goals: bool = False
 
     @property
     def goal(self) -> State:
@@ -81,7 +81,7 @@ class Beyond:
 
 
 def task_of(
-    path: Path, found: Shortened, system: str | None = None, said: Said = NOTHING_SAID
+    path: Path, found: Shortened, system: str | None = None, hints: PlanHints = NO_HINTS
 ) -> Task:
     """Return the task of the path in a file that was shortened.
 
@@ -90,10 +90,10 @@ def task_of(
     nobody knows then what else there is to do.
     """
     actions = tuple(action for cube in found.cube_path for action in cube)
-    plan = plan_of(path, system, said)
+    plan = plan_of(path, system, hints)
     if plan is not None:
         scene = plan.scene()
-        return Task(actions, scene.start_state, scene.system, own_ends=plan.own_ends)
+        return Task(actions, scene.start_state, scene.system, labelled_goals=plan.labelled_goals)
     kind, moves = moves_of(path, system)
     if kind == "recording":
         scene = read_recording(path).scene
@@ -155,7 +155,7 @@ def beyond(
     least, why = (len(normal), "the only class") if only else (bound.cubes, bound.why)
     best, shorter = normal, False
     if least < len(normal) and small:
-        steps = Steps(system, task.path if system is None else ())
+        steps = Transitions(system, task.path if system is None else ())
         ends = steps.encode(start), steps.encode(goal)
         exact = optimum(steps, *ends, max_states=max_states, most=len(normal) - 1)
         if exact.at_least > least:
@@ -181,7 +181,7 @@ def beyond(
                 seconds=seconds,
                 iterations=iterations,
                 seed=seed,
-                own_ends=task.own_ends,
+                labelled_goals=task.labelled_goals,
                 enough=least,
                 watch=keep,
                 tick=tick,
@@ -202,7 +202,7 @@ def beyond(
 
 def _as_labelled(task: Task) -> tuple[System | None, State, State]:
     """Return system, start and goal, with labels where each vehicle is to keep its own end."""
-    if not (task.own_ends and isinstance(task.system, GraphSystem)):
+    if not (task.labelled_goals and isinstance(task.system, GraphSystem)):
         return task.system, task.start, task.goal
     ends = ends_of(task.path, task.start)
     system = GraphSystem(
@@ -226,10 +226,10 @@ def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
     return {begin: found[begin] for begin in in_order(found)}
 
 
-def _of_optimum(task: Task, steps: Steps, exact: Optimum) -> CubePath:
+def _of_optimum(task: Task, steps: Transitions, exact: Optimum) -> CubePath:
     """Return the normal cube path of what the exhaustive search found."""
     actions = [steps.actions[number] for cube in exact.cubes or () for number in cube]
-    if task.own_ends and isinstance(task.system, GraphSystem):
+    if task.labelled_goals and isinstance(task.system, GraphSystem):
         place_of, edge = GraphSystem.place_of, task.system.action
         labelled = steps.system
         if isinstance(labelled, GraphSystem):
@@ -247,7 +247,7 @@ def _check(task: Task, cubes: CubePath) -> None:
         raise CheckError(f"the improved path is not legal: {error}") from None
     if end != task.goal or not is_normal(cubes):
         raise CheckError("the improved path is no normal cube path to the same end")
-    if task.own_ends:
+    if task.labelled_goals:
         moves = (action for cube in cubes for action in cube)
         if ends_of(moves, task.start) != ends_of(task.path, task.start):
             raise CheckError("the improved path takes a vehicle to another's end")
@@ -271,12 +271,12 @@ def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[MoveNam
     return tuple(tuple(map(name, cube)) for cube in cubes)
 
 
-def _placed(system: System, action: Action) -> Placed | None:
+def _placed(system: System, action: Action) -> GeneratorPlacement | None:
     """Return how the system names an action, None where it is not one of its own."""
     for site in in_order(action.trace & (action.ends[0] | action.ends[1])):
         if not system.has_place(system.place_of(site)):
             return None
         for move in system.moves(site):
             if move is not None and move.action == action:
-                return Placed(move.generator, move.at)
+                return GeneratorPlacement(move.generator, move.at)
     return None

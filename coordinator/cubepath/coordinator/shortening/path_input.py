@@ -13,7 +13,7 @@ from cubepath.coordinator.shortening.shorten import moves_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.formats import NOTHING_SAID, Said
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -37,14 +37,14 @@ class KnownPath:
 def known_path(
     path: Path,
     system: str | None = None,
-    said: Said = NOTHING_SAID,
+    hints: PlanHints = NO_HINTS,
     moves: Iterable[PathMove] | None = None,
 ) -> KnownPath:
     """Read a path; errors as `cubepath.coordinator.shortening.shorten.shorten`.
 
     Where its moves have been read already, they are not read again.
     """
-    kind, unread = moves_of(path, system, said)
+    kind, unread = moves_of(path, system, hints)
     found = tuple(unread if moves is None else moves)
     if kind == "recording":
         return KnownPath(found, read_recording(path).scene.start_state)

@@ -22,7 +22,7 @@ from cubepath.coordinator.normal_form.admissibility import first_misfit
 from cubepath.coordinator.normal_form.array_heap import NumberedHeap
 from cubepath.coordinator.normal_form.compiled_heap import Numbering, in_cubes
 from cubepath.coordinator.runs.gatherer import gathered
-from cubepath.protocol.core.actions import Action, State, apply_in_place, misfit
+from cubepath.protocol.core.actions import Action, State, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, local_only
@@ -35,14 +35,14 @@ from cubepath.protocol.path_files.numbered import (
     number_moves,
     read_path,
 )
-from cubepath.protocol.plans.formats import NOTHING_SAID, Said, read_plan
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
 from cubepath.protocol.plans.imported import Imported
 from cubepath.protocol.plans.vehicles import vehicles_scene
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 _T = TypeVar("_T")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -99,7 +99,7 @@ def shorten(
     *,
     system: str | None = None,
     progress: Progress | None = None,
-    said: Said = NOTHING_SAID,
+    hints: PlanHints = NO_HINTS,
 ) -> Shortened:
     """Return the normal cube path of the path in a file; what the file is, its content tells.
 
@@ -112,7 +112,7 @@ def shorten(
     CheckError where the reports of a recording contradict each other.
     """
     began = time.perf_counter()
-    plan = plan_of(path, system, said)
+    plan = plan_of(path, system, hints)
     found = path_of(path, system, progress) if plan is None else number_moves(plan.moves, progress)
     table = Numbering(found.actions).table()
     heap = NumberedHeap()
@@ -132,7 +132,7 @@ def shorten(
     )
 
 
-def plan_of(path: Path, system: str | None, said: Said) -> Imported | None:
+def plan_of(path: Path, system: str | None, hints: PlanHints) -> Imported | None:
     """Return the plan in a file, a scenario's too; None for recordings and moves files.
 
     InputError as `shorten`; also where a plan's files are named beside what is none.
@@ -144,11 +144,11 @@ def plan_of(path: Path, system: str | None, said: Said) -> Imported | None:
     ):
         raise InputError(f"{path}: empty file, expected what its name says")
     kind = _content(path)
-    if kind not in {"recording", "arrays"} or said.format is not None:
-        found = read_plan(path, said.format, beside=said.beside, system=system)
+    if kind not in {"recording", "arrays"} or hints.format is not None:
+        found = read_plan(path, hints.format, companions=hints.companions, system=system)
         if found is not None:
             return found
-    if said.beside:
+    if hints.companions:
         what = "binary moves file" if kind == "arrays" else kind.replace("moves", "moves file")
         raise InputError(f"{path}: a {what}, which needs no other file: expected no --with")
     return _scenario(path) if _kind(path, system) == "scenario" else None
@@ -158,10 +158,10 @@ def path_of(
     path: Path,
     system: str | None = None,
     progress: Progress | None = None,
-    said: Said = NOTHING_SAID,
+    hints: PlanHints = NO_HINTS,
 ) -> NumberedPath:
     """Return the path in a file, every move of it checked; `shorten` says what is refused."""
-    plan = plan_of(path, system, said)
+    plan = plan_of(path, system, hints)
     if plan is not None:
         return number_moves(plan.moves, progress)
     kind = _kind(path, system)
@@ -196,13 +196,13 @@ def path_of(
 
 
 def moves_of(
-    path: Path, system: str | None = None, said: Said = NOTHING_SAID
+    path: Path, system: str | None = None, hints: PlanHints = NO_HINTS
 ) -> tuple[str, Iterator[PathMove]]:
     """Return what a file is, "recording", "plan" or "moves", and its moves in order.
 
     Each move is checked when its turn comes; `shorten` says what is refused.
     """
-    plan = plan_of(path, system, said)
+    plan = plan_of(path, system, hints)
     if plan is not None:
         return "plan", plan.moves
     kind = _kind(path, system)
@@ -223,7 +223,7 @@ def _arrays(path: Path, start: State | None) -> NumberedPath:
     found = read_moves_npz(path)
     wrong = first_misfit(found, start)
     if wrong is not None:
-        reason = misfit(found.actions[found.numbers[wrong.move]], wrong.state)
+        reason = why_inadmissible(found.actions[found.numbers[wrong.move]], wrong.state)
         raise InputError(f"{path}: moves[{wrong.move}]: {reason}")
     return found
 
@@ -292,16 +292,16 @@ def _recorded(path: Path) -> Iterator[PathMove]:
                 raise InputError(
                     f"{path}: round {step.round}, module_{executed.module}: {error}"
                 ) from None
-            yield PathMove(action, Placed(executed.generator, executed.at), before)
+            yield PathMove(action, GeneratorPlacement(executed.generator, executed.at), before)
 
 
 def _scenario(path: Path) -> Imported:
     scenario = scenario_from_json(path)
     return Imported(
         _planned(path, scenario),
-        scenario.peer_makespan,
+        scenario.planner_rounds,
         lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
-        own_ends=True,
+        labelled_goals=True,
     )
 
 
@@ -314,8 +314,8 @@ def _planned(path: Path, scenario: Scenario) -> Iterator[PathMove]:
         try:
             for cell in (source, target):
                 _expect(cell in free, f"{_text(cell)} is an obstacle or outside, expected free")
-            beside = (source, target) in edges or (target, source) in edges
-            _expect(beside, "no edge of the grid, expected a step to a cell beside")
+            adjacent = (source, target) in edges or (target, source) in edges
+            _expect(adjacent, "no edge of the grid, expected a step to a cell beside")
             _expect(source in taken, f"{_text(source)} is empty, expected a vehicle")
             _expect(target not in taken, f"{_text(target)} is occupied, expected it empty")
         except InputError as error:
@@ -327,7 +327,7 @@ def _planned(path: Path, scenario: Scenario) -> Iterator[PathMove]:
         # The system of one edge says what its action is; that of a large grid takes long to make.
         action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
         actions[ends] = action
-        yield PathMove(action, Placed("edge", ends), frozenset({source}))
+        yield PathMove(action, GeneratorPlacement("edge", ends), frozenset({source}))
 
 
 def _expect(holds: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence

@@ -10,16 +10,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TypeAlias
 
-from cubepath.coordinator.verification.proof import examine
+from cubepath.coordinator.verification.proof import check_proof
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.transcript import Evidence, Fail, site_in
+from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import MoveName, PathMove
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 CHECKS = {
     "form": "each move of the path is in one cancelled pair or in one cube",
@@ -36,7 +36,7 @@ Found: TypeAlias = dict[str, str | None]
 """For each check that was made why it fails, None where it holds."""
 
 
-def look_into(
+def check_certificate(
     certificate: Certificate, path: Sequence[Action], start: frozenset[Site] | None = None
 ) -> Found:
     """Return what comes of checking a certificate against its path; nothing is raised.
@@ -46,7 +46,7 @@ def look_into(
     """
     if certificate.moves != len(path):
         return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}
-    found = examine(path, certificate.cancelled, certificate.cubes, certificate.chain)
+    found = check_proof(path, certificate.cancelled, certificate.cubes, certificate.chain)
     if len(found) > 1 and (start is not None or certificate.end is not None):
         found["end"] = _end(certificate, path, start)
     return found
@@ -101,27 +101,29 @@ def compare_cubes(
 
 
 def _name(name: MoveName) -> str:
-    if isinstance(name, Placed):
+    if isinstance(name, GeneratorPlacement):
         return site_text((name.generator, site_in(name.at)))
     return site_text(name)
 
 
-def check_certificate(scene: Scene, evidence: Evidence, path: Sequence[Action], fail: Fail) -> None:
+def check_recorded_certificate(
+    scene: Scene, transcript: Transcript, path: Sequence[Action], fail: Fail
+) -> None:
     """Check the certificate of a recording, if it has one, as the check `certificate`.
 
     It must be of the moves of all complete rounds, and its cubes must be those on record.
     """
-    certificate = evidence.certificate
+    certificate = transcript.certificate
     if certificate is None:
         return
-    found = look_into(certificate, path, scene.start_state)
+    found = check_certificate(certificate, path, scene.start_state)
     for check, why in found.items():
         if why is not None:
             fail("certificate", f"{check}: {why}")
     if found["form"] is not None:
         return
     ours = [frozenset(path[move - 1] for move in cube) for cube in certificate.cubes]
-    theirs = [_actions(scene.system, cube.moves) for cube in evidence.result]
+    theirs = [_actions(scene.system, cube.moves) for cube in transcript.result]
     for number, (one, other) in enumerate(zip(ours, theirs, strict=False), 1):
         if one != other:
             fail("certificate", f"cube {number} is another than on record")
@@ -130,7 +132,7 @@ def check_certificate(scene: Scene, evidence: Evidence, path: Sequence[Action], 
         fail("certificate", f"it has {len(ours)} cubes, on record are {len(theirs)}")
 
 
-def _actions(system: System, moves: Sequence[Placed]) -> frozenset[Action] | None:
+def _actions(system: System, moves: Sequence[GeneratorPlacement]) -> frozenset[Action] | None:
     try:
         return frozenset(system.action(move.generator, site_in(move.at)) for move in moves)
     except InputError:

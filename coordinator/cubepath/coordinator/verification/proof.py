@@ -1,9 +1,9 @@
 """Checking a certificate: a few lines that trust nothing but what an action is and `commute`.
 
 A certificate of an edge path a1 ... an names the pairs of moves that cancel, the cube of each move
-that remains, and a chain of N dependent moves, N being the number of cubes. `examine` looks at five
-things, and if all hold, then the cubes are a schedule in the homotopy class of the path, and no
-schedule in the class has fewer of them:
+that remains, and a chain of N dependent moves, N being the number of cubes. `check_proof` looks at
+five things, and if all hold, then the cubes are a schedule in the homotopy class of the path, and
+no schedule in the class has fewer of them:
 
 1. `form`: each move of the path is in one pair or in one cube, no other number is, and no cube is
    empty.
@@ -41,7 +41,7 @@ Pairs = Sequence[tuple[int, int]]
 Cubes = Sequence[Sequence[int]]
 
 
-def examine(
+def check_proof(
     path: Sequence[Action], cancelled: Pairs, cubes: Cubes, chain: Sequence[int]
 ) -> dict[str, str | None]:
     """Return for each check why it fails, None where it holds; see the head of this module.
@@ -49,9 +49,9 @@ def examine(
     Moves are meant by their place in the path, from 1. Where `form` fails it is the only check.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
-    >>> examine([step, far, step], [(1, 3)], [[2]], [2])
+    >>> check_proof([step, far, step], [(1, 3)], [[2]], [2])
     {'form': None, 'cancelled': None, 'schedule': None, 'reduced': None, 'chain': None}
-    >>> examine([step, far, step], [(1, 2)], [[3]], [3])["cancelled"]
+    >>> check_proof([step, far, step], [(1, 2)], [[3]], [3])["cancelled"]
     'moves 1 and 2 are a pair, but they are not equal'
     """
     form = _form(len(path), cancelled, cubes)

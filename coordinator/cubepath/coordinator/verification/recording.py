@@ -17,10 +17,10 @@ from typing import Any
 import msgspec
 
 from cubepath.coordinator.normal_form.definitions import is_cube, is_normal, obvious_normal_form
-from cubepath.coordinator.verification.certificate import check_certificate
+from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.rounds import Rederivation, make, why_not
 from cubepath.coordinator.verification.schedule import check_schedule
-from cubepath.coordinator.verification.transcript import Evidence, Fail, evidence_of, site_in
+from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in, transcript_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -124,22 +124,22 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
     fail = _Failures()
     for problem in recording.problems:
         fail("readable", problem)
-    evidence = evidence_of(recording, fail)
+    transcript = transcript_of(recording, fail)
     derived = Rederivation(recording.scene, _seed(recording), fail)
-    for number in range(1, evidence.complete_rounds + 1):
-        derived.round(number, evidence.rounds[number])
+    for number in range(1, transcript.complete_rounds + 1):
+        derived.round(number, transcript.rounds[number])
         if progress is not None:
             progress(1)
-    check_schedule(recording, evidence, fail)
-    derived.check_edges(evidence)
+    check_schedule(recording, transcript, fail)
+    derived.check_edges(transcript)
     normal_form = obvious_normal_form(derived.actions)
     digest = _digest(derived)
-    _check_cubes(recording.scene, evidence, derived, normal_form, fail)
-    check_certificate(recording.scene, evidence, derived.actions, fail)
-    if evidence.summary is not None:
+    _check_cubes(recording.scene, transcript, derived, normal_form, fail)
+    check_recorded_certificate(recording.scene, transcript, derived.actions, fail)
+    if transcript.summary is not None:
         expected = {
-            "round": evidence.complete_rounds,
-            "rounds": evidence.complete_rounds,
+            "round": transcript.complete_rounds,
+            "rounds": transcript.complete_rounds,
             "moves": len(derived.executed),
             "reduced_moves": sum(map(len, normal_form)),
             "cubes": len(normal_form),
@@ -148,13 +148,13 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
             "path_digest": digest,
         }
         most = recording.parameters.get("max_rounds")
-        _check_summary(evidence.summary, expected, most, fail)
+        _check_summary(transcript.summary, expected, most, fail)
     checks = fail.checks()
     return Verification(
         ok=all(check.ok for check in checks),
         checks=checks,
         moves=len(derived.executed),
-        rounds=evidence.complete_rounds,
+        rounds=transcript.complete_rounds,
         cubes=len(normal_form),
         path_digest=digest,
     )
@@ -167,12 +167,12 @@ def recover(path: Path, out: Path) -> Recovered:
     where `out` is the recording itself, or where it cannot be written.
     """
     recording = read_recording(path)
-    evidence = evidence_of(recording, _Failures())
+    transcript = transcript_of(recording, _Failures())
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
     note = f"{count} messages of {path.name}: {problems}"
     messages = copy_recording(recording, out, {"recovered": note})
-    return Recovered(out, messages, evidence.complete_rounds, recording.problems)
+    return Recovered(out, messages, transcript.complete_rounds, recording.problems)
 
 
 def _seed(recording: Recording) -> int | None:
@@ -193,13 +193,13 @@ def _digest(derived: Rederivation) -> str:
 
 def _check_cubes(
     scene: Scene,
-    evidence: Evidence,
+    transcript: Transcript,
     derived: Rederivation,
     normal_form: Sequence[frozenset[Action]],
     fail: Fail,
 ) -> None:
     cubes: list[list[Action]] = []
-    for cube in evidence.result:
+    for cube in transcript.result:
         actions = _actions(scene, cube, fail)
         if actions is None:
             return  # there is nothing to go on with
@@ -207,7 +207,7 @@ def _check_cubes(
     _check_normal(cubes, fail)
     end = _end(scene, cubes, fail)
     found = tuple(map(frozenset, cubes))
-    if evidence.summary is None:
+    if transcript.summary is None:
         # What is missing at the end is known already: those that are there must be the first.
         normal_form = normal_form[: len(found)]
     elif end is not None and end != derived.state:

@@ -10,12 +10,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from hashlib import blake2b
 
-from cubepath.coordinator.verification.transcript import Evidence, Fail, Round, Said, named, site_in
+from cubepath.coordinator.verification.transcript import (
+    Fail,
+    ModuleMessage,
+    Round,
+    Transcript,
+    named,
+    site_in,
+)
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Claim, Executed, Json, Placed, Report, Verdict
+from cubepath.protocol.wire.messages import (
+    Claim,
+    Executed,
+    GeneratorPlacement,
+    Json,
+    Report,
+    Verdict,
+)
 
 Moves = dict[int, Move]
 """Moves by the module that makes them."""
@@ -78,20 +92,20 @@ class Rederivation:
             if placed is not None:
                 self.executed.append((number, Executed(module, placed.generator, placed.at)))
 
-    def check_edges(self, evidence: Evidence) -> None:
+    def check_edges(self, transcript: Transcript) -> None:
         """Check that the coordinator's edges are the moves that modules reported."""
-        last = evidence.complete_rounds
-        for number in sorted(evidence.edges):
+        last = transcript.complete_rounds
+        for number in sorted(transcript.edges):
             if not 1 <= number <= last:
                 self._fail("edges", f"round {number}: edges, but not every module has reported")
         by_round: dict[int, list[Executed]] = {}
         for number, move in self.executed:
             by_round.setdefault(number, []).append(move)
         for number in range(1, last + 1):
-            edges = evidence.edges.get(number)
+            edges = transcript.edges.get(number)
             if edges is None:
                 # A run that was killed may have had no time to write those of its last round.
-                if number < last or evidence.summary is not None:
+                if number < last or transcript.summary is not None:
                     self._fail("edges", f"round {number}: no edges on record")
             elif edges.moves != by_round.get(number, []):
                 self._fail("edges", f"round {number}: the edges are not the moves reported")
@@ -128,7 +142,7 @@ class Rederivation:
             )
 
     def _execute(self, where: str, moves: Moves) -> None:
-        goes: dict[Site, Site] = {}
+        motion: dict[Site, Site] = {}
         for module, move in moves.items():
             # In a round that commutes no move makes another inadmissible.
             why = why_not(move.action, self.state)
@@ -137,8 +151,8 @@ class Rederivation:
                 continue
             make(move.action, self.state)
             self.actions.append(move.action)
-            goes.update(move.goes)
-        self.sites = [goes.get(site, site) for site in self.sites]
+            motion.update(move.motion)
+        self.sites = [motion.get(site, site) for site in self.sites]
         if set(self.sites) | self._system.filled != self.state:
             self._fail("sites", f"{where}: where modules are is not what is on")
 
@@ -200,7 +214,7 @@ class Rederivation:
                 if self._rank(number, rival) < self._rank(number, module)
             }
             if module in claims:
-                waiting |= {source for source, _ in claims[module].goes[1:]}
+                waiting |= {source for source, _ in claims[module].motion[1:]}
             self._check_verdict(
                 f"round {number}, module_{module}: verdict",
                 said.said.get(("verdict", module)),
@@ -226,7 +240,7 @@ class Rederivation:
     def _check_verdict(
         self,
         where: str,
-        verdict: Said | None,
+        verdict: ModuleMessage | None,
         granted: bool | None,  # noqa: FBT001
         waiting: set[Site],
     ) -> None:
@@ -247,7 +261,7 @@ class Rederivation:
             place = self._place(self.sites[module])
             near = {standing[other] for other in self._system.sensed(place) if other in standing}
             within = {standing[other] for other in self._system.reach(place) if other in standing}
-            due: dict[tuple[str, int], Said] = {}
+            due: dict[tuple[str, int], ModuleMessage] = {}
             for kind, speakers in (
                 ("here", near),
                 ("note", within),
@@ -260,7 +274,9 @@ class Rederivation:
                         due[kind, speaker] = message
             self._compare(report, due, said)
 
-    def _compare(self, report: Report, due: Mapping[tuple[str, int], Said], said: Round) -> None:
+    def _compare(
+        self, report: Report, due: Mapping[tuple[str, int], ModuleMessage], said: Round
+    ) -> None:
         heard: set[tuple[str, int]] = set()
         for entry in report.heard:
             key = (entry.kind, entry.module)
@@ -278,11 +294,11 @@ class Rederivation:
             self._fail("hearing", f"{named(report)}: it missed {kind} of module_{speaker}")
 
 
-def _addressed(message: Said, place: Site) -> bool:
+def _addressed(message: ModuleMessage, place: Site) -> bool:
     return not isinstance(message, Verdict) or place in map(site_in, message.to)
 
 
-def _text(placed: Placed) -> str:
+def _text(placed: GeneratorPlacement) -> str:
     return f"{placed.generator} at {placed.at}"
 
 

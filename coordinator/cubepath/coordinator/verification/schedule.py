@@ -8,23 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cubepath.coordinator.verification.transcript import Evidence, Fail, Round, site_in
+from cubepath.coordinator.verification.transcript import Fail, Round, Transcript, site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Go, Placed, Stopped, Summary, decode
+from cubepath.protocol.wire.messages import GeneratorPlacement, Go, Stopped, Summary, decode
 
 _Moves = set[tuple[str, Site | None]]
 
 
-def check_schedule(recording: Recording, evidence: Evidence, fail: Fail) -> None:
+def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> None:
     """Check that the rounds are the cubes of the schedule, and the stop as the modules said.
 
     In the round in which a module cannot make its move the others make theirs. What is after the
     schedule is not looked at here.
     """
-    summary = evidence.summary
+    summary = transcript.summary
     if recording.schedule is None:
         told = summary is not None and (summary.schedule_cubes, summary.schedule_stopped)
         if "schedule" in recording.parameters or told not in (False, (None, None)):
@@ -36,14 +36,16 @@ def check_schedule(recording: Recording, evidence: Evidence, fail: Fail) -> None
         fail("schedule", str(error))
         return
     over = _over(recording)
-    last = evidence.complete_rounds if over is None else min(over, evidence.complete_rounds)
+    last = transcript.complete_rounds if over is None else min(over, transcript.complete_rounds)
     for number in range(1, last + 1):
         if number > len(cubes):
             fail("schedule", f"round {number}: the schedule has {len(cubes)} cubes")
             return
-        _check_round(number, cubes[number - 1], evidence.rounds[number], fail, last=number == last)
+        _check_round(
+            number, cubes[number - 1], transcript.rounds[number], fail, last=number == last
+        )
     if summary is not None:
-        _check_told(summary, cubes, evidence, last, fail)
+        _check_told(summary, cubes, transcript, last, fail)
         if summary.schedule_stopped is None and last != len(cubes):
             if over is not None:
                 fail(
@@ -65,7 +67,7 @@ def _over(recording: Recording) -> int | None:
     return None
 
 
-def _moves(placed: Iterable[Placed]) -> _Moves:
+def _moves(placed: Iterable[GeneratorPlacement]) -> _Moves:
     return {(move.generator, site_in(move.at)) for move in placed}
 
 
@@ -82,7 +84,7 @@ def _gave_up(said: Round) -> list[tuple[int, str]]:
 
 
 def _check_round(
-    number: int, cube: tuple[Placed, ...], said: Round, fail: Fail, *, last: bool
+    number: int, cube: tuple[GeneratorPlacement, ...], said: Round, fail: Fail, *, last: bool
 ) -> None:
     due, made, gave_up = _moves(cube), _made(said), _gave_up(said)
     for what, moves in (("is not in its cube", made - due), ("is not made", due - made)):
@@ -93,14 +95,16 @@ def _check_round(
         fail("schedule", f"it went on after round {number}, where module_{gave_up[0][0]} gave up")
 
 
-def _check_told(summary: Summary, cubes: Cubes, evidence: Evidence, last: int, fail: Fail) -> None:
+def _check_told(
+    summary: Summary, cubes: Cubes, transcript: Transcript, last: int, fail: Fail
+) -> None:
     """Check what the summary says of the schedule."""
     if summary.schedule_cubes != len(cubes):
         fail(
             "schedule",
             f"the summary counts {summary.schedule_cubes} cubes, on record are {len(cubes)}",
         )
-    said = evidence.rounds.get(last, Round())
+    said = transcript.rounds.get(last, Round())
     gave_up = _gave_up(said)
     stopped = summary.schedule_stopped
     if gave_up:
@@ -110,11 +114,11 @@ def _check_told(summary: Summary, cubes: Cubes, evidence: Evidence, last: int, f
             fail("schedule", f"module_{due[1]} gave up in round {last}: {due[2]}")
     elif stopped is not None and (stopped.round, stopped.module) != (last + 1, None):
         fail("schedule", f"the summary says it stopped at round {stopped.round}, nobody else does")
-    if stopped is not None and not _was_due(stopped, cubes, evidence):
+    if stopped is not None and not _was_due(stopped, cubes, transcript):
         fail("schedule", f"it did not stop for {stopped.move.generator}: not due, or it was made")
 
 
-def _was_due(stopped: Stopped, cubes: Cubes, evidence: Evidence) -> bool:
+def _was_due(stopped: Stopped, cubes: Cubes, transcript: Transcript) -> bool:
     cube = cubes[stopped.round - 1] if 1 <= stopped.round <= len(cubes) else ()
     move = _moves([stopped.move])
-    return move <= _moves(cube) and not move <= _made(evidence.rounds.get(stopped.round, Round()))
+    return move <= _moves(cube) and not move <= _made(transcript.rounds.get(stopped.round, Round()))

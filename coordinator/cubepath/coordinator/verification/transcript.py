@@ -1,4 +1,4 @@
-"""Evidence: what a recording says, sorted by round and speaker, before any of it is believed.
+"""A transcript: what a recording says, sorted by round and speaker, before any of it is believed.
 
 Room: coordinator. Part of `cubepath verify`: shares the decoding of messages with the run and
 nothing else.
@@ -32,7 +32,7 @@ from cubepath.protocol.wire.messages import (
     site_of,
 )
 
-Said: TypeAlias = Here | Note | Claim | Verdict
+ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
 """What a module says to its neighbours."""
 Fail = Callable[[str, str], None]
 """Is told the name of a check that fails, and one line on where and why."""
@@ -42,12 +42,12 @@ Fail = Callable[[str, str], None]
 class Round:
     """What modules said in a round, by kind and speaker, and what they reported at its end."""
 
-    said: dict[tuple[str, int], Said] = field(default_factory=dict)
+    said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
     reports: dict[int, Report] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
-class Evidence:
+class Transcript:
     """All that a recording says that counts for its result."""
 
     rounds: dict[int, Round] = field(default_factory=dict)
@@ -64,13 +64,13 @@ class Evidence:
         return tuple(self.cubes[index] for index in sorted(self.cubes))
 
 
-def evidence_of(recording: Recording, fail: Fail) -> Evidence:
+def transcript_of(recording: Recording, fail: Fail) -> Transcript:
     """Sort out a recording; `fail` is told what does not hold already by itself.
 
     Checks `messages` (each decodes, and stands under its own topic and round), `said` and
     `reports` as far as nothing comes twice and differs, and `complete`.
     """
-    found = Evidence()
+    found = Transcript()
     for record in recording.records:
         message = _message(record, fail)
         if message is not None:
@@ -104,7 +104,7 @@ def _message(record: Record, fail: Fail) -> Message | None:
     return message
 
 
-def _sort(found: Evidence, message: Message, modules: int, fail: Fail) -> None:
+def _sort(found: Transcript, message: Message, modules: int, fail: Fail) -> None:
     match message:
         case Here() | Note() | Claim() | Verdict() | Report():
             _sort_said(found, message, modules, fail)
@@ -126,13 +126,15 @@ def _sort(found: Evidence, message: Message, modules: int, fail: Fail) -> None:
             pass
 
 
-def _sort_said(found: Evidence, message: Said | Report, modules: int, fail: Fail) -> None:
+def _sort_said(
+    found: Transcript, message: ModuleMessage | Report, modules: int, fail: Fail
+) -> None:
     check = "reports" if isinstance(message, Report) else "said"
     if not 0 <= message.module < modules:
         fail(check, f"{named(message)}: there is no such module in this run")
         return
     this = found.rounds.setdefault(message.round, Round())
-    known: Said | Report
+    known: ModuleMessage | Report
     if isinstance(message, Report):
         known = this.reports.setdefault(message.module, message)
     else:
@@ -142,12 +144,12 @@ def _sort_said(found: Evidence, message: Said | Report, modules: int, fail: Fail
         fail(check, f"{named(message)} comes twice, and differs")
 
 
-def named(message: Said | Report) -> str:
+def named(message: ModuleMessage | Report) -> str:
     """Return how a message of a module is named in what is said about it."""
     return f"round {message.round}, module_{message.module}: {kind_of(message)}"
 
 
-def _check_reports(found: Evidence, modules: int, fail: Fail) -> None:
+def _check_reports(found: Transcript, modules: int, fail: Fail) -> None:
     reported = [number for number, each in found.rounds.items() if each.reports]
     after = found.complete_rounds + 1
     last = max(reported, default=0)
@@ -161,7 +163,7 @@ def _check_reports(found: Evidence, modules: int, fail: Fail) -> None:
         fail("reports", f"round {min(reported)}: rounds count from 1")
 
 
-def _check_complete(found: Evidence, fail: Fail) -> None:
+def _check_complete(found: Transcript, fail: Fail) -> None:
     summary = found.summary
     if summary is None:
         fail(

@@ -180,12 +180,12 @@ def apply_in_place(action: Action, state: set[Site]) -> None:
     """Change `state` by the action at the cost of its support; InputError if not admissible."""
     index = end_at(action, state)
     if index is None:
-        raise InputError(misfit(action, state))
+        raise InputError(why_inadmissible(action, state))
     state -= action.ends[index]
     state |= action.ends[1 - index]
 
 
-def misfit(action: Action, state: State) -> str:
+def why_inadmissible(action: Action, state: State) -> str:
     """Say in one line why the action is not admissible at the state, naming the first site."""
     name = action.label or repr(action)
     wrong = [in_order((end ^ (action.support & state)) - action.free) for end in action.ends]

@@ -71,15 +71,15 @@ class Generator:
     trace: tuple[Cell, ...]
     before: tuple[Cell, ...]
     after: tuple[Cell, ...]
-    goes: tuple[tuple[Cell, Cell], ...]
+    motion: tuple[tuple[Cell, Cell], ...]
     free: tuple[Cell, ...] = ()
     guards: tuple[tuple[Cell, Cell], ...] = ()
 
     def __post_init__(self) -> None:
-        if not self.goes:
+        if not self.motion:
             raise InputError(f"generator {self.name!r}: no module goes anywhere")
         self.place(Lattice("origin", 0, len(self.support[0]) if self.support else 0, ""), ())
-        sources, targets = zip(*self.goes, strict=True)
+        sources, targets = zip(*self.motion, strict=True)
         trace = set(self.trace)
         if set(sources) != trace & set(self.before) or set(targets) != trace & set(self.after):
             raise InputError(
@@ -111,17 +111,17 @@ class Move:
     action: Action
     generator: str
     at: Site
-    goes: tuple[tuple[Site, Site], ...]
+    motion: tuple[tuple[Site, Site], ...]
 
     @property
     def source(self) -> Site:
         """Return the site of the mover before the move."""
-        return self.goes[0][0]
+        return self.motion[0][0]
 
     @property
     def target(self) -> Site:
         """Return the site of the mover after the move."""
-        return self.goes[0][1]
+        return self.motion[0][1]
 
     def possible(self, state: State) -> bool:
         """Tell whether the action is admissible and its modules are where the move takes them from.
@@ -133,9 +133,9 @@ class Move:
         if end is None:
             return False
         on = self.action.ends[end]
-        if len(self.goes) == 1:  # nearly always: a comprehension would cost as much as the rest
-            return self.goes[0][0] in on
-        return all(source in on for source, _ in self.goes)
+        if len(self.motion) == 1:  # nearly always: a comprehension would cost as much as the rest
+            return self.motion[0][0] in on
+        return all(source in on for source, _ in self.motion)
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,12 +147,12 @@ class _Template:
 
     @property
     def source(self) -> Cell:
-        return self.generator.goes[0][1 if self.reverse else 0]
+        return self.generator.motion[0][1 if self.reverse else 0]
 
-    def goes(self) -> tuple[tuple[Cell, Cell], ...]:
+    def motion(self) -> tuple[tuple[Cell, Cell], ...]:
         if not self.reverse:
-            return self.generator.goes
-        return tuple((after, before) for before, after in self.generator.goes)
+            return self.generator.motion
+        return tuple((after, before) for before, after in self.generator.motion)
 
 
 @dataclass(frozen=True)
@@ -198,10 +198,10 @@ class Catalogue:
             by = lattice.between(template.source, cell)
             if by is None:  # the template is filed under this orbit
                 raise AssertionError(f"{template.generator.name} does not reach {cell}")
-            goes = tuple(
+            motion = tuple(
                 (lattice.shift(source, by), lattice.shift(target, by))
-                for source, target in template.goes()
+                for source, target in template.motion()
             )
             action = template.generator.place(lattice, by)
-            found.append(Move(action, template.generator.name, by, goes))
+            found.append(Move(action, template.generator.name, by, motion))
         return tuple(found)

@@ -22,9 +22,9 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
-from cubepath.protocol.wire.messages import Json, Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement, Json
 
-MoveName: TypeAlias = str | int | Placed
+MoveName: TypeAlias = str | int | GeneratorPlacement
 """How a move is written in a cubes file: its id, or its generator and where that is placed."""
 
 _encode = msgspec.json.Encoder().encode
@@ -123,7 +123,7 @@ def contents_line(
     states: tuple[Iterable[Site], Iterable[Site]] | None,
 ) -> ContentsLine:
     """Return a self-contained line, sites in canonical order; `states` are before and after."""
-    if isinstance(name, Placed):
+    if isinstance(name, GeneratorPlacement):
         raise InputError(f"move {name} has a generator and no id, expected an id")
     both = (None, None) if states is None else tuple(list(in_order(each)) for each in states)
     return ContentsLine(name, list(in_order(support)), list(in_order(trace)), *both)
@@ -255,7 +255,7 @@ class _Reader:
             action = self._placed[key] = self._scene.system.action(*key)
         before = action.support & self._known.on
         apply_in_place(action, self._known.on)
-        return PathMove(action, Placed(line.generator, line.at), before)
+        return PathMove(action, GeneratorPlacement(line.generator, line.at), before)
 
     def _by_name(self, line: ContentsLine, number: int) -> PathMove:
         trace = self._sites.read(line.trace)
@@ -317,7 +317,7 @@ class _Known:
     def __init__(self, start: Iterable[Site] | None) -> None:
         self.on: set[Site] = set(start or ())
         self._whole = start is not None
-        # The sites that are not as the rest: unknown where the whole is known, and known elsewise.
+        # The sites that are not as the rest: unknown where the whole is known, and known otherwise.
         self._odd: set[Site] = set()
 
     def learn(self, support: Iterable[Site], shown: Collection[Site]) -> None:
@@ -380,7 +380,7 @@ def _alike(one: Site, other: Site) -> bool:
 
 
 def _move_line(move: PathMove) -> GeneratorLine | ContentsLine:
-    if isinstance(move.name, Placed):
+    if isinstance(move.name, GeneratorPlacement):
         return GeneratorLine(move.name.generator, move.name.at)
     action = move.action
     support, trace = (known_of_named(move.name, part) for part in (action.support, action.trace))

@@ -27,7 +27,7 @@ from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.wire.messages import Json, Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement, Json
 
 MAGIC = b"PK\x03\x04"
 """What every such file begins with."""
@@ -36,7 +36,7 @@ _MOVES = "cubepath-moves-1"
 _CUBES = "cubepath-cubes-1"
 _T = TypeVar("_T")
 _encode = msgspec.json.Encoder().encode
-_names = msgspec.json.Decoder(list[str | int | Placed]).decode
+_names = msgspec.json.Decoder(list[str | int | GeneratorPlacement]).decode
 _values = msgspec.json.Decoder(list[Json]).decode
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -229,12 +229,12 @@ def _action(number: int, name: MoveName, stated: bool, parts: dict[str, list[Sit
         wrong = "the trace is empty, a move changes something"
     elif len(guards) % 2:
         wrong = f"guards of {len(guards)} sites, expected pairs"
-    elif not stated and isinstance(name, Placed):
+    elif not stated and isinstance(name, GeneratorPlacement):
         wrong = "a generator and no local states, expected an id"
     if wrong:
         raise InputError(f"action {number}: {wrong}")
     try:
-        if not stated and not isinstance(name, Placed):
+        if not stated and not isinstance(name, GeneratorPlacement):
             return named_action(name, parts["support"], parts["trace"])
         return Action(
             parts["support"],

@@ -32,7 +32,7 @@ from cubepath.protocol.path_files.moves import (
     known_of_named,
     named_action,
 )
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 Progress = Callable[[int], object]
 """Called now and then with how many moves have come in since the last call."""
@@ -75,7 +75,7 @@ class NumberedPath:
             zip(self.numbers.tolist(), self.ends.tolist(), strict=True)
         ):
             action, name = self.actions[number], self.name(move)
-            if not isinstance(name, Placed):
+            if not isinstance(name, GeneratorPlacement):
                 label = _encode(name).decode()
                 if label != action.label:
                     action = action.labelled(label)
@@ -106,7 +106,7 @@ def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) ->
     while some := list(islice(rest, PORTION)):
         for move in some:
             action = move.action
-            stated = move.before is not None or isinstance(move.name, Placed)
+            stated = move.before is not None or isinstance(move.name, GeneratorPlacement)
             number = kept.add(action, move.name, stated=stated)
             end = -1 if move.before is None else int(action.ends[0] != move.before - action.free)
             kept.numbers.append(number)
@@ -114,7 +114,7 @@ def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) ->
             names.append(move.name)
         if progress is not None:
             progress(len(some))
-    if all(isinstance(name, Placed) for name in names):
+    if all(isinstance(name, GeneratorPlacement) for name in names):
         return kept.path(None)
     return kept.path(names)
 
@@ -142,7 +142,7 @@ def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
             if tail is None:
                 tail = tails[key] = _tail(path, *key)
             name = path.action_names[key[0]] if names is None else names[move]
-            if isinstance(name, Placed):
+            if isinstance(name, GeneratorPlacement):
                 portion.append(tail)
             else:
                 portion.append(b'{"id":' + _encode(name) + tail)
@@ -153,7 +153,7 @@ def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
 def _tail(path: NumberedPath, number: int, end: int) -> bytes:
     """Return the line of a move by its generator, or what follows on its id."""
     action, name = path.actions[number], path.action_names[number]
-    if isinstance(name, Placed):
+    if isinstance(name, GeneratorPlacement):
         return _encode(GeneratorLine(name.generator, name.at)) + b"\n"
     support, trace = (known_of_named(name, part) for part in (action.support, action.trace))
     if not path.stated[number]:
@@ -274,7 +274,7 @@ class _Numberer:
             raise IrregularError("a generator without a system")
         found = _generator(line)
         action = self._scene.system.action(found.generator, site_from_json(found.at))
-        number = self._kept.add(action, Placed(found.generator, found.at))
+        number = self._kept.add(action, GeneratorPlacement(found.generator, found.at))
         if len(self._lines) >= _KEPT:
             self._lines.clear()
         self._lines[line] = number

@@ -14,18 +14,18 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.path_files.moves import CubeLine
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
-Cubes: TypeAlias = tuple[tuple[Placed, ...], ...]
+Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
 """The cubes of a schedule; the first is that of round 1."""
-OwnMoves: TypeAlias = Mapping[int, Placed]
+OwnMoves: TypeAlias = Mapping[int, GeneratorPlacement]
 """A module's own part of a schedule: by round, the move of which it is the mover."""
 
 _encoder = msgspec.json.Encoder()
 _decoder = msgspec.json.Decoder(CubeLine)
 
 
-def schedule_to_jsonl(cubes: Iterable[Iterable[Placed]]) -> bytes:
+def schedule_to_jsonl(cubes: Iterable[Iterable[GeneratorPlacement]]) -> bytes:
     """Return a schedule as text, a cube a line."""
     return _encoder.encode_lines(CubeLine(list(cube)) for cube in cubes)
 
@@ -39,14 +39,16 @@ def schedule_from_jsonl(text: bytes) -> Cubes:
     return tuple(by_generator(number, line.moves) for number, line in enumerate(lines, 1))
 
 
-def by_generator(number: int, moves: Iterable[str | int | Placed]) -> tuple[Placed, ...]:
+def by_generator(
+    number: int, moves: Iterable[str | int | GeneratorPlacement]
+) -> tuple[GeneratorPlacement, ...]:
     """Return the moves of a cube; InputError where one is named by an id, or is at no site.
 
     `number` is that of the cube, for the error.
     """
-    found: list[Placed] = []
+    found: list[GeneratorPlacement] = []
     for move in moves:
-        if not isinstance(move, Placed):
+        if not isinstance(move, GeneratorPlacement):
             named = msgspec.json.encode(move).decode()
             raise InputError(
                 f"cube {number}: move {named} is named by an id, expected generator and place:"

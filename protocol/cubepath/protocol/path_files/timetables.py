@@ -23,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
 from cubepath.protocol.path_files.moves import MoveName
-from cubepath.protocol.wire.messages import Json, Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement, Json
 
 FORMAT = "cubepath-durations-1"
 
@@ -48,23 +48,33 @@ class Durations:
 
     def of(self, name: MoveName) -> Fraction:
         """Return how long a move takes that is written so."""
-        if not isinstance(name, Placed):
+        if not isinstance(name, GeneratorPlacement):
             return self.named.get(str(name), self.default)
         by_name = self.named.get(name.generator, self.default)
         return self.placed.get(_place(name), by_name) if self.placed else by_name
 
     def is_placed(self, name: MoveName) -> bool:
         """Tell whether a duration is given for a move by its place."""
-        return bool(self.placed) and isinstance(name, Placed) and _place(name) in self.placed
+        return (
+            bool(self.placed)
+            and isinstance(name, GeneratorPlacement)
+            and _place(name) in self.placed
+        )
 
     def unused(self, names: Iterable[MoveName]) -> str | None:
         """Return the first duration that is of none of these moves, in words, else None."""
         known = list(names)
-        used = {name.generator if isinstance(name, Placed) else str(name) for name in known}
+        used = {
+            name.generator if isinstance(name, GeneratorPlacement) else str(name) for name in known
+        }
         for text in self.named:
             if text not in used:
                 return f"{text!r} is no generator and no id of a move"
-        places = {_place(name) for name in known if isinstance(name, Placed)} if self.placed else ()
+        places = (
+            {_place(name) for name in known if isinstance(name, GeneratorPlacement)}
+            if self.placed
+            else ()
+        )
         for generator, at in self.placed:
             if (generator, at) not in places:
                 return f"generator {generator!r} at {at!r} is no move"
@@ -75,7 +85,7 @@ class Durations:
         return replace(self, named={**self.named, **named})
 
 
-def _place(name: Placed) -> tuple[str, Site]:
+def _place(name: GeneratorPlacement) -> tuple[str, Site]:
     return name.generator, site_from_json(name.at)
 
 

@@ -52,22 +52,22 @@ def read_cgshop2021(request: Request) -> Imported:
     """Read a solution, with its instance beside it; InputError as `Imported` says."""
     path = request.path
     no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
-    beside = only(request, "instance")
-    instance = decode_file(beside, _Instance)
+    companion = only(request, "instance")
+    instance = decode_file(companion, _Instance)
     solution = decode_file(path, _Solution)
     if instance.name not in (None, solution.instance):
         raise InputError(
-            f"{path}: a solution of {solution.instance!r}, but {beside} is {instance.name!r}"
+            f"{path}: a solution of {solution.instance!r}, but {companion} is {instance.name!r}"
         )
     if len(instance.starts) != len(instance.targets):
         raise InputError(
-            f"{beside}: {len(instance.starts)} starts and {len(instance.targets)} targets"
+            f"{companion}: {len(instance.starts)} starts and {len(instance.targets)} targets"
         )
     obstacles = frozenset(instance.obstacles)
     try:
         vehicles = Vehicles(instance.starts, lambda cell: cell not in obstacles, called="robot")
     except InputError as error:
-        raise InputError(f"{beside}: {error}") from None
+        raise InputError(f"{companion}: {error}") from None
 
     def moves() -> Iterator[PathMove]:
         for number, step in enumerate(solution.steps):
@@ -83,10 +83,10 @@ def read_cgshop2021(request: Request) -> Imported:
             for who, cell in _targets(step, at).items():
                 at[who] = cell
                 named.append(cell)
-        graph = graph_round(str(beside), named, obstacles)
+        graph = graph_round(str(companion), named, obstacles)
         return vehicles_scene(str(path), graph, instance.starts, instance.targets)
 
-    return Imported(moves(), len(solution.steps), scene, own_ends=True)
+    return Imported(moves(), len(solution.steps), scene, labelled_goals=True)
 
 
 def _targets(step: Mapping[str, str], at: list[Cell]) -> dict[int, Cell]:

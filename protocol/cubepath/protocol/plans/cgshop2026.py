@@ -34,7 +34,7 @@ from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_
 from cubepath.protocol.plans.triangles import Triangles
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
 from cubepath.protocol.systems.point_sets import Edge, Point, Quadrilateral, edge_of
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
 
@@ -63,12 +63,12 @@ def read_cgshop2026(request: Request) -> Imported:
     """Read the flips of one triangulation, with the instance beside; InputError as `Imported`."""
     path = request.path
     no_system(request, "a CG:SHOP 2026 solution, whose instance says what the system is")
-    beside = only(request, "instance")
-    instance, solution = decode_file(beside, _Instance), decode_file(path, _Solution)
-    _check_pair(request, beside, instance, solution)
-    points = _points(beside, instance)
+    companion = only(request, "instance")
+    instance, solution = decode_file(companion, _Instance), decode_file(path, _Solution)
+    _check_pair(request, companion, instance, solution)
+    points = _points(companion, instance)
     chosen = _chosen(path, request.values["triangulation"], len(solution.flips))
-    where = f"{beside}: triangulations[{chosen}]"
+    where = f"{companion}: triangulations[{chosen}]"
     edges = [_edge(edge, len(points), where) for edge in instance.triangulations[chosen]]
     try:
         triangles = Triangles(points, edges)
@@ -90,24 +90,26 @@ def read_cgshop2026(request: Request) -> Imported:
         try:
             system = FlipSystem(points)
         except InputError as error:
-            raise InputError(f"{beside}: {error}") from None
+            raise InputError(f"{companion}: {error}") from None
         return Scene(str(path), "triangulation", system, system.modules_of(start))
 
     return Imported(moves(), len(rounds), scene)
 
 
-def _check_pair(request: Request, beside: Path, instance: _Instance, solution: _Solution) -> None:
+def _check_pair(
+    request: Request, companion: Path, instance: _Instance, solution: _Solution
+) -> None:
     """Check that both files are what they say, and of one instance."""
     path = request.path
     for where, found, expected in (
-        (beside, instance.content_type, _INSTANCE),
+        (companion, instance.content_type, _INSTANCE),
         (path, solution.content_type, _SOLUTION),
     ):
         if found != expected:
             raise InputError(f"{where}: content_type is {found!r}, expected {expected!r}")
     if instance.instance_uid != solution.instance_uid:
         raise InputError(
-            f"{path}: a solution of {solution.instance_uid!r}, but {beside} is"
+            f"{path}: a solution of {solution.instance_uid!r}, but {companion} is"
             f" {instance.instance_uid!r}"
         )
     if len(solution.flips) != len(instance.triangulations):
@@ -184,4 +186,4 @@ def _move(edge: Edge, corners: tuple[int, int, int, int]) -> PathMove:
     sides = frozenset((edge_of(a, d), edge_of(d, b), edge_of(b, c), edge_of(c, a)))
     first, second = sorted((edge, edge_of(c, d)))
     move = flip_of(Quadrilateral((first, second), sides))
-    return PathMove(move.action, Placed("flip", move.at), sides | {edge})
+    return PathMove(move.action, GeneratorPlacement("flip", move.at), sides | {edge})

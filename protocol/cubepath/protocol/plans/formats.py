@@ -27,14 +27,14 @@ from cubepath.protocol.plans.plain import looks_like_plain, read_plain
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class PlanHints:
     """What a user says of a plan: `name` or `name:key=value,...`, and the files it is about."""
 
     format: str | None = None
-    beside: tuple[Path, ...] = ()
+    companions: tuple[Path, ...] = ()
 
 
-NOTHING_SAID = Said()
+NO_HINTS = PlanHints()
 _HEAD = 1 << 16
 """Bytes that are looked at to tell what a file is."""
 _OURS = re.compile(rb'\s*\{\s*"(generator|at|id|support|trace|before|after)"\s*:')
@@ -109,7 +109,7 @@ def read_plan(
     path: Path,
     spec: str | None = None,
     *,
-    beside: Sequence[Path] = (),
+    companions: Sequence[Path] = (),
     system: str | None = None,
 ) -> Imported | None:
     """Read a plan; what it is says `spec`, `name` or `name:key=value,...`, or else its content.
@@ -135,7 +135,7 @@ def read_plan(
             raise InputError(f"--format {spec}: key {key!r} stands twice")
         given.add(key)
         values[key] = value
-    return known.read(Request(path, tuple(beside), values, system))
+    return known.read(Request(path, tuple(companions), values, system))
 
 
 def _looks(path: Path) -> str | None:

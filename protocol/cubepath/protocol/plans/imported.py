@@ -25,7 +25,7 @@ class Request:
     """What a reader is asked for: a plan, the files it is about, and the values of its keys."""
 
     path: Path
-    beside: Sequence[Path] = ()
+    companions: Sequence[Path] = ()
     values: Mapping[str, str] = field(default_factory=dict[str, str])
     system: str | None = None
 
@@ -37,13 +37,13 @@ class Imported:
     `moves` yields each move as soon as it is checked, and raises InputError at the first that is
     not as it must be. `rounds` is how many rounds the planner has counted itself, None where the
     file does not say. `scene` builds the system with the start, which can take long; its vehicles
-    have `own_ends` where they bear no labels but each is to end where it does.
+    have `labelled_goals` where they bear no labels but each is to end where it does.
     """
 
     moves: Iterator[PathMove]
     rounds: int | None
     scene: Callable[[], Scene]
-    own_ends: bool = False
+    labelled_goals: bool = False
 
 
 def decode_file(path: Path, type_: type[_T]) -> _T:
@@ -60,19 +60,22 @@ def decode_file(path: Path, type_: type[_T]) -> _T:
 
 def only(request: Request, what: str) -> Path:
     """Return the one file that the plan is about; InputError where there is none, or are more."""
-    if not request.beside:
+    if not request.companions:
         raise InputError(f"{request.path}: says nothing of its {what}: expected --with FILE")
-    if len(request.beside) > 1:
+    if len(request.companions) > 1:
         raise InputError(
-            f"{request.beside[1]}: a second file beside the plan, expected one --with: its {what}"
+            f"{request.companions[1]}: a second file beside the plan,"
+            f" expected one --with: its {what}"
         )
-    return request.beside[0]
+    return request.companions[0]
 
 
 def none_beside(request: Request) -> None:
     """Raise InputError where files are given that the format has no use for."""
-    if request.beside:
-        raise InputError(f"{request.beside[0]}: {request.path} says all itself, expected no --with")
+    if request.companions:
+        raise InputError(
+            f"{request.companions[0]}: {request.path} says all itself, expected no --with"
+        )
 
 
 def no_system(request: Request, what: str) -> None:

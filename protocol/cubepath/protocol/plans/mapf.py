@@ -243,7 +243,7 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
         known = plan.goals if goals is None else goals[: len(first)]
         return vehicles_scene(str(path), graph, first, known)
 
-    return Imported(moves(), plan.steps, scene, own_ends=True)
+    return Imported(moves(), plan.steps, scene, labelled_goals=True)
 
 
 def _beside(
@@ -252,15 +252,15 @@ def _beside(
     """Return the map, and starts and goals of the scenario if one is given."""
     graph: Graph | None = None
     scenario: tuple[list[Cell], list[Cell]] | None = None
-    for beside in request.beside:
-        is_scenario = re.match(r"\s*version\b", read_text(beside)) is not None
+    for companion in request.companions:
+        is_scenario = re.match(r"\s*version\b", read_text(companion)) is not None
         if (scenario if is_scenario else graph) is not None:
             what = "scenario" if is_scenario else "map"
-            raise InputError(f"{beside}: a second {what}, expected one")
+            raise InputError(f"{companion}: a second {what}, expected one")
         if is_scenario:
-            scenario = _scenario(beside)
+            scenario = _scenario(companion)
         else:
-            graph = graph_from_map(beside)
+            graph = graph_from_map(companion)
     if graph is None:
         named = "" if plan.map_name is None else f" {plan.map_name}"
         raise InputError(f"{request.path}: a plan on a map: expected the map{named}, --with FILE")

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import msgspec
 
-from cubepath.protocol.core.actions import apply_in_place, misfit
+from cubepath.protocol.core.actions import apply_in_place, why_inadmissible
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
@@ -31,7 +31,7 @@ from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, none_beside, text
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graphs import read_text
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 _LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
 _EXAMPLE = "'(0,0) -> (1,0)', maybe with 'about (0,1)'"
@@ -53,9 +53,9 @@ class _Line:
 
     def names(self, move: Move) -> bool:
         """Tell whether a move takes a module, or a whole run, from the one site to the other."""
-        if (self.source, self.target) not in move.goes:
-            sources = {source for source, _ in move.goes}
-            targets = {target for _, target in move.goes}
+        if (self.source, self.target) not in move.motion:
+            sources = {source for source, _ in move.motion}
+            targets = {target for _, target in move.motion}
             if (sources - targets, targets - sources) != ({self.source}, {self.target}):
                 return False
         action = move.action
@@ -94,7 +94,7 @@ def read_plain(request: Request) -> Imported:
                 raise InputError(f"{path}:{number}: {error}") from None
             before = move.action.support & state
             apply_in_place(move.action, state)
-            yield PathMove(move.action, Placed(move.generator, move.at), before)
+            yield PathMove(move.action, GeneratorPlacement(move.generator, move.at), before)
 
     return Imported(moves(), None, lambda: scene)
 
@@ -139,7 +139,7 @@ def _resolved(line: _Line, system: System, state: set[Site]) -> Move:
     if not named:
         taken = f", and {text(line.target)} is on" if line.target in state else ""
         raise InputError(f"{line}: no move of the system goes so{taken}")
-    raise InputError(f"{line}: {_listed(misfit(move.action, state) for move in named)}")
+    raise InputError(f"{line}: {_listed(why_inadmissible(move.action, state) for move in named)}")
 
 
 def _named(line: _Line, system: System, state: set[Site], sites: Iterable[Site]) -> list[Move]:

@@ -21,7 +21,7 @@ from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import text
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Graph
-from cubepath.protocol.wire.messages import Placed
+from cubepath.protocol.wire.messages import GeneratorPlacement
 
 Cell = tuple[int, int]
 
@@ -122,7 +122,7 @@ class Vehicles:
                 "edge", ends
             )
             self._actions[ends] = action
-            made = PathMove(action, Placed("edge", ends), frozenset((source,)))
+            made = PathMove(action, GeneratorPlacement("edge", ends), frozenset((source,)))
             self._made[source, cell] = made
         return made
 

@@ -34,7 +34,7 @@ class _GeneratorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=
     trace: list[list[int]]
     before: list[list[int]]
     after: list[list[int]]
-    goes: list[tuple[list[int], list[int]]]
+    motion: list[tuple[list[int], list[int]]] = msgspec.field(name="goes")
     free: list[list[int]] = []
     guards: list[tuple[list[int], list[int]]] = []
 
@@ -66,7 +66,7 @@ class _MoveTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     trace: list[Any]
     before: list[Any]
     after: list[Any]
-    goes: list[tuple[Any, Any]]
+    motion: list[tuple[Any, Any]] = msgspec.field(name="goes")
     free: list[Any] = []
     guards: list[tuple[Any, Any]] = []
 
@@ -162,7 +162,7 @@ def _lattice(table: _LatticeTable) -> LatticeSystem:
             trace=_cells(generator.trace),
             before=_cells(generator.before),
             after=_cells(generator.after),
-            goes=tuple((tuple(a), tuple(b)) for a, b in generator.goes),
+            motion=tuple((tuple(a), tuple(b)) for a, b in generator.motion),
             free=_cells(generator.free),
             guards=tuple((tuple(a), tuple(b)) for a, b in generator.guards),
         )
@@ -209,7 +209,7 @@ def _move(table: _MoveTable) -> Move:
         guards=_pairs(table.guards),
         label=f"{table.generator} at {site_text(at)}",
     )
-    return Move(action, table.generator, at, tuple(_pairs(table.goes)))
+    return Move(action, table.generator, at, tuple(_pairs(table.motion)))
 
 
 def _pairs(values: Iterable[tuple[Any, Any]]) -> list[tuple[Site, Site]]:
@@ -287,21 +287,28 @@ def _list_table(system: TabledSystem) -> dict[str, Any]:
 
 
 def _generator(generator: Generator) -> dict[str, Any]:
-    keys = ("support", "trace", "before", "after", "goes", "free", "guards")
-    found = {key: _json(getattr(generator, key)) for key in keys}
+    found = {
+        "support": _json(generator.support),
+        "trace": _json(generator.trace),
+        "before": _json(generator.before),
+        "after": _json(generator.after),
+        "goes": _json(generator.motion),
+        "free": _json(generator.free),
+        "guards": _json(generator.guards),
+    }
     return {"name": generator.name, **{key: value for key, value in found.items() if value}}
 
 
 def _listed_move(move: Move) -> dict[str, Any]:
     action = move.action
-    sources = frozenset(source for source, _ in move.goes)
+    sources = frozenset(source for source, _ in move.motion)
     ends = action.ends if sources <= action.ends[0] else action.ends[::-1]
     found = {
         "support": _json(in_order(action.support)),
         "trace": _json(in_order(action.trace)),
         "before": _json(in_order(ends[0])),
         "after": _json(in_order(ends[1])),
-        "goes": _json(move.goes),
+        "goes": _json(move.motion),
     }
     if action.free:
         found["free"] = _json(in_order(action.free))

@@ -39,7 +39,7 @@ class Scenario:
     goals: tuple[Site, ...]
     moves: tuple[Edge, ...]
     source: str
-    peer_makespan: int | None = None
+    planner_rounds: int | None = None
 
 
 def grid_graph(free: set[tuple[int, int]]) -> Graph:
@@ -190,7 +190,7 @@ class _ScenarioFile(msgspec.Struct):
     moves: list[tuple[tuple[int, int], tuple[int, int]]] = []
     grid: tuple[int, int] | None = None
     source: str = ""
-    peer_makespan: int | None = None
+    planner_rounds: int | None = msgspec.field(default=None, name="peer_makespan")
 
 
 def scenario_from_json(path: Path) -> Scenario:
@@ -232,5 +232,5 @@ def scenario_from_json(path: Path) -> Scenario:
         goals=tuple(found.goals),
         moves=tuple(found.moves),
         source=found.source,
-        peer_makespan=found.peer_makespan,
+        planner_rounds=found.planner_rounds,
     )

@@ -181,10 +181,10 @@ class _Neighbourhoods:
                     found.add(cell)
         # Whom a move takes along has to hear of it, even one that has no move of its own; and
         # reach is mutual.
-        found |= {source for move in proposals[orbit] for source, _ in move.goes[1:]}
+        found |= {source for move in proposals[orbit] for source, _ in move.motion[1:]}
         for other, moves in proposals.items():
             for move in moves:
-                for source, _ in move.goes[1:]:
+                for source, _ in move.motion[1:]:
                     by = lattice.between(lattice.check(source), orbit)
                     if by is not None:
                         found.add(lattice.shift(other, by))

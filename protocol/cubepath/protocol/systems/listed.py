@@ -93,10 +93,10 @@ class TabledSystem(System):
             raise InputError(f"{move.generator} at {move.at!r} stands twice among the moves")
         self.by_name[key] = move
         action = move.action
-        sources = frozenset(source for source, _ in move.goes)
-        targets = frozenset(target for _, target in move.goes)
+        sources = frozenset(source for source, _ in move.motion)
+        targets = frozenset(target for _, target in move.motion)
         ends = {end & action.trace for end in action.ends}
-        if {sources, targets} != ends or not len(sources) == len(targets) == len(move.goes):
+        if {sources, targets} != ends or not len(sources) == len(targets) == len(move.motion):
             raise InputError(
                 f"{action.label}: 'goes' must take every site of the trace that is on before to"
                 " one that is on after, and at least one"
@@ -104,7 +104,7 @@ class TabledSystem(System):
         if action.trace & self.filled:
             stray = in_order(action.trace & self.filled)[0]
             raise InputError(f"{action.label}: its trace holds {stray!r}, which is fixed")
-        back = Move(action, move.generator, move.at, tuple((b, a) for a, b in move.goes))
+        back = Move(action, move.generator, move.at, tuple((b, a) for a, b in move.motion))
         for each in (move, back):
             self._by_source.setdefault(each.source, []).append(each)
             place = self.place_of(each.source)
@@ -149,7 +149,7 @@ class TabledSystem(System):
         found: set[Site] = set()
         for own in self._sites_at[place]:
             for move in self._by_source.get(own, ()):
-                found |= {self.place_of(source) for source, _ in move.goes[1:]}
+                found |= {self.place_of(source) for source, _ in move.motion[1:]}
                 near = [self._readers[site] for site in move.action.trace]
                 near += [self._writers.get(site, {}) for site in move.action.support]
                 for there, others in chain.from_iterable(map(dict.items, near)):
@@ -158,7 +158,7 @@ class TabledSystem(System):
                     ):
                         found.add(there)
             for move in chain.from_iterable(self._writers.get(own, {}).values()):
-                if any(source == own for source, _ in move.goes[1:]):
+                if any(source == own for source, _ in move.motion[1:]):
                     found.add(self.place_of(move.source))
         return in_order(found - {place})
 

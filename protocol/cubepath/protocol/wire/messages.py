@@ -56,7 +56,7 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
     to: list[Json]
 
 
-class Placed(msgspec.Struct, frozen=True):
+class GeneratorPlacement(msgspec.Struct, frozen=True):
     """An action by the name of its generator and where it is placed."""
 
     generator: str
@@ -83,7 +83,7 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     before: Json
     site: Json
     claim: Literal["none", "granted", "lost"]
-    move: Placed | None
+    move: GeneratorPlacement | None
     heard: list[Heard]
     failed: str | None = None
 
@@ -115,7 +115,7 @@ class Ready(msgspec.Struct, frozen=True, tag_field="kind", tag="ready"):
 
 
 class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
-    """A module flown from outside sends its PettingZoo observation, as flat lists."""
+    """A module driven from outside sends its PettingZoo observation, as flat lists."""
 
     round: int
     module: int
@@ -125,7 +125,7 @@ class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
 
 
 class Act(msgspec.Struct, frozen=True, tag_field="kind", tag="act"):
-    """The action for a module flown from outside."""
+    """The action for a module driven from outside."""
 
     round: int
     module: int
@@ -153,7 +153,7 @@ class Cube(msgspec.Struct, frozen=True, tag_field="kind", tag="cube"):
 
     round: int
     index: int
-    moves: list[Placed]
+    moves: list[GeneratorPlacement]
 
 
 class Certified(msgspec.Struct, frozen=True, tag_field="kind", tag="certificate"):
@@ -172,7 +172,7 @@ class Stopped(msgspec.Struct, frozen=True):
 
     round: int
     module: int | None
-    move: Placed
+    move: GeneratorPlacement
     reason: str
 
 
@@ -256,7 +256,9 @@ def site_of(value: Json) -> Site:
 
 def schema_of(kind: str) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of a kind of message, as it stands in recordings."""
-    schema = msgspec.json.schema(KINDS[kind])
+    # Recordings have named this definition "Placed" since their first version, and go on doing so.
+    text = msgspec.json.encode(msgspec.json.schema(KINDS[kind]))
+    schema = msgspec.json.decode(text.replace(b"GeneratorPlacement", b"Placed"))
     # Viewers want the top object itself, not a reference to it.
     definitions = schema.pop("$defs", {})
     name = str(schema.pop("$ref", "")).rpartition("/")[2]

@@ -29,7 +29,7 @@ def arm_catalogue() -> Catalogue:
         before=(right, right_then_up),
         after=(up, up_then_right),
         # Segments keep their order along the arm: each turns in its place.
-        goes=((right, up), (right_then_up, up_then_right)),
+        motion=((right, up), (right_then_up, up_then_right)),
     )
     rotate = Generator(
         name="rotate",
@@ -37,7 +37,7 @@ def arm_catalogue() -> Catalogue:
         trace=(right, up),
         before=(right,),
         after=(up,),
-        goes=((right, up),),
+        motion=((right, up),),
     )
     return Catalogue(EDGES, (flip, rotate))
 

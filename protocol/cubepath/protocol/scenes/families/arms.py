@@ -99,7 +99,7 @@ def _attachments() -> Iterable[Generator]:
                     trace=(old, new, free, marked),
                     before=(old, other, free),
                     after=(new, other, marked),
-                    goes=((old, new), (free, marked)),
+                    motion=((old, new), (free, marked)),
                 )
 
 
@@ -131,7 +131,7 @@ def _slides() -> Iterable[Generator]:
                     trace=(here, there_free, here_free, there),
                     before=(*arms, here, there_free),
                     after=(*arms, here_free, there),
-                    goes=((here, here_free), (there_free, there)),
+                    motion=((here, here_free), (there_free, there)),
                 )
 
 
@@ -184,11 +184,11 @@ def _placed(
 
     before, after = map(sites, action.ends)
     renamed = Action(sites(action.support), sites(action.trace), before, after, label=action.label)
-    goes = tuple(
+    motion = tuple(
         (names[_LATTICE.shift(source, at)], names[_LATTICE.shift(target, at)])
-        for source, target in generator.goes
+        for source, target in generator.motion
     )
-    return Move(renamed, generator.name, at, goes)
+    return Move(renamed, generator.name, at, motion)
 
 
 def _arms(name: str, values: Values) -> Scene:

@@ -55,7 +55,7 @@ def flips() -> tuple[Generator, ...]:
         after = tuple(edge for edge in square if edge in edges_at(opposite))
         around = [edge for end in (corner, opposite) for edge in edges_at(end)]
         # Segments keep their order along the arm, so each keeps the end that is not at the corner.
-        goes = tuple(
+        motion = tuple(
             (edge, next(other for other in after if set(_ends(edge)) & set(_ends(other))))
             for edge in before
         )
@@ -66,7 +66,7 @@ def flips() -> tuple[Generator, ...]:
                 trace=square,
                 before=before,
                 after=after,
-                goes=goes,
+                motion=motion,
             )
         )
     return tuple(found)
@@ -92,7 +92,7 @@ def end_rotations() -> tuple[Generator, ...]:
                 trace=trace,
                 before=trace[:1],
                 after=trace[1:],
-                goes=(trace,),
+                motion=(trace,),
             )
         )
     return tuple(found)

@@ -53,7 +53,7 @@ def hex_catalogue(*, keeps_topology: bool) -> Catalogue:
                     trace=(here, there),
                     before=(here, pivot),
                     after=(there, pivot),
-                    goes=((here, there),),
+                    motion=((here, there),),
                 )
             )
     return Catalogue(HEXAGONS, tuple(found))

@@ -55,7 +55,7 @@ def _slide(name: str, k: int, axis: int) -> Generator:
         trace=tuple(inner),
         before=tuple(inner[:-1]),
         after=tuple(inner[1:]),
-        goes=tuple(pairwise(inner)),
+        motion=tuple(pairwise(inner)),
         free=beside,
         guards=guards,
     )

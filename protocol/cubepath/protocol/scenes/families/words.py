@@ -86,16 +86,16 @@ def word_moves(length: int, relations: Iterable[tuple[str, str]]) -> tuple[Move,
         for begin in range(length - len(left) + 1):
             before = [(begin + k, letter) for k, letter in enumerate(left)]
             after = [(begin + k, letter) for k, letter in enumerate(right)]
-            goes = tuple((a, b) for a, b in zip(before, after, strict=True) if a != b)
+            motion = tuple((a, b) for a, b in zip(before, after, strict=True) if a != b)
             name = f"{left}~{right}"
             action = Action(
                 [*before, *after],
-                [site for pair in goes for site in pair],
+                [site for pair in motion for site in pair],
                 before,
                 after,
                 label=f"{name} at {begin}",
             )
-            found.append(Move(action, name, begin, goes))
+            found.append(Move(action, name, begin, motion))
     return tuple(found)
 
 
