@@ -11,7 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from cubepath.coordinator.runs.run import Plan, run
+from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.protocol.recordings.recording import Record, Recording, read_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Message, decode, encode

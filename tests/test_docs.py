@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.agents import RuleType, parallel_env
-from cubepath.agents.environments.play import play
+from cubepath.agents.environments.rollout import play
 from cubepath.coordinator.commands.main import main
 from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.shortening.shorten import shorten
+from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.moves import write_cubes

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import complexes
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.links import check_links
-from cubepath.coordinator.complexes.state_complex import StateComplex, f_vector, state_complex
+from cubepath.coordinator.complexes.state_complexes import StateComplex, f_vector, state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 ARMS = [f"arm:n={count}" for count in range(12, 19)]

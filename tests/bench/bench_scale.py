@@ -29,7 +29,7 @@ from bench_shorten import exponent, random_walk, seconds
 from cubepath.coordinator.normal_form.array_heap import ActionTable, NumberedHeap, normal_form
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap, Numbering
 from cubepath.coordinator.normal_form.kernel import Numbers
-from cubepath.coordinator.shortening.shorten import shorten
+from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.sites import in_order

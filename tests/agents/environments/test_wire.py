@@ -14,7 +14,7 @@ import pytest
 import zenoh
 
 from cubepath.agents import parallel_env
-from cubepath.agents.environments.play import Played, play
+from cubepath.agents.environments.rollout import Played, play
 from cubepath.agents.processes.fleet import Fleet, ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.system import Scene

@@ -13,8 +13,8 @@ from cubepath.coordinator.complexes.drawing import VERTICES_MAX, layout
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.export import to_networkx
 from cubepath.coordinator.complexes.report import report
-from cubepath.coordinator.complexes.shape_complex import shape_complex
-from cubepath.coordinator.complexes.state_complex import state_complex
+from cubepath.coordinator.complexes.shape_complexes import shape_complex
+from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 Capture = pytest.CaptureFixture[str]

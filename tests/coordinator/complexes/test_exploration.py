@@ -13,8 +13,8 @@ import complexes
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.links import check_links
-from cubepath.coordinator.complexes.shape_complex import shape_complex
-from cubepath.coordinator.complexes.state_complex import bytes_for, f_vector, state_complex
+from cubepath.coordinator.complexes.shape_complexes import shape_complex
+from cubepath.coordinator.complexes.state_complexes import bytes_for, f_vector, state_complex
 from cubepath.coordinator.complexes.state_masks import Bits, commutes, row_of
 from cubepath.protocol.core.actions import Action, apply, commute
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator, Move

@@ -8,7 +8,7 @@ from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubic
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.local_link import actions_at, is_cube, unfilled
-from cubepath.coordinator.complexes.state_complex import StateComplex, state_complex
+from cubepath.coordinator.complexes.state_complexes import StateComplex, state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 

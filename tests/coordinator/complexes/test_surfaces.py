@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.coordinator.complexes.closed_surfaces import ClosedSurface, surface
-from cubepath.coordinator.complexes.components import components
+from cubepath.coordinator.complexes.connected_components import components
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
-from cubepath.coordinator.complexes.homology import homology
+from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.protocol.scenes.specs import scene_from_spec
 from spaces import (
     EMPTY,

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.agents.environments.play import play
+from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
-from cubepath.agents.rules.scheduled import scheduled
+from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.gatherer import PathDigest, gathered
-from cubepath.coordinator.runs.info import info, render
-from cubepath.coordinator.runs.replay import replay
-from cubepath.coordinator.runs.run import Plan, run
+from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.runs.playback import replay
 from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError

@@ -20,8 +20,8 @@ from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
+from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.optimality import Task, beyond, ends_of, task_of
-from cubepath.coordinator.shortening.shorten import shorten
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene

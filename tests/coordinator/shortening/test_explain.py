@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.runs.run import Plan, run
+from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.coordinator.shortening.path_input import known_path
 from cubepath.protocol.path_files.certificates import companion, read_certificate, write_certificate
 from cubepath.protocol.path_files.timetables import read_timetable

@@ -10,9 +10,9 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
-from cubepath.coordinator.shortening.convert import convert
+from cubepath.coordinator.shortening.conversion import convert
+from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.optimality import task_of
-from cubepath.coordinator.shortening.shorten import shorten
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import PlanHints
 from cubepath.protocol.wire.messages import GeneratorPlacement, encode

@@ -22,7 +22,7 @@ from cubepath.protocol.recordings.recording import (
     copy_recording,
     read_recording,
 )
-from cubepath.protocol.recordings.salvage import MAGIC
+from cubepath.protocol.recordings.salvaging import MAGIC
 from cubepath.protocol.wire.messages import schema_of
 from damaged import (
     PARAMETERS,

@@ -24,7 +24,7 @@ from cubepath.agents.local.observation import Observation
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
-from cubepath.agents.rules.scheduled import scheduled
+from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.toml import scene_from_toml

@@ -17,8 +17,8 @@ from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
+    from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
-    from cubepath.coordinator.shortening.shorten import Shortened
     from cubepath.protocol.path_files.certificates import Certificate
     from cubepath.protocol.path_files.moves import MoveName
     from cubepath.protocol.path_files.timetables import Durations

@@ -223,7 +223,7 @@ def _version() -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.run import Plan, run  # noqa: PLC0415 - only what a command needs
+    from cubepath.coordinator.runs.launch import Plan, run  # noqa: PLC0415 - only what a command needs
 
     plan = Plan(
         system=options.system,
@@ -320,7 +320,7 @@ def _rules(options: argparse.Namespace) -> int:
 
 
 def _shorten(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.shortening.shorten import shorten  # noqa: PLC0415
+    from cubepath.coordinator.shortening.normal_path import shorten  # noqa: PLC0415
 
     check_explain_options(options)
     output: Path | None = options.output
@@ -359,7 +359,7 @@ def _shorten(options: argparse.Namespace) -> int:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.shortening.convert import convert  # noqa: PLC0415
+    from cubepath.coordinator.shortening.conversion import convert  # noqa: PLC0415
 
     with progress_bar(None, "convert", " moves") as bar:
         found = convert(
@@ -429,7 +429,7 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _replay(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.replay import replay  # noqa: PLC0415
+    from cubepath.coordinator.runs.playback import replay  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     recording = read_recording(options.log)
@@ -463,7 +463,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 
 def _info(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.info import info, render  # noqa: PLC0415
+    from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     found = info(read_recording(options.log))

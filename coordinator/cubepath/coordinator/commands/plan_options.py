@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.shortening.shorten import Shortened
+    from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.protocol.plans.formats import PlanHints
 
 INPUT_HELP = (

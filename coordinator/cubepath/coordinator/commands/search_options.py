@@ -15,8 +15,8 @@ from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.search.anytime import Improved
+    from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
-    from cubepath.coordinator.shortening.shorten import Shortened
 
 
 def add_beyond_options(parser: argparse.ArgumentParser) -> None:

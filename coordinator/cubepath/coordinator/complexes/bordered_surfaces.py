@@ -9,7 +9,7 @@ from itertools import pairwise
 import networkx as nx
 import numpy as np
 
-from cubepath.coordinator.complexes.components import classes
+from cubepath.coordinator.complexes.connected_components import classes
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 
 _Side = tuple[int, int, int]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.complexes.components import classes, components
+from cubepath.coordinator.complexes.connected_components import classes, components
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, Faces
 from cubepath.coordinator.complexes.incidence import Cells
 

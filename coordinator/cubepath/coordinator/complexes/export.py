@@ -8,8 +8,8 @@ from typing import Any
 import msgspec
 import networkx as nx
 
-from cubepath.coordinator.complexes.shape_complex import ShapeComplex
-from cubepath.coordinator.complexes.state_complex import StateComplex
+from cubepath.coordinator.complexes.shape_complexes import ShapeComplex
+from cubepath.coordinator.complexes.state_complexes import StateComplex
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text

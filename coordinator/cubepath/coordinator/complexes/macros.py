@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from cubepath.coordinator.complexes.exploration import MAX_STATES
-from cubepath.coordinator.complexes.shape_complex import (
+from cubepath.coordinator.complexes.shape_complexes import (
     Shape,
     Step,
     commuting_steps,

@@ -9,15 +9,19 @@ from typing import Any
 
 from cubepath.coordinator.complexes.bordered_surfaces import pulled_apart
 from cubepath.coordinator.complexes.closed_surfaces import surface
-from cubepath.coordinator.complexes.collapse import contractibility
-from cubepath.coordinator.complexes.components import components
+from cubepath.coordinator.complexes.collapses import contractibility
+from cubepath.coordinator.complexes.connected_components import components
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.complexes.exploration import MAX_STATES, Explored, explore
-from cubepath.coordinator.complexes.homology import Homology, homology
+from cubepath.coordinator.complexes.homology_groups import Homology, homology
 from cubepath.coordinator.complexes.links import Links, bytes_for_links, check_links
 from cubepath.coordinator.complexes.local_link import unfilled
-from cubepath.coordinator.complexes.shape_complex import ShapeComplex, TooManyShapes, shape_complex
-from cubepath.coordinator.complexes.state_complex import (
+from cubepath.coordinator.complexes.shape_complexes import (
+    ShapeComplex,
+    TooManyShapes,
+    shape_complex,
+)
+from cubepath.coordinator.complexes.state_complexes import (
     StateComplex,
     bytes_for,
     f_vector,

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from cubepath.coordinator.complexes.collapse import collapse
+from cubepath.coordinator.complexes.collapses import collapse
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.local_link import unfilled
-from cubepath.coordinator.complexes.state_complex import state_complex
+from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.coordinator.paper.euclidean_geodesics import chains, geodesics
 from cubepath.coordinator.paper.examples import small_systems
 from cubepath.coordinator.paper.registry import Claim, Outcome, claim

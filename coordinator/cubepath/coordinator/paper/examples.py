@@ -8,7 +8,7 @@ from itertools import combinations
 
 from cubepath.coordinator.complexes.exploration import Explored, explore
 from cubepath.coordinator.complexes.local_link import actions_at
-from cubepath.coordinator.complexes.state_complex import f_vector
+from cubepath.coordinator.complexes.state_complexes import f_vector
 from cubepath.coordinator.paper.registry import Claim, Outcome, claim
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.catalogue import Catalogue

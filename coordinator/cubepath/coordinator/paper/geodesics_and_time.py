@@ -8,7 +8,7 @@ from random import Random
 
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.local_link import actions_at
-from cubepath.coordinator.complexes.state_complex import StateComplex, state_complex
+from cubepath.coordinator.complexes.state_complexes import StateComplex, state_complex
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.paper.algorithms import (

@@ -12,21 +12,21 @@ import numpy as np
 
 from cubepath.coordinator.complexes.bordered_surfaces import pulled_apart
 from cubepath.coordinator.complexes.closed_surfaces import surface
-from cubepath.coordinator.complexes.collapse import collapse, contractibility
+from cubepath.coordinator.complexes.collapses import collapse, contractibility
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.complexes.homology import homology
+from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.local_link import actions_at
 from cubepath.coordinator.complexes.macros import lift, macro
-from cubepath.coordinator.complexes.shape_complex import (
+from cubepath.coordinator.complexes.shape_complexes import (
     ShapeComplex,
     lattice_of,
     normal_place,
     shape_complex,
     steps_at,
 )
-from cubepath.coordinator.complexes.state_complex import state_complex
+from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.coordinator.paper.registry import Claim, Outcome, claim
 from cubepath.protocol.core.actions import Action, apply, commute, end_at
 from cubepath.protocol.core.catalogue import HEXAGONS

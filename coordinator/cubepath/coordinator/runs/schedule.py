@@ -25,7 +25,7 @@ from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.salvage import MAGIC
+from cubepath.protocol.recordings.salvaging import MAGIC
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.messages import GeneratorPlacement, Stopped, site_of

@@ -9,10 +9,10 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
-from cubepath.coordinator.complexes.collapse import contractibility
+from cubepath.coordinator.complexes.collapses import contractibility
 from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.complexes.homology import homology
-from cubepath.coordinator.complexes.state_complex import f_vector, state_complex
+from cubepath.coordinator.complexes.homology_groups import homology
+from cubepath.coordinator.complexes.state_complexes import f_vector, state_complex
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.sites import in_order

@@ -22,7 +22,7 @@ from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.transitions import Transitions, maskable
-from cubepath.coordinator.shortening.shorten import Shortened, moves_of, plan_of
+from cubepath.coordinator.shortening.normal_path import Shortened, moves_of, plan_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.shortening.shorten import moves_of
+from cubepath.coordinator.shortening.normal_path import moves_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove
@@ -40,7 +40,7 @@ def known_path(
     hints: PlanHints = NO_HINTS,
     moves: Iterable[PathMove] | None = None,
 ) -> KnownPath:
-    """Read a path; errors as `cubepath.coordinator.shortening.shorten.shorten`.
+    """Read a path; errors as `cubepath.coordinator.shortening.normal_path.shorten`.
 
     Where its moves have been read already, they are not read again.
     """

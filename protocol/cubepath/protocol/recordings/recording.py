@@ -22,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.salvage import Salvage, salvage
+from cubepath.protocol.recordings.salvaging import Salvage, salvage
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import decode, schema_of

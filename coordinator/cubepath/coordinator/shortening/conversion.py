@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.shortening.shorten import path_of
+from cubepath.coordinator.shortening.normal_path import path_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.npz import (

@@ -13,7 +13,7 @@ from msgspec.json import encode
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.admissibility import first_misfit
-from cubepath.coordinator.shortening.shorten import path_of, shorten
+from cubepath.coordinator.shortening.normal_path import path_of, shorten
 from cubepath.protocol.core.actions import Action, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.moves import PathMove, read_moves

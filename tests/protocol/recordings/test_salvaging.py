@@ -18,7 +18,7 @@ from cubepath.protocol.recordings.recording import (
     RecordingWriter,
     read_recording,
 )
-from cubepath.protocol.recordings.salvage import MAGIC, salvage
+from cubepath.protocol.recordings.salvaging import MAGIC, salvage
 from damaged import (
     PARAMETERS,
     SCENE_OF_ALL,

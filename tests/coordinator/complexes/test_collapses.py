@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from cubepath.coordinator.complexes import collapse as collapse_module
-from cubepath.coordinator.complexes.collapse import Collapsed, collapse, contractibility
+from cubepath.coordinator.complexes import collapses as collapse_module
+from cubepath.coordinator.complexes.collapses import Collapsed, collapse, contractibility
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
-from cubepath.coordinator.complexes.homology import homology
+from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.protocol.scenes.specs import scene_from_spec
 from spaces import (
     DUNCE_HAT,

@@ -7,7 +7,7 @@ import pytest
 import complexes
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.macros import lift, macro
-from cubepath.coordinator.complexes.shape_complex import lattice_of, normal_place, shape_complex
+from cubepath.coordinator.complexes.shape_complexes import lattice_of, normal_place, shape_complex
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.scenes.families.connected_hexagons import ConnectedHexagons

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.complexes.components import classes, components
+from cubepath.coordinator.complexes.connected_components import classes, components
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubepath.agents.environments.play import Played, play
+from cubepath.agents.environments.rollout import Played, play
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.rule import Choice
-from cubepath.agents.rules.scheduled import scheduled
+from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue
 from cubepath.protocol.core.sites import Site

@@ -31,7 +31,7 @@ def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
     return RuleType(
         name=NAME,
         summary="each module makes its own moves of a schedule, each in its round",
-        source="own, see cubepath.agents.rules.scheduled",
+        source="own, see cubepath.agents.rules.schedule",
         fits=lambda _: True,
         make=make,
     )

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal, obvious_normal_form
-from cubepath.coordinator.shortening.shorten import Shortened, shorten
+from cubepath.coordinator.shortening.normal_path import Shortened, shorten
 from cubepath.protocol.core.actions import admissible, apply
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.complexes.homology import Homology
+from cubepath.coordinator.complexes.homology_groups import Homology
 from cubepath.coordinator.complexes.incidence import Cells, Numbers, Rows, cofaces, incidence
 from cubepath.protocol.compiled import compiled
 

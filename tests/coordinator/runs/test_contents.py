@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.runs.info import info, render
+from cubepath.coordinator.runs.contents import info, render
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording
 from recordings import all_edited, first, recorded, with_records

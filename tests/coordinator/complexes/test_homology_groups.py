@@ -7,9 +7,9 @@ from math import gcd
 import pytest
 from hypothesis import given, settings
 
-from cubepath.coordinator.complexes import homology as homology_module
+from cubepath.coordinator.complexes import homology_groups as homology_module
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.complexes.homology import Homology, homology
+from cubepath.coordinator.complexes.homology_groups import Homology, homology
 from cubepath.protocol.scenes.specs import scene_from_spec
 from obvious_homology import obvious_homology
 from spaces import (

@@ -15,8 +15,8 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from cubepath.coordinator.runs import replay as replay_module
-from cubepath.coordinator.runs.replay import SAID, replay
+from cubepath.coordinator.runs import playback as replay_module
+from cubepath.coordinator.runs.playback import SAID, replay
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of

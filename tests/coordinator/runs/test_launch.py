@@ -15,11 +15,11 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.environments.play import play
+from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.gatherer import PathDigest
-from cubepath.coordinator.runs.run import Plan, run
+from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
