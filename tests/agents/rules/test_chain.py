@@ -20,6 +20,7 @@ from cubepath.agents.rules.uniform import RANDOM
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.actions import Action, admissible, commute
 from cubepath.protocol.core.catalogue import (
+    HEX_DIRECTIONS,
     HEXAGONS,
     Catalogue,
     Cell,
@@ -28,7 +29,7 @@ from cubepath.protocol.core.catalogue import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import HEX_DIRECTIONS, hex_catalogue
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 

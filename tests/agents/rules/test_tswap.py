@@ -64,7 +64,7 @@ class Run:
 
     def left(self, notes: dict[int, Note]) -> int:
         """Return the sum of squares of the distances that are left."""
-        roads, index = roads_of(self.system), self.system.index
+        roads, index = roads_of(self.system.graph), self.system.index
         return sum(
             roads.distances(ExchangeNote(*notes[module]).goal)[index[site]] ** 2
             for module, site in enumerate(self.world.sites)
@@ -96,7 +96,7 @@ def random_scene(graph: str, vehicles: int, seed: int) -> Scene:
     """Return vehicles at random on the largest component of a named graph."""
     found = graph_from_name(graph)
     system = GraphSystem(found.vertices, found.edges, compass=found.compass)
-    roads = roads_of(system)
+    roads = roads_of(system.graph)
     home = max(
         (roads.distances(number) for number in range(0, len(system.vertices), 7)),
         key=lambda distance: sum(d >= 0 for d in distance),

@@ -10,7 +10,6 @@ from cubepath.coordinator.complexes.macros import lift, macro
 from cubepath.coordinator.complexes.shape_complexes import lattice_of, normal_place, shape_complex
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.scenes.families.connected_hexagons import ConnectedHexagons
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -119,7 +118,7 @@ def test_a_place_is_as_many_integers_as_the_lattice_has_dimensions(at: tuple[int
 
 def test_a_system_that_is_not_local_has_no_macros() -> None:
     """A rule for the whole would have to be asked at every place."""
-    system = ConnectedHexagons(hex_catalogue(keeps_topology=False))
+    system = LatticeSystem(hex_catalogue(keeps_topology=False), connected=True)
     with pytest.raises(InputError, match="not local"):
         macro(system, LINE, TRIANGLE)
     with pytest.raises(InputError, match="not local"):
@@ -128,4 +127,4 @@ def test_a_system_that_is_not_local_has_no_macros() -> None:
 
 def test_the_lattice_of_a_whole_lattice_scene() -> None:
     """Only then is there one."""
-    assert isinstance(lattice_of(scene_from_spec("hex:n=3")), LatticeSystem)
+    assert lattice_of(scene_from_spec("hex:n=3")) == HEXAGONS.catalogue.lattice

@@ -261,7 +261,9 @@ def test_a_plan_of_vehicles_is_its_cube_path() -> None:
     where = scene("agv:graph=grid4x4,n=4")
     assert isinstance(where.system, GraphSystem)
     cubes = normal_cube_path(random_walk(where.spec, 60, seed=1))
-    plan = Replanner(where.system, where.start_state, cubes, labelled_goals=False)
+    plan = Replanner(
+        where.system, where.system.graph, where.start_state, cubes, labelled_goals=False
+    )
     assert plan.rounds == len(cubes)
     assert normal_cube_path(plan.actions()) == cubes
 

@@ -17,15 +17,13 @@ from cubepath.coordinator.search import lower_bounds as bounds_module
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.lower_bounds import (
     bottleneck,
-    crossing_bound,
-    flip_bound,
     lower_bound,
     module_bound,
 )
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.scenes.families.triangulations import fan, polygon_points
-from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.flips import FlipSystem, crossing_bound, flip_bound
 from cubepath.protocol.systems.lattice import LatticeSystem
 from strategies import scene, walks
 

@@ -4,7 +4,8 @@ import pytest
 
 from complexes import f_vector, shape_f_vector, states_of
 from cubepath.protocol.core.actions import admissible, apply
-from cubepath.protocol.scenes.families.hexagons import HEX_DIRECTIONS, hex_catalogue
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 

@@ -17,9 +17,10 @@ from cubepath.protocol.core.actions import Action, State, admissible, apply, com
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.connected_hexagons import BRIDGES, RING, ConnectedHexagons
+from cubepath.protocol.scenes.families.connected_hexagons import BRIDGES, RING
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
-from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
+from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
 
@@ -141,10 +142,10 @@ def test_the_chain_reaches_its_goal_through_connected_states(count: int) -> None
 def test_filled_obstacles_count_for_connectedness() -> None:
     """Two modules that only an obstacle joins are connected; without it they are not."""
     catalogue = hex_catalogue(keeps_topology=False)
-    floor = ConnectedHexagons(catalogue, filled=[(1, 0)])
+    floor = LatticeSystem(catalogue, filled=[(1, 0)], connected=True)
     assert Scene("floor", "", floor, start=((0, 0), (2, 0))).start_state == {(0, 0), (1, 0), (2, 0)}
     with pytest.raises(InputError, match="gap: the start breaks the rule for the whole aggregate"):
-        Scene("gap", "", ConnectedHexagons(catalogue), start=((0, 0), (2, 0)))
+        Scene("gap", "", LatticeSystem(catalogue, connected=True), start=((0, 0), (2, 0)))
     assert LatticeSystem(catalogue).legal({(0, 0), (2, 0)})
 
 
@@ -155,7 +156,6 @@ def test_the_rule_outlives_files_and_pickling(spec: str) -> None:
     text = scene_to_toml(scene)
     assert "connected = true" in text
     for again in (scene_from_toml(text, "text"), pickle.loads(pickle.dumps(scene))):  # noqa: S301
-        assert isinstance(again.system, ConnectedHexagons)
         assert not again.system.local
         assert scene_to_toml(again) == text
         assert not again.system.legal({(0, 0), (2, 0)})
@@ -178,7 +178,7 @@ def test_a_shape_that_is_none_is_refused() -> None:
 
 def test_it_is_marked_as_non_local() -> None:
     """The summary says so first, and there is no rule for it."""
-    family = FAMILIES["hex-connected"]
+    family = families()["hex-connected"]
     assert family.summary.startswith("non-local: ")
     assert not family.rule
 

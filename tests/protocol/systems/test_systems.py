@@ -9,7 +9,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
-from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
+from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import graph_from_name
@@ -169,7 +170,7 @@ def test_a_spec_that_cannot_be_read_is_refused(spec: str, message: str) -> None:
         scene_from_spec(spec)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", families())
 def test_every_family_has_a_default_scene_with_a_goal(family: str) -> None:
     """A bare name is a scene with modules that are not yet at the goal."""
     scene = scene_from_spec(family)

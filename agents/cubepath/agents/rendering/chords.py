@@ -5,16 +5,16 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import sqrt
 
 import numpy as np
 
 from cubepath.agents.rendering.pen import INK, PALE_GOAL, WALL, Box, Pen, Points, Spot, palette
+from cubepath.agents.rendering.style import Style, readable
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import CLOSED, Scene
-from cubepath.protocol.systems.listed import TabledSystem
+from cubepath.protocol.core.system import CLOSED, Scene, System
 
 _MARGIN = 0.6
 _APART = 1.6
@@ -23,13 +23,14 @@ _TABLE_MAX = 40
 """From more points on, text names the chords in place of a table of all."""
 
 
-def text(scene: Scene, system: TabledSystem, sites: Sequence[Site]) -> str:
+def _text(scene: Scene, sites: Sequence[Site]) -> str:
     """Return a table with a row and a column for each point, and a mark where they are joined.
 
     A module is ``o``, or ``@`` where the goal wants it; where the goal has a chord that is not
     there is ``+``. A fixed edge is ``#``, and ``.`` a chord that could be. Of many points only the
     chords are told, a point and what it is joined to in a line.
     """
+    system = scene.system
     goal = scene.goal or frozenset()
     marks = dict.fromkeys(goal, "+") | {site: "@" if site in goal else "o" for site in sites}
     marks |= dict.fromkeys(system.filled, "#")
@@ -56,11 +57,11 @@ def _number(point: Site) -> tuple[bool, str, int]:
     return (True, "", point) if isinstance(point, int) else (False, str(point), 0)
 
 
-def _mark(system: TabledSystem, marks: Mapping[Site, str], chord: Site) -> str:
+def _mark(system: System, marks: Mapping[Site, str], chord: Site) -> str:
     return marks.get(chord) or (" " if system.background(chord) == CLOSED else ".")
 
 
-def _spots(system: TabledSystem) -> dict[Site, Spot]:
+def _spots(system: System) -> dict[Site, Spot]:
     """Return where the points lie, in cells."""
     known = np.array(list(system.positions.values()))
     spread = known.max(axis=0) - known.min(axis=0)
@@ -70,27 +71,26 @@ def _spots(system: TabledSystem) -> dict[Site, Spot]:
     return {point: (x, y) for point, (x, y) in zip(system.positions, cells.tolist(), strict=True)}
 
 
-def frame(system: TabledSystem) -> Box:
+def _frame(scene: Scene, _also: Iterable[Site]) -> Box:
     """Return left, right, low and high of the points, in cells."""
-    known = np.array(list(_spots(system).values()))
+    known = np.array(list(_spots(scene.system).values()))
     (left, low), (right, high) = known.min(axis=0) - _MARGIN, known.max(axis=0) + _MARGIN
     return float(left), float(right), float(low), float(high)
 
 
-def draw(
+def _draw(
     pen: Pen,
     scene: Scene,
-    system: TabledSystem,
     sites: Sequence[Site],
     moved: Mapping[int, Site],
-    *,
-    words: bool,
+    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
 ) -> None:
     """Draw chords in the colours of their modules, fixed edges dark, and the points on top.
 
     The goal lies below as pink bands. Where a chord has just flipped its quadrilateral is tinted,
     and the chord has a dark outline. `words` numbers the points.
     """
+    system, written = scene.system, readable(pen, words)
     spots = _spots(system)
 
     def line(chord: Site) -> Points:
@@ -113,9 +113,9 @@ def draw(
     stirred = [line(sites[number]) for number in moved]
     pen.strokes(stirred, colors=INK, linewidths=thick + 2 * pen.line(0.05))
     pen.strokes([line(site) for site in sites], colors=colours, linewidths=thick)
-    size = 0.28 if words else 0.1
+    size = 0.28 if written else 0.1
     pen.discs(spots.values(), size, facecolors="white")
-    if words:
+    if written:
         for point, spot in spots.items():
             pen.write(spot, str(point), (1.0, 1.0, 1.0), size=0.62)
 
@@ -124,3 +124,6 @@ def _ends(chord: Site) -> tuple[Site, Site]:
     if isinstance(chord, tuple) and len(chord) == 2:
         return chord[0], chord[1]
     raise InputError(f"a chord is a pair of points, found {chord!r}")
+
+
+CHORDS = Style(text=_text, frame=_frame, draw=_draw)

@@ -5,19 +5,14 @@ Room: agents; static, asks nobody.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.systems.listed import TabledSystem
+from cubepath.protocol.core.system import Scene
 
-
-def label_of(system: System, site: Site) -> int | None:
-    """Return the label of a site of a labelled system, None of another."""
-    if system.labels is None or not isinstance(site, tuple):
-        return None
-    return int(site[1])
+MODULE_MARK, ARRIVED_MARK, GOAL_MARK = "o", "@", "+"
+"""How an unlabelled module shows in text, off and on a goal cell, and a goal cell without one."""
 
 
 def cell_of(place: Site) -> tuple[int, ...]:
@@ -31,21 +26,24 @@ def known_places(scene: Scene) -> list[Site]:
     """Return the places that a frame holds whatever the modules do."""
     system = scene.system
     places = [system.place_of(site) for site in (*scene.start, *(scene.goal or ()))]
-    if isinstance(system, GraphSystem):
-        places += system.vertices
-    elif isinstance(system, LatticeSystem):
-        places += [*system.obstacles, *(system.workspace or ())]
-    elif isinstance(system, TabledSystem):
-        places += system.places
-    return places
-
-
-def is_endless(system: System) -> bool:
-    """Tell whether the workspace is a whole lattice."""
-    return isinstance(system, LatticeSystem) and system.workspace is None
+    return [*places, *system.places]
 
 
 def tips_of(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
     """Return the two vertices of a lattice edge; a vertex, as a place, is both of its own."""
     x, y, *rest = cell_of(edge)
     return (x, y), (x + (rest == [0]), y + (rest == [1]))
+
+
+def marks_of(scene: Scene, sites: Sequence[Site]) -> dict[Site, str]:
+    """Return what text has at each place that has a module or is of the goal."""
+    system, goal = scene.system, scene.goal or frozenset()
+    marks = {system.place_of(site): GOAL_MARK for site in goal}
+    for site in sites:
+        label, arrived = system.label_of(site), site in goal
+        if label is None:
+            mark = ARRIVED_MARK if arrived else MODULE_MARK
+        else:
+            mark = f"{label}*" if arrived else str(label)
+        marks[system.place_of(site)] = mark
+    return marks

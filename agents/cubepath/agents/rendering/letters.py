@@ -5,7 +5,7 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -23,9 +23,9 @@ from cubepath.agents.rendering.pen import (
     arcs,
     palette,
 )
+from cubepath.agents.rendering.style import Style, readable
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
-from cubepath.protocol.systems.listed import TabledSystem
+from cubepath.protocol.core.system import Scene, System
 
 _ROW = 40
 """So many places without positions lie in one row."""
@@ -38,8 +38,9 @@ _NOTHING: tuple[str, ...] = ("_", "open")
 _PALE: Colour = (0.91, 0.92, 0.93)
 
 
-def text(scene: Scene, system: TabledSystem, sites: Sequence[Site]) -> str:
+def _text(scene: Scene, sites: Sequence[Site]) -> str:
     """Return the letters row by row, each with ``*`` behind it where it is that of the goal."""
+    system = scene.system
     spots = _spots(system)
     goal = scene.goal or frozenset()
     columns = sorted({x for x, _ in spots.values()})
@@ -62,13 +63,13 @@ def text(scene: Scene, system: TabledSystem, sites: Sequence[Site]) -> str:
     return "\n".join(lines)
 
 
-def letter_of(system: TabledSystem, site: Site) -> str:
+def letter_of(system: System, site: Site) -> str:
     """Return the letter of a site; for a place without letters, ``o``."""
     place = system.place_of(site)
     return site[1] if isinstance(site, tuple) and place != site else "o"
 
 
-def _spots(system: TabledSystem) -> dict[Site, Spot]:
+def _spots(system: System) -> dict[Site, Spot]:
     """Return where the middles of the places lie, in cells."""
     places = [place for place in system.places if place not in system.filled]
     return {
@@ -77,21 +78,19 @@ def _spots(system: TabledSystem) -> dict[Site, Spot]:
     }
 
 
-def frame(system: TabledSystem) -> Box:
+def _frame(scene: Scene, _also: Iterable[Site]) -> Box:
     """Return left, right, low and high of the places, in cells."""
-    known = np.array(list(_spots(system).values()))
+    known = np.array(list(_spots(scene.system).values()))
     (left, low), (right, high) = known.min(axis=0) - _MARGIN, known.max(axis=0) + _MARGIN
     return float(left), float(right), float(low), float(high)
 
 
-def draw(
+def _draw(
     pen: Pen,
     scene: Scene,
-    system: TabledSystem,
     sites: Sequence[Site],
     moved: Mapping[int, Site],
-    *,
-    words: bool,
+    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
 ) -> None:
     """Draw a box for each place in the colour of its letter, with the letter in it if `words`.
 
@@ -99,6 +98,7 @@ def draw(
     is in the lower right corner. Where the letter has just changed the box has a dark outline, and
     the letter that was is in the upper left corner.
     """
+    system, written = scene.system, readable(pen, words)
     spots = _spots(system)
     goal = scene.goal or frozenset()
     colours = dict(zip(system.letters, palette(len(system.letters)), strict=True))
@@ -115,7 +115,7 @@ def draw(
         pen.shapes([_box(_SMALL, spot) for spot in at.values()], facecolors=hues, **style)
         for place, site in found.items():
             word = letter_of(system, site)
-            if words and len(word) <= _READABLE:
+            if written and len(word) <= _READABLE:
                 pen.write(at[place], word, colour(site), size=_SMALL)
 
     boxes = [_box(1.0, spots[system.place_of(site)]) for site in sites]
@@ -126,7 +126,7 @@ def draw(
     pen.shapes(there, facecolors="none", edgecolors=GOAL, linewidths=width)
     stirred = [boxes[number] for number in moved]
     pen.shapes(stirred, facecolors="none", edgecolors=INK, linewidths=2 * width)
-    if words:
+    if written:
         for site in sites:
             word = letter_of(system, site)
             pen.write(spots[system.place_of(site)], word, colour(site))
@@ -141,3 +141,6 @@ def _box(size: float, middle: Spot) -> Points:
     inner = half - corner
     about = [(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)]
     return np.add(arcs(about, corner), middle)
+
+
+LETTERS = Style(text=_text, frame=_frame, draw=_draw)

@@ -37,11 +37,10 @@ from dataclasses import dataclass
 
 from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
-from cubepath.protocol.core.catalogue import HEXAGONS, Cell
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
-from cubepath.protocol.scenes.families.hexagons import HEX_DIRECTIONS, hex_catalogue
-from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 
 
 def _plus(one: Cell, other: Cell, times: int = 1) -> Cell:
@@ -143,7 +142,7 @@ def _tasks(start: Cell, goals: tuple[Cell, ...]) -> list[_Task]:
 
 def _check_room(system: System, cells: list[Cell]) -> None:
     # In the open plane there is room, and n modules need not look at n cells each.
-    if isinstance(system, LatticeSystem) and system.workspace is None and not system.obstacles:
+    if system.open:
         return
     for near in (near for cell in cells for one in _beside(cell) for near in _beside(one)):
         if not system.has_place(near):
@@ -183,12 +182,13 @@ def _begin(start: Cell, goals: tuple[Cell, ...], tasks: list[_Task], beside: lis
 
 
 def _fits(system: System) -> bool:
-    if not isinstance(system, LatticeSystem) or system.catalogue.lattice != HEXAGONS:
+    catalogue = system.catalogue
+    if catalogue is None or catalogue.lattice != HEXAGONS:
         return False
     both = (hex_catalogue(keeps_topology=keeps) for keeps in (True, False))
     # By content: a file may list generators and cells in another order.
     mine, one, other = (
-        {move.action for move in known.proposals((0, 0))} for known in (system.catalogue, *both)
+        {move.action for move in known.proposals((0, 0))} for known in (catalogue, *both)
     )
     return mine in (one, other)
 

@@ -10,8 +10,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 from weakref import WeakKeyDictionary
 
-from cubepath.protocol.core.system import System
-from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 _OPEN = -1
 """In place of a vertex: none is closed."""
@@ -22,7 +21,7 @@ class Roads:
     """Distances on a static graph, with vertices by number.
 
     Shared by the vehicles of a process, of which it says nothing. It keeps no reference to the
-    system, which can so be collected.
+    graph, which can so be collected.
     """
 
     def __init__(self, near: Iterable[Iterable[int]]) -> None:
@@ -52,16 +51,15 @@ class Roads:
         return [other for other in self.near[vertex] if distance[other] == distance[vertex] - 1]
 
 
-_roads: WeakKeyDictionary[System, Roads] = WeakKeyDictionary()
+_roads: WeakKeyDictionary[VehicleGraph, Roads] = WeakKeyDictionary()
 
 
-def roads_of(system: GraphSystem) -> Roads:
-    """Return the roads of a system, the same for all the vehicles in this process."""
-    found = _roads.get(system)
+def roads_of(graph: VehicleGraph) -> Roads:
+    """Return the roads of a graph, the same for all the vehicles in this process."""
+    found = _roads.get(graph)
     if found is None:
-        index = system.index
-        found = Roads(
-            sorted(index[other] for other in system.listeners(vertex)) for vertex in system.vertices
+        index = graph.index
+        found = _roads[graph] = Roads(
+            sorted(index[other] for other in graph.near[vertex]) for vertex in graph.vertices
         )
-        _roads[system] = found
     return found

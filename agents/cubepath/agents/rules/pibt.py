@@ -48,7 +48,7 @@ from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.graph_distances import roads_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 NOWHERE = -1
 """In a note, and for a vehicle: no vertex."""
@@ -78,13 +78,13 @@ class PushNote(NamedTuple):
 
 
 class _Vehicle:
-    def __init__(self, knowledge: InitialKnowledge, system: GraphSystem) -> None:
+    def __init__(self, knowledge: InitialKnowledge, graph: VehicleGraph) -> None:
         if len(knowledge.goals) != 1:
             raise InputError(f"rule 'pibt' needs one goal a vehicle, found {len(knowledge.goals)}")
-        self._system = system
-        self._roads = roads_of(system)
+        self._graph = graph
+        self._roads = roads_of(graph)
         self._knowledge = knowledge
-        self._goal = system.index[knowledge.goals[0]]
+        self._goal = graph.index[knowledge.goals[0]]
         self._round = 0
         self._at_goal = 0  # the last round there
         self._away = 0  # rounds elsewhere
@@ -97,7 +97,7 @@ class _Vehicle:
         return self._at_goal * self._knowledge.modules + self._knowledge.module
 
     def __call__(self, view: View) -> Choice:
-        index = self._system.index
+        index = self._graph.index
         self._round += 1
         here = index[view.place]
         if here != self._place:
@@ -109,7 +109,7 @@ class _Vehicle:
             self._away += 1
         heard = {index[place]: PushNote(*note) for place, note in view.notes.items()}
         said = self._decide(heard, {index[place] for place in view.occupied})
-        vertices = self._system.vertices
+        vertices = self._graph.vertices
         action = STAY
         for slot, move in view.legal():
             if said.want != NOWHERE and view.system.place_of(move.target) == vertices[said.want]:
@@ -119,8 +119,8 @@ class _Vehicle:
     def _failed(self) -> str | None:
         start, goal = self._knowledge.start, self._knowledge.goals[0]
         if self._round == 1 and self._roads.distances(self._goal)[self._place] < 0:
-            return f"no way from {self._system.place_of(start)!r} to the goal {goal!r}"
-        most = patience(len(self._system.vertices))
+            return f"no way from {self._knowledge.system.place_of(start)!r} to the goal {goal!r}"
+        most = patience(len(self._graph.vertices))
         if self._away > most:
             return f"more than {most} rounds away from the goal {goal!r}: others are in the way"
         return None
@@ -212,16 +212,17 @@ class _Vehicle:
 
 def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one vehicle, whose only goal is its own vertex."""
-    if not isinstance(knowledge.system, GraphSystem):
+    graph = knowledge.system.graph
+    if graph is None:
         raise InputError("rule 'pibt' is for vehicles on a graph")
-    return _Vehicle(knowledge, knowledge.system)
+    return _Vehicle(knowledge, graph)
 
 
 PIBT = RuleType(
     name="pibt",
     summary="vehicles go to their own goals; who has been under way for longest pushes the others",
     source="Okumura, Machida, Defago and Tamura, PIBT (multi-agent path finding), made local",
-    fits=lambda system: isinstance(system, GraphSystem) and system.labels is not None,
+    fits=lambda system: system.graph is not None and system.labels is not None,
     make=make,
     note_length=lambda _: len(PushNote._fields),
 )

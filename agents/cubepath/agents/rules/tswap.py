@@ -50,7 +50,7 @@ from cubepath.agents.local.observation import STAY, View
 from cubepath.agents.rules.graph_distances import roads_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 NOBODY = -1
 """In a note: no probe."""
@@ -76,13 +76,13 @@ class ExchangeNote(NamedTuple):
 
 
 class _Vehicle:
-    def __init__(self, knowledge: InitialKnowledge, system: GraphSystem) -> None:
+    def __init__(self, knowledge: InitialKnowledge, graph: VehicleGraph) -> None:
         if len(knowledge.goals) != 1:
             raise InputError(f"rule 'tswap' needs one goal a vehicle, found {len(knowledge.goals)}")
-        self._system = system
-        self._roads = roads_of(system)
-        self._goal = system.index[knowledge.goals[0]]
-        self._place = system.index[knowledge.start]
+        self._graph = graph
+        self._roads = roads_of(graph)
+        self._goal = graph.index[knowledge.goals[0]]
+        self._place = graph.index[knowledge.start]
         self._want = self._next(self._place, ())
         self._second = self._want
         self._blocked = NOBODY  # rounds blocked by the same vehicle before this one
@@ -98,7 +98,7 @@ class _Vehicle:
         return min(ways, key=lambda way: (way in taken, way), default=place)
 
     def __call__(self, view: View) -> Choice:
-        index = self._system.index
+        index = self._graph.index
         heard = {index[place]: ExchangeNote(*note) for place, note in view.notes.items()}
         taken = {index[place] for place in view.occupied}
         self._arrive(index[view.place])
@@ -173,23 +173,24 @@ class _Vehicle:
     def _say(self, view: View, heard: Mapping[int, ExchangeNote], probe: tuple[int, int]) -> Choice:
         self._second = self._next(self._want, heard)
         note = ExchangeNote(self._goal, self._want, self._second, *probe, self._countdown)
-        target = self._system.vertices[self._want]
+        target = self._graph.vertices[self._want]
         action = next((action for action, move in view.legal() if move.target == target), STAY)
         return Choice(action, tuple(note), self._failed)
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one vehicle; its only goal is a vertex that some vehicle is to take."""
-    if not isinstance(knowledge.system, GraphSystem):
+    graph = knowledge.system.graph
+    if graph is None:
         raise InputError("rule 'tswap' is for vehicles on a graph")
-    return _Vehicle(knowledge, knowledge.system)
+    return _Vehicle(knowledge, graph)
 
 
 TSWAP = RuleType(
     name="tswap",
     summary="vehicles go to their goals and exchange them with neighbours that are in the way",
     source="Okumura and Defago, TSWAP (target assignment and path planning), made local",
-    fits=lambda system: isinstance(system, GraphSystem) and system.labels is None,
+    fits=lambda system: system.graph is not None and system.labels is None,
     make=make,
     note_length=lambda _: len(ExchangeNote._fields),
 )

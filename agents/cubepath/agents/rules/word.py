@@ -22,7 +22,6 @@ from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.catalogue import EDGES
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.systems.lattice import LatticeSystem
 
 
 def _height(edge: Site) -> int:
@@ -51,7 +50,7 @@ WORD = RuleType(
     summary="each segment of a positive arm turns towards its height in the goal word",
     source="own: heights of a positive arm, see cubepath.agents.rules.word",
     fits=lambda system: (
-        isinstance(system, LatticeSystem)
+        system.catalogue is not None
         and system.catalogue.lattice == EDGES
         and set(system.catalogue.by_name) == {"flip", "rotate"}
     ),

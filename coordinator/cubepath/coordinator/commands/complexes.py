@@ -19,7 +19,6 @@ from cubepath.coordinator.commands.console import (
     table,
 )
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.systems.lattice import LatticeSystem
 
 if TYPE_CHECKING:
     from cubepath.coordinator.complexes.report import ComplexReport
@@ -126,8 +125,7 @@ def _complex(options: argparse.Namespace) -> int:
 
 
 def _advice(scene: Scene) -> str:
-    system = scene.system
-    if isinstance(system, LatticeSystem) and system.workspace is None and not system.obstacles:
+    if scene.system.open:
         return (
             "on a lattice without end an aggregate may wander off for ever: raise --max-states, or"
             " take --shape, or a scene with a base (base=1) or a workspace"

@@ -270,7 +270,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _systems(options: argparse.Namespace) -> int:
-    from cubepath.protocol.scenes.specs import FAMILIES  # noqa: PLC0415
+    from cubepath.protocol.scenes.registry import families  # noqa: PLC0415
 
     document = [
         {
@@ -282,10 +282,10 @@ def _systems(options: argparse.Namespace) -> int:
                 for key, (default, summary) in family.keys.items()
             },
         }
-        for family in FAMILIES.values()
+        for family in families().values()
     ]
     lines = []
-    for family in FAMILIES.values():
+    for family in families().values():
         rule = f" (rule {family.rule})" if family.rule else ""
         lines.append(f"{family.name}: {family.summary}{rule}")
         for key, (default, summary) in family.keys.items():
@@ -296,9 +296,10 @@ def _systems(options: argparse.Namespace) -> int:
 
 def _rules(options: argparse.Namespace) -> int:
     from cubepath.agents.rules.registry import rules  # noqa: PLC0415
-    from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec  # noqa: PLC0415
+    from cubepath.protocol.scenes.registry import families  # noqa: PLC0415
+    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
-    systems = {name: scene_from_spec(name).system for name in FAMILIES}
+    systems = {name: scene_from_spec(name).system for name in families()}
     systems = {name: system for name, system in systems.items() if system.local}
     document = [
         {

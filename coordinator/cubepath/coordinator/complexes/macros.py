@@ -19,10 +19,10 @@ from cubepath.coordinator.complexes.shape_complexes import (
     steps_at,
 )
 from cubepath.protocol.core.actions import Action, apply, apply_in_place, end_at, why_inadmissible
-from cubepath.protocol.core.catalogue import Cell
+from cubepath.protocol.core.catalogue import Cell, Lattice
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.core.system import System
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Lift:
 
 
 def macro(
-    system: LatticeSystem, start: Iterable[Site], end: Iterable[Site], *, most: int = MAX_STATES
+    system: System, start: Iterable[Site], end: Iterable[Site], *, most: int = MAX_STATES
 ) -> Macro:
     """Return a macro with as few cubes as any from the shape of `start` to the shape of `end`.
 
@@ -57,8 +57,8 @@ def macro(
     sizes = len(start := frozenset(start)), len(end := frozenset(end))
     if not 0 < sizes[0] == sizes[1]:
         raise InputError(f"a macro from {sizes[0]} modules to {sizes[1]}: expected as many, not 0")
-    lattice = system.catalogue.lattice
-    free = LatticeSystem(system.catalogue)
+    lattice = _lattice(system)
+    free = system.with_moves(())
     first, _ = normal_place(lattice, start)
     goal, _ = normal_place(lattice, end)
     back: dict[Shape, tuple[Shape, tuple[Step, ...]] | None] = {first: None}
@@ -76,13 +76,19 @@ def macro(
     return Macro(first, goal, _unrolled(free, first, _way_back(back, goal)))
 
 
-def _cubes_from(system: LatticeSystem, shape: Shape) -> Iterator[tuple[Shape, tuple[Step, ...]]]:
+def _lattice(system: System) -> Lattice:
+    if system.catalogue is None:
+        raise InputError("a macro of a system without a lattice: it has no shapes")
+    return system.catalogue.lattice
+
+
+def _cubes_from(system: System, shape: Shape) -> Iterator[tuple[Shape, tuple[Step, ...]]]:
     actions = steps_at(system, shape)
     for steps in commuting_steps(actions):
         after: frozenset[Site] = shape
         for step in steps:
             after = apply(actions[step], after)
-        yield normal_place(system.catalogue.lattice, after)[0], steps
+        yield normal_place(_lattice(system), after)[0], steps
 
 
 def _way_back(
@@ -98,10 +104,10 @@ def _way_back(
 
 
 def _unrolled(
-    system: LatticeSystem, start: Shape, cubes: list[tuple[Step, ...]]
+    system: System, start: Shape, cubes: list[tuple[Step, ...]]
 ) -> tuple[tuple[Step, ...], ...]:
     """Return the steps as translations of one place, not of each shape's own normal place."""
-    lattice = system.catalogue.lattice
+    lattice = _lattice(system)
     shape, origin = start, (0,) * lattice.dimension
     found = []
     for steps in cubes:
@@ -114,13 +120,13 @@ def _unrolled(
     return tuple(found)
 
 
-def lift(system: LatticeSystem, plan: Macro, at: Cell) -> Lift:
+def lift(system: System, plan: Macro, at: Cell) -> Lift:
     """Return the macro with its first shape's normal place at `at`, checked against obstacles.
 
     Every module must start on a free place, and each action must be one of the system and be
     admissible when its turn comes; where not, the refusal says which and why.
     """
-    lattice = system.catalogue.lattice
+    lattice = _lattice(system)
     if len(at) != lattice.dimension or any(type(number) is not int for number in at):
         raise InputError(f"a place is {lattice.dimension} integers, found {at!r}")
     if not system.local:

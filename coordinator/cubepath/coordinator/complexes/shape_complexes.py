@@ -19,8 +19,7 @@ from cubepath.protocol.core.actions import Action, admissible, apply, commute, e
 from cubepath.protocol.core.catalogue import Cell, Lattice
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.core.system import Scene, System, local_only
 
 Shape: TypeAlias = frozenset[Site]
 """The cells of an aggregate, shifted so that the first in canonical order is in normal place."""
@@ -49,17 +48,17 @@ class ShapeComplex:
     cubes: tuple[tuple[Cube, ...], ...]
 
 
-def lattice_of(scene: Scene) -> LatticeSystem:
-    """Return the system of a scene on a whole lattice; InputError where translations do not act."""
+def lattice_of(scene: Scene) -> Lattice:
+    """Return the lattice of a scene that is all of it; InputError where translations do not act."""
     system = local_only(scene, "shape complex").system
-    if not isinstance(system, LatticeSystem):
+    if system.catalogue is None:
         raise InputError(f"{scene.spec}: no lattice, so there are no shapes up to translation")
-    if system.workspace is not None or system.obstacles:
+    if not system.open:
         raise InputError(
             f"{scene.spec}: a workspace or obstacles, expected a whole lattice for shapes up to"
             " translation"
         )
-    return system
+    return system.catalogue.lattice
 
 
 def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]:
@@ -69,7 +68,7 @@ def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]
     return frozenset(lattice.shift(lattice.check(cell), by) for cell in cells), by
 
 
-def steps_at(system: LatticeSystem, shape: Shape) -> dict[Step, Action]:
+def steps_at(system: System, shape: Shape) -> dict[Step, Action]:
     """Return the admissible actions of an aggregate, by their steps in ascending order.
 
     An action that the catalogue has under two names stands under the first of its steps.
@@ -94,8 +93,7 @@ def shape_complex(
     progress: Callable[[int, int], None] | None = None,
 ) -> ShapeComplex:
     """Return the shape complex; CheckError where it has more than `max_states` shapes."""
-    system = lattice_of(scene)
-    lattice = system.catalogue.lattice
+    system, lattice = scene.system, lattice_of(scene)
     first, _ = normal_place(lattice, frozenset(scene.start))
     number: dict[Shape, int] = {first: 0}
     shapes = [first]

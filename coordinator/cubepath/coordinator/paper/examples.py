@@ -11,11 +11,10 @@ from cubepath.coordinator.complexes.local_link import actions_at
 from cubepath.coordinator.complexes.state_complexes import f_vector
 from cubepath.coordinator.paper.registry import Claim, Outcome, claim
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
-from cubepath.protocol.core.catalogue import Catalogue
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, Catalogue
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import HEX_DIRECTIONS
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import COMPASS
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -145,8 +144,8 @@ def _slides_keep_connected() -> Outcome:
 
 def _unguarded(scene: Scene) -> Scene:
     """Return sliding squares without the condition of dot and arrow."""
-    system = scene.system
-    if not isinstance(system, LatticeSystem):
+    catalogue = scene.system.catalogue
+    if catalogue is None:
         raise InputError(f"{scene.spec}: no lattice")
     generators = tuple(
         replace(
@@ -155,12 +154,12 @@ def _unguarded(scene: Scene) -> Scene:
             free=(),
             guards=(),
         )
-        for generator in system.catalogue.generators
+        for generator in catalogue.generators
     )
     free = LatticeSystem(
-        Catalogue(system.catalogue.lattice, generators),
-        workspace=system.workspace or [(x, y) for x in range(-4, 8) for y in range(-4, 8)],
-        filled=system.filled,
+        Catalogue(catalogue.lattice, generators),
+        workspace=[(x, y) for x in range(-4, 8) for y in range(-4, 8)],
+        filled=scene.system.filled,
     )
     return replace(scene, system=free, goal=None, goals=())
 

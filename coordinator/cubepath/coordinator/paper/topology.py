@@ -279,8 +279,7 @@ def _link_below(
     shapes: ShapeComplex, scene: Scene, state: frozenset[Site]
 ) -> tuple[list[Corner], int]:
     """Return where the cubes at a state go in the shape complex, and the number of its shape."""
-    system = lattice_of(scene)
-    lattice = system.catalogue.lattice
+    system, lattice = scene.system, lattice_of(scene)
     number = {
         cube: (k, place) for k, cubes in enumerate(shapes.cubes) for place, cube in enumerate(cubes)
     }

@@ -38,7 +38,8 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import RecordingWriter
-from cubepath.protocol.scenes.specs import FAMILIES, scene_from_spec
+from cubepath.protocol.scenes.registry import sound_families
+from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -195,7 +196,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
 
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
-    family = FAMILIES.get(scene.family)
+    family = sound_families().get(scene.family)
     rule = plan.rule or (family.rule if family is not None else "random")
     rule_named(rule, scene.system)
     return rule

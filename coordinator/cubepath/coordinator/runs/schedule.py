@@ -12,7 +12,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 
 from cubepath.coordinator.normal_form.definitions import is_cube
@@ -26,8 +25,6 @@ from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.salvaging import MAGIC
-from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.messages import GeneratorPlacement, Stopped, site_of
 
 
@@ -119,26 +116,16 @@ def assignment_of(schedule: Schedule, scene: Scene) -> Assignment:
 def _open_system(schedule: Schedule, scene: Scene) -> System:
     """Return a system in which the moves of the schedule are there, whatever is in their way now.
 
-    That of a recording is its own. Elsewise a lattice is without obstacles and bounds, and a graph
-    has the edges that it lacks; of other systems it is not known what would be there.
+    That of a recording is its own; of a cubes file, the system of the scene says what would be
+    there without obstacles and bounds.
     """
     if schedule.scene is not None:
         return schedule.scene.system
-    system = scene.system
-    match system:
-        case LatticeSystem():
-            return LatticeSystem(system.catalogue)
-        case GraphSystem():
-            places = [site_of(move.at) for cube in schedule.cubes for move in cube]
-            more = [at[:2] for at in places if isinstance(at, tuple) and len(at) >= 2]
-            edges = dict.fromkeys((*system.edges, *((one, other) for one, other in more)))
-            vertices = dict.fromkeys((*system.vertices, *chain.from_iterable(edges)))
-            try:
-                return GraphSystem(vertices, edges, labels=system.labels, compass=system.compass)
-            except InputError as error:
-                raise InputError(f"{schedule.path}: {error}") from None
-        case _:
-            return system
+    placed = ((move.generator, site_of(move.at)) for cube in schedule.cubes for move in cube)
+    try:
+        return scene.system.with_moves(placed)
+    except InputError as error:
+        raise InputError(f"{schedule.path}: {error}") from None
 
 
 def _actions(

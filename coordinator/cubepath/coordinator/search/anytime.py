@@ -23,7 +23,6 @@ from cubepath.coordinator.search.windows import Windows
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
-from cubepath.protocol.systems.graph import GraphSystem
 
 CubePath = tuple[tuple[Action, ...], ...]
 _IDLE = 0.2
@@ -80,7 +79,7 @@ def improve(
     """
     if seconds is None and iterations is None:
         raise InputError("an improvement needs seconds or iterations to know when to stop")
-    if labelled_goals and not isinstance(system, GraphSystem):
+    if labelled_goals and (system is None or system.graph is None):
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
     actions = list(path)
     best = _normal(actions, 0, 0)
@@ -144,11 +143,11 @@ class _Search:
         self.possible = bool(best.cube_path)
         if not self.possible:
             return
-        if isinstance(system, GraphSystem) and Replanner.fits(system, len(start), best.cubes):
-            self._vehicles = Replanner(system, start, best.cube_path, labelled_goals=labelled_goals)
-        sites = (
-            len(system.vertices) * (system.labels or 1) if isinstance(system, GraphSystem) else 0
-        )
+        graph = None if system is None else system.graph
+        if graph is not None and Replanner.fits(graph, len(start), best.cubes):
+            self._vehicles = self._replanner(best.cube_path)
+        labels = 1 if system is None else system.labels or 1
+        sites = 0 if graph is None else len(graph.vertices) * labels
         if not labelled_goals and sites <= _SITES_MAX:
             self._steps = Transitions(system, path if system is None else ())
             self._windows = Windows(self._steps, start, best.cube_path)
@@ -164,7 +163,7 @@ class _Search:
             if not windows.step(random) and not fresh:
                 return None
             if vehicles is not None and windows.cost[0] < vehicles.rounds:
-                self._vehicles = self._replanner(windows.actions())
+                self._vehicles = self._replanner(_normal(windows.actions(), 0, 0).cube_path)
             return _Proposal(windows.cost, windows.actions)
         if vehicles is None or not vehicles.step(random):
             return None
@@ -173,8 +172,10 @@ class _Search:
             self._windows = Windows(self._steps, self._start, best.cube_path)
         return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
 
-    def _replanner(self, path: Sequence[Action]) -> Replanner | None:
-        if not isinstance(self._system, GraphSystem):
+    def _replanner(self, cubes: CubePath) -> Replanner | None:
+        system = self._system
+        if system is None or system.graph is None:
             return None
-        cubes = _normal(path, 0, 0).cube_path
-        return Replanner(self._system, self._start, cubes, labelled_goals=self._labelled_goals)
+        return Replanner(
+            system, system.graph, self._start, cubes, labelled_goals=self._labelled_goals
+        )

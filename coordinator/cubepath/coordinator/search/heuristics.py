@@ -10,12 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from cubepath.coordinator.search.lower_bounds import neighbours_of
 from cubepath.coordinator.search.transitions import Transitions, bits_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
-from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import Edge
 
 _MARGIN = 2
 """Sites that are so much farther than all modules of the start need no exact distance."""
@@ -26,8 +23,8 @@ class Ways:
 
     def __init__(self, system: System | None) -> None:
         """Ask the system."""
-        found = None if system is None else neighbours_of(system)
-        self._near = None if found is None else found[0]
+        found = None if system is None else system.ways()
+        self._near = None if found is None else found.near
         self._known: dict[Site, tuple[Site, ...]] = {}
 
     @property
@@ -46,9 +43,8 @@ class Ways:
 class Potential:
     """The potential of the sites towards a goal, and what each move changes.
 
-    For triangulations an edge counts the edges of the goal that it crosses (Hanke, Ottmann and
-    Schuierer 1996: some flip lessens them, so the sum falls to 0). For others it is the distance to
-    the nearest site of the goal, along the ways of modules; where these are not known 1 off it.
+    It is what the system itself says. Where it says nothing it is the distance to the nearest site
+    of the goal, along the ways of modules; where these are not known 1 off it.
     """
 
     def __init__(self, steps: Transitions, start: int, goal: int, ways: Ways | None = None) -> None:
@@ -84,10 +80,9 @@ class Potential:
 def _measure(steps: Transitions, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
     goals = steps.decode(goal)
     system = steps.system
-    if isinstance(system, FlipSystem):
-        cross = system.plane.cross
-        edges = [edge for site in goals for edge in _edge(site)]
-        return lambda site: sum(cross(one, edge) for one in _edge(site) for edge in edges)
+    said = None if system is None else system.potential(goals)
+    if said is not None:
+        return said
     if not ways.known:
         return lambda site: int(site not in goals)
     known = dict.fromkeys(goals, 0)
@@ -106,11 +101,3 @@ def _measure(steps: Transitions, start: int, goal: int, ways: Ways) -> Callable[
         beyond += not waiting
         layer = following
     return lambda site: known.get(site, distance + 1)
-
-
-def _edge(site: Site) -> list[Edge]:
-    match site:
-        case (int(one), int(other)):
-            return [(one, other)]
-        case _:
-            return []

@@ -22,7 +22,8 @@ from cubepath.coordinator.search import space_time_routes as routes
 from cubepath.coordinator.search.space_time_routes import FREE, Numbers
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.core.system import System
+from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 CELLS_MAX = 10_000_000
 """Vertices times rounds, and vertices times vehicles, that are kept in memory at most."""
@@ -49,7 +50,8 @@ class Replanner:
 
     def __init__(
         self,
-        system: GraphSystem,
+        system: System,
+        graph: VehicleGraph,
         start: State,
         cubes: Sequence[Sequence[Action]],
         *,
@@ -57,12 +59,13 @@ class Replanner:
     ) -> None:
         """Follow the vehicles through the cube path, which is taken as legal."""
         self._system = system
+        self._graph = graph
         self._labelled_goals = labelled_goals or system.labels is not None
         self._labels: list[int | None] = []
-        degree = max(len(system.listeners(vertex)) for vertex in system.vertices)
-        self._near = np.full((len(system.vertices), degree), FREE, dtype=np.int32)
-        for number, vertex in enumerate(system.vertices):
-            around = [system.index[other] for other in system.listeners(vertex)]
+        degree = max(len(graph.near[vertex]) for vertex in graph.vertices)
+        self._near = np.full((len(graph.vertices), degree), FREE, dtype=np.int32)
+        for number, vertex in enumerate(graph.vertices):
+            around = [graph.index[other] for other in graph.near[vertex]]
             self._near[number, : len(around)] = around
         self._plan = self._followed(start, cubes)
         self._ends = self._plan[:, -1].copy()
@@ -78,25 +81,25 @@ class Replanner:
         routes.reroute(world, self._plan, np.empty((0, 3), dtype=np.int32), 0)
 
     @staticmethod
-    def fits(system: GraphSystem, vehicles: int, cubes: int) -> bool:
-        """Tell whether a plan on this system, of so many rounds, can be kept in memory."""
-        return len(system.vertices) * max(vehicles, cubes + 1) <= CELLS_MAX
+    def fits(graph: VehicleGraph, vehicles: int, cubes: int) -> bool:
+        """Tell whether a plan on this graph, of so many rounds, can be kept in memory."""
+        return len(graph.vertices) * max(vehicles, cubes + 1) <= CELLS_MAX
 
     def _followed(self, start: State, cubes: Sequence[Sequence[Action]]) -> Numbers:
-        system = self._system
+        system, index = self._system, self._graph.index
         modules = in_order(start)
         at: dict[Site, int] = {site: number for number, site in enumerate(modules)}
         if system.labels is not None:
-            self._labels = [site[1] for site in modules if isinstance(site, tuple)]
+            self._labels = [system.label_of(site) for site in modules]
         plan = np.empty((len(modules), len(cubes) + 1), dtype=np.int32)
-        plan[:, 0] = [system.index[system.place_of(site)] for site in modules]
+        plan[:, 0] = [index[system.place_of(site)] for site in modules]
         for after, cube in enumerate(cubes, 1):
             plan[:, after] = plan[:, after - 1]
             for action in cube:
                 one, other = in_order(action.trace)
                 here, there = (one, other) if one in at else (other, one)
                 number = at[there] = at.pop(here)
-                plan[number, after] = system.index[system.place_of(there)]
+                plan[number, after] = index[system.place_of(there)]
         return plan
 
     def _settled(self) -> None:
@@ -121,7 +124,7 @@ class Replanner:
         """Return the moves of the plan, round by round."""
         found: list[Action] = []
         known: dict[tuple[int, int, int | None], Action] = {}
-        vertices, edge = self._system.vertices, self._system.action
+        vertices, edge = self._graph.vertices, self._system.action
         rows = self._plan.tolist()
         for after in range(1, self.rounds + 1):
             for vehicle, row in enumerate(rows):

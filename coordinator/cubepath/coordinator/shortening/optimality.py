@@ -31,7 +31,6 @@ from cubepath.protocol.path_files.moves import MoveName, PathMove, id_of
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.wire.messages import GeneratorPlacement
 
 State = frozenset[Site]
@@ -202,12 +201,10 @@ def beyond(
 
 def _as_labelled(task: Task) -> tuple[System | None, State, State]:
     """Return system, start and goal, with labels where each vehicle is to keep its own end."""
-    if not (task.labelled_goals and isinstance(task.system, GraphSystem)):
+    if not task.labelled_goals or task.system is None:
         return task.system, task.start, task.goal
     ends = ends_of(task.path, task.start)
-    system = GraphSystem(
-        task.system.vertices, task.system.edges, labels=len(ends), compass=task.system.compass
-    )
+    system = task.system.with_labels(len(ends))
     start = frozenset((site, label) for label, site in enumerate(ends))
     return system, start, frozenset((site, label) for label, site in enumerate(ends.values()))
 
@@ -229,14 +226,13 @@ def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
 def _of_optimum(task: Task, steps: Transitions, exact: Optimum) -> CubePath:
     """Return the normal cube path of what the exhaustive search found."""
     actions = [steps.actions[number] for cube in exact.cubes or () for number in cube]
-    if task.labelled_goals and isinstance(task.system, GraphSystem):
-        place_of, edge = GraphSystem.place_of, task.system.action
-        labelled = steps.system
-        if isinstance(labelled, GraphSystem):
-            actions = [
-                edge("edge", tuple(place_of(labelled, site) for site in in_order(action.trace)))
-                for action in actions
-            ]
+    labelled = steps.system
+    if task.labelled_goals and task.system is not None and labelled is not None:
+        edge, place_of = task.system.action, labelled.place_of
+        actions = [
+            edge("edge", tuple(place_of(site) for site in in_order(action.trace)))
+            for action in actions
+        ]
     return normal_cube_path(actions)
 
 

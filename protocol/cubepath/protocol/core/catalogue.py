@@ -56,6 +56,15 @@ HEXAGONS = Lattice("hexagons", dimension=2, arity=2, drawing="hexagons")
 SQUARES = Lattice("squares", dimension=2, arity=2, drawing="squares")
 EDGES = Lattice("edges", dimension=2, arity=3, drawing="edges")
 LATTICES = {lattice.name: lattice for lattice in (HEXAGONS, SQUARES, EDGES)}
+HEX_DIRECTIONS: tuple[tuple[int, int], ...] = (
+    (1, 0),
+    (0, 1),
+    (-1, 1),
+    (-1, 0),
+    (0, -1),
+    (1, -1),
+)
+"""The six directions of the hexagonal lattice in axial coordinates, counter-clockwise."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
 from functools import lru_cache
+from typing import Any
 from urllib.parse import quote
 
 import msgspec
@@ -31,6 +32,23 @@ def site_from_json(value: object) -> Site:
     if isinstance(value, str | int | float):
         return value
     raise InputError(f"a site is a JSON number, string or list, found {value!r}")
+
+
+def sites_from_json(values: Iterable[object]) -> tuple[Site, ...]:
+    """Return the sites that JSON values stand for; errors as `site_from_json`."""
+    return tuple(site_from_json(value) for value in values)
+
+
+def pairs_from_json(values: Iterable[tuple[object, object]]) -> tuple[tuple[Site, Site], ...]:
+    """Return the pairs of sites that pairs of JSON values stand for."""
+    return tuple((site_from_json(one), site_from_json(other)) for one, other in values)
+
+
+def to_json(value: object) -> Any:
+    """Return a site, or tuples of sites at any depth, as JSON has them: tuples become lists."""
+    if isinstance(value, tuple):
+        return [to_json(item) for item in value]
+    return value
 
 
 def site_text(site: Site) -> str:

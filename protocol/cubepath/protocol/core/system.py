@@ -3,19 +3,26 @@
 A system answers, for one place, what a module there could do, what it must see for that, and
 who could be in its way; the cost is that of the neighbourhood. It knows nothing of where modules
 are, so that handing a system to a rule hands it no more than the static map.
+
+All that others may want to know of a system, its class says itself: how it is written and read,
+how its sites are drawn, where modules can go, what is known of paths in it. Whoever asks for a
+class or a name instead works with the systems of today only; so nobody does.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, ClassVar, NamedTuple, Self
 
-from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.catalogue import Catalogue, Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
 """What a sensed place shows: free, a module, an occupied obstacle, or no place for a module."""
@@ -25,17 +32,64 @@ FIRST_LABEL = 4
 """A labelled module with label ``i`` shows as ``FIRST_LABEL + i``."""
 
 
+class Ways(NamedTuple):
+    """From which site a module can come to which by some move, whatever else stands there."""
+
+    near: Callable[[Site], Iterable[Site]]
+    """The sites that are one move away from a site, each once."""
+    one_to_one: bool
+    """Whether every move takes its modules to as many sites, no two to one."""
+
+
+def one_to_one(motions: Iterable[Sequence[tuple[Site, Site]]]) -> bool:
+    """Tell whether each of these motions takes its modules to as many sites, no two to one."""
+    return all(
+        len({source for source, _ in motion})
+        == len({target for _, target in motion})
+        == len(motion)
+        for motion in motions
+    )
+
+
+class Bound(NamedTuple):
+    """No path between two states has fewer than `cubes` cubes; `why` names the argument."""
+
+    cubes: int
+    why: str
+
+
 class System(ABC):
     """The static world: places, obstacles, actions and neighbourhoods.
 
     A *site* is what can be on; a *place* is where a module stands. They differ only in labelled
     systems, whose sites are ``(place, label)``.
+
+    A class of another distribution defines what is abstract here, and whatever else it can say;
+    what it leaves out is not known of it, and does no harm. It is offered to others by a `Family`
+    of scenes, under the entry point group ``cubepath.systems``.
     """
 
+    table: ClassVar[str]
+    """The name of the TOML table that systems of this class are written as and read from."""
     filled: frozenset[Site]
     """Obstacles that are on: they count for supports, never move, never become free."""
+    empty: frozenset[Site] = frozenset()
+    """Obstacles that are off."""
     drawing: str
-    """How places look: "hexagons", "squares", "edges" or "graph"."""
+    """How places look: a style that pictures know: "hexagons", "squares", "map", "edges", "graph",
+    "chords" or "letters"."""
+    places: tuple[Site, ...] = ()
+    """The places that a picture shows whatever the modules do: of a finite system all."""
+    positions: Mapping[Site, tuple[float, float]] = MappingProxyType({})
+    """Where places, or the points that a chord joins, lie in a picture, y upwards."""
+    letters: tuple[str, ...] = ()
+    """The letters of a system whose sites are ``(place, letter)``."""
+    catalogue: Catalogue | None = None
+    """The generators that are placed by translation, where all moves come from such."""
+    graph: VehicleGraph | None = None
+    """The graph, where modules are vehicles."""
+    bounded: bool = True
+    """False where modules can wander off for ever: the workspace is a whole lattice."""
     site_size: int
     """How many integers `encode_site` returns."""
     move_slots: int
@@ -51,6 +105,18 @@ class System(ABC):
     local = True
     """False where a rule for the whole aggregate decides too (`legal`): such a system has a
     complex, but no environment, no runs and no shortening."""
+
+    @abstractmethod
+    def to_table(self) -> dict[str, Any]:
+        """Return what the TOML table of this system holds: plain lists, texts and numbers."""
+
+    @classmethod
+    @abstractmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Self:
+        """Return the system that a TOML table holds; of `to_table`, an equal one.
+
+        InputError, or msgspec's ValidationError, for a table that holds none.
+        """
 
     @abstractmethod
     def moves(self, site: Site) -> tuple[Move | None, ...]:
@@ -99,6 +165,57 @@ class System(ABC):
     def check_state(self, sites: Iterable[Site]) -> None:
         """Raise InputError where modules cannot be at these sites together; Scene checks places."""
         del sites
+
+    @property
+    def open(self) -> bool:
+        """Tell whether a whole lattice is free: no end of the workspace, and no obstacle."""
+        return not (self.bounded or self.filled or self.empty)
+
+    def lines(self) -> Iterable[tuple[Site, Site]]:
+        """Return the pairs of places that a picture joins by a line, each once."""
+        return ()
+
+    def label_of(self, site: Site) -> int | None:
+        """Return the label of a site of a labelled system, None of another."""
+        if self.labels is None or not isinstance(site, tuple):
+            return None
+        return int(site[1])
+
+    def with_labels(self, count: int) -> System:
+        """Return the same system with `count` labels, which modules keep; sites get them behind.
+
+        InputError where modules cannot be told apart by labels.
+        """
+        raise InputError(f"labels for {count} modules: this system has none to give them")
+
+    def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
+        """Return a system that has the moves of these generators at these places, if it can.
+
+        As far as is known what would be there if nothing were in the way: no obstacle, no end of
+        the workspace. InputError where such moves contradict the system.
+        """
+        del placed
+        return self
+
+    def ways(self) -> Ways | None:
+        """Return where modules can go by some move, None where that is not known."""
+        return None
+
+    def bounds(self, start: State, goal: State) -> Iterable[Bound]:
+        """Return what is known of how many cubes every path between two states has at least.
+
+        The states differ. The proof stands beside the code.
+        """
+        del start, goal
+        return ()
+
+    def potential(self, goal: State) -> Callable[[Site], int] | None:
+        """Return how far a site that is on is from the goal, to lead a search; None if not known.
+
+        0 for sites of the goal; the sum over the sites of a state is 0 at the goal alone.
+        """
+        del goal
+        return None
 
     def region(self, place: Site) -> str:
         """Return the name of the region that a place lies in, one chunk of a key expression.

@@ -7,50 +7,19 @@ from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families import (
-    arm,
-    arms,
-    assembly,
-    connected_hexagons,
-    free_arm,
-    hexagons,
-    sliding,
-    triangulations,
-    tunnel,
-    vehicles,
-    words,
-)
-from cubepath.protocol.scenes.family import Family
-
-FAMILIES: dict[str, Family] = {
-    family.name: family
-    for module in (
-        hexagons,
-        connected_hexagons,
-        tunnel,
-        sliding,
-        vehicles,
-        arm,
-        free_arm,
-        arms,
-        triangulations,
-        words,
-        assembly,
-    )
-    for family in module.FAMILIES
-}
+from cubepath.protocol.scenes.registry import families, family_named, sound_families
+from cubepath.protocol.scenes.toml import read_scene
 
 
 def scene_from_spec(spec: str) -> Scene:
     """Return the scene that `spec` names; InputError says what is wrong with it."""
     name, _, rest = spec.partition(":")
-    family = FAMILIES.get(name)
+    family = sound_families().get(name)
     if family is None and spec.endswith(".toml"):
-        from cubepath.protocol.scenes.toml import read_scene  # noqa: PLC0415 - files reads scenes too
-
         return read_scene(Path(spec))
+    family = family or family_named(name)
     if family is None:
-        names = ", ".join(FAMILIES)
+        names = ", ".join(families())
         raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
     values = {key: default for key, (default, _) in family.keys.items()}
     given: dict[str, str] = {}

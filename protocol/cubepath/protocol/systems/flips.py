@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from itertools import combinations
+from typing import Any, ClassVar, Self
 
-from cubepath.protocol.core.actions import Action
+import msgspec
+
+from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, in_order, to_json
+from cubepath.protocol.core.system import Bound
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import Edge, Point, PointSet, Quadrilateral
 
@@ -23,6 +27,8 @@ class FlipSystem(TabledSystem):
     edges of the hull and any others that are in every triangulation. All triangulations of the
     points can be reached from one (Lawson 1972).
     """
+
+    table: ClassVar[str] = "triangulation"
 
     def __init__(self, points: Iterable[Point]) -> None:
         """Find all flips; InputError says what is wrong with the points."""
@@ -44,6 +50,29 @@ class FlipSystem(TabledSystem):
     def __reduce__(self) -> tuple[object, ...]:
         # The points say all, and are far fewer than the flips.
         return partial(FlipSystem, self.plane.points), ()
+
+    def to_table(self) -> dict[str, Any]:
+        """Return the points."""
+        return {"points": to_json(self.plane.points)}
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Self:
+        """Return the system of a table ``[triangulation]``; docs/files.md has its keys."""
+        return cls(msgspec.convert(table, _PointsTable).points)
+
+    def bounds(self, start: State, goal: State) -> Iterable[Bound]:
+        """Return the bounds by crossings, and by the triangles that there are."""
+        yield Bound(crossing_bound(self, start, goal), "an edge's crossings halve")
+        yield Bound(flip_bound(self, start, goal), "flips at one time")
+
+    def potential(self, goal: State) -> Callable[[Site], int]:
+        """Return how many edges of the goal an edge crosses.
+
+        Some flip lessens the sum as long as there is any (Hanke, Ottmann and Schuierer 1996).
+        """
+        cross = self.plane.cross
+        edges = _edges(goal)
+        return lambda site: sum(cross(one, edge) for one in _edges((site,)) for edge in edges)
 
     def modules_of(self, edges: Iterable[Edge]) -> tuple[Edge, ...]:
         """Return the edges of a triangulation that are modules, in order."""
@@ -102,3 +131,54 @@ def flip_of(quadrilateral: Quadrilateral) -> Move:
     label = f"flip at {list(at)}"
     action = Action(support, (one, other), {*sides, one}, {*sides, other}, label=label)
     return Move(action, "flip", at, ((one, other),))
+
+
+def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
+    """Return how often the crossings of one edge must be halved until it can be there.
+
+    The bound is the greatest ``floor(log2(k)) + 1`` over the edges of either triangulation that are
+    crossed by k >= 1 edges of the other.
+
+    Proof. Let an edge f of the goal cross k edges of the present triangulation. It runs through
+    k + 1 triangles. Only a flip of an edge that f crosses can lessen k, and by one at most; its
+    quadrilateral is two triangles that follow each other along f. Flips of one cube have no
+    triangle in common, since a diagonal may not be a side of the other's quadrilateral. So one cube
+    lessens k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
+    is 0. Read backwards, the same holds for edges of the start. Quadratic in the edges.
+
+    That log n rounds are of the right order for convex polygons is known: Galtier, Hurtado, Noy,
+    Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
+    """
+    crossed: dict[Edge, int] = {}
+    for edge in _edges(start - goal):
+        for other in _edges(goal - start):
+            if system.plane.cross(edge, other):
+                crossed[edge] = crossed.get(edge, 0) + 1
+                crossed[other] = crossed.get(other, 0) + 1
+    return max(crossed.values(), default=0).bit_length()
+
+
+def flip_bound(system: FlipSystem, start: State, goal: State) -> int:
+    """Return how many rounds the edges that are missing need, as many at a time as can be.
+
+    Proof. A flip brings one edge and needs two triangles; those of one cube have none in common.
+    A triangulation with V points and E edges has E - V + 1 triangles (Euler).
+    """
+    edges = len(start | system.kept)
+    triangles = edges - len(system.plane.points) + 1
+    return -(-len(goal - start) // max(1, triangles // 2))
+
+
+def _edges(sites: Iterable[Site]) -> list[Edge]:
+    found: list[Edge] = []
+    for site in in_order(sites):
+        match site:
+            case (int(one), int(other)):
+                found.append((one, other))
+            case _:
+                raise TypeError(f"{site!r} is no edge of a triangulation")
+    return found
+
+
+class _PointsTable(msgspec.Struct, forbid_unknown_fields=True):
+    points: list[tuple[int, int]]

@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import chain
+from typing import Annotated, Any, ClassVar, Self
+
+import msgspec
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import FIRST_LABEL, KEPT, MODULE, System, region_of
+from cubepath.protocol.core.sites import (
+    Site,
+    in_order,
+    pairs_from_json,
+    sites_from_json,
+    to_json,
+)
+from cubepath.protocol.core.system import FIRST_LABEL, KEPT, MODULE, System, Ways, region_of
+from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 COMPASS = ((1, 0), (0, 1), (-1, 0), (0, -1))
 
@@ -22,6 +33,9 @@ class GraphSystem(System):
     every label at both ends, the trace is the mover's alone. `compass` gives each vertex (x, y)
     four slots, in the order of `COMPASS`, in place of one slot a neighbour.
     """
+
+    table: ClassVar[str] = "graph"
+    graph: VehicleGraph
 
     def __init__(
         self,
@@ -41,7 +55,8 @@ class GraphSystem(System):
         self.labels = labels
         self.compass = compass
         self.filled = frozenset()
-        self.drawing = "squares" if compass else "graph"
+        self.places = self.vertices
+        self.drawing = "map" if compass else "graph"
         self.site_size = 1
         self.codes = FIRST_LABEL + (labels or 0)
         near: dict[Site, set[Site]] = {vertex: set() for vertex in self.vertices}
@@ -68,6 +83,7 @@ class GraphSystem(System):
             found = self._compass(vertex, near[vertex]) if compass else in_order(near[vertex])
             self._slots[vertex] = found + (None,) * (self.move_slots - len(found))
         self._near = {vertex: in_order(found) for vertex, found in near.items()}
+        self.graph = VehicleGraph(self.vertices, self.index, self._near, self.edges)
         # On a grid twelve cells lie at distance one or two; elsewhere it has to be counted.
         self.reach_slots = (
             12 if compass else max(1, *(len(self._within_two(vertex)) for vertex in self.vertices))
@@ -82,6 +98,28 @@ class GraphSystem(System):
             GraphSystem, self.vertices, self.edges, labels=self.labels, compass=self.compass
         )
         return build, ()
+
+    def to_table(self) -> dict[str, Any]:
+        """Return vertices, edges, compass and labels."""
+        table: dict[str, Any] = {
+            "compass": self.compass,
+            "vertices": to_json(self.vertices),
+            "edges": to_json(self.edges),
+        }
+        if self.labels is not None:
+            table["labels"] = self.labels
+        return table
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Self:
+        """Return the system of a table ``[graph]``; docs/files.md has its keys."""
+        found = msgspec.convert(table, _GraphTable)
+        return cls(
+            sites_from_json(found.vertices),
+            pairs_from_json(found.edges),
+            labels=found.labels,
+            compass=found.compass,
+        )
 
     @staticmethod
     def _compass(vertex: Site, near: set[Site]) -> tuple[Site | None, ...]:
@@ -205,6 +243,32 @@ class GraphSystem(System):
         label = self._split(site)[1]
         return MODULE if label is None else FIRST_LABEL + label
 
+    def lines(self) -> Iterable[tuple[Site, Site]]:
+        """Return the edges."""
+        return self.edges
+
+    def with_labels(self, count: int) -> System:
+        """Return the same graph with labelled vehicles."""
+        return GraphSystem(self.vertices, self.edges, labels=count, compass=self.compass)
+
+    def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
+        """Return the graph with the edges, and their ends, that it lacks."""
+        more = [(at[0], at[1]) for _, at in placed if isinstance(at, tuple) and len(at) >= 2]
+        edges = dict.fromkeys((*self.edges, *more))
+        vertices = dict.fromkeys((*self.vertices, *chain.from_iterable(edges)))
+        return GraphSystem(vertices, edges, labels=self.labels, compass=self.compass)
+
+    def ways(self) -> Ways:
+        """Return the sites along the edges."""
+
+        def near(site: Site) -> Iterable[Site]:
+            place, label = self._split(site)
+            if label is None:
+                return self._near[place]
+            return [(other, label) for other in self._near[place]]
+
+        return Ways(near, one_to_one=True)
+
     def check_state(self, sites: Iterable[Site]) -> None:
         """Check that no label is on twice."""
         seen: dict[int, Site] = {}
@@ -215,3 +279,10 @@ class GraphSystem(System):
             if label in seen:
                 raise InputError(f"label {label} is on twice, at {seen[label]!r} and {place!r}")
             seen[label] = place
+
+
+class _GraphTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    vertices: list[Any]
+    edges: list[tuple[Any, Any]]
+    compass: bool = False
+    labels: Annotated[int, msgspec.Meta(ge=1)] | None = None

@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from functools import lru_cache, partial
+from typing import Any, ClassVar, Self
+
+import msgspec
 
 from cubepath.protocol.core.actions import Action, commute
-from cubepath.protocol.core.catalogue import Catalogue, Cell, Move
+from cubepath.protocol.core.catalogue import (
+    HEX_DIRECTIONS,
+    HEXAGONS,
+    LATTICES,
+    Catalogue,
+    Cell,
+    Generator,
+    Move,
+)
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import KEPT, System, region_of
+from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
+from cubepath.protocol.core.system import KEPT, System, Ways, one_to_one, region_of
 
 
 class LatticeSystem(System):
@@ -17,7 +29,16 @@ class LatticeSystem(System):
 
     `workspace` None is the whole lattice. `filled` and `empty` are the obstacles that are on and
     off; both may lie in a support, neither in a trace (paper, metamorphic system with obstacles).
+
+    With `connected`, on the hexagonal lattice, all states are connected, filled obstacles included:
+    an action is admissible as ever, and legal only if the state that it leads to is connected. No
+    neighbourhood tells whether it is, so the system is not local: three moves may commute, any two
+    of them leave the aggregate connected, and all three not, a corner of positive curvature (paper,
+    example of non-local positive curvature).
     """
+
+    table: ClassVar[str] = "lattice"
+    catalogue: Catalogue
 
     def __init__(
         self,
@@ -26,10 +47,15 @@ class LatticeSystem(System):
         workspace: Iterable[Site] | None = None,
         filled: Iterable[Site] = (),
         empty: Iterable[Site] = (),
+        connected: bool = False,
     ) -> None:
         """Check the obstacles and derive all neighbourhoods from the catalogue."""
         lattice = catalogue.lattice
+        if connected and lattice != HEXAGONS:
+            raise InputError(f"connected: expected lattice 'hexagons', found {lattice.name!r}")
         self.catalogue = catalogue
+        self.local = not connected
+        self.bounded = workspace is not None
         self.workspace = (
             None if workspace is None else frozenset(lattice.check(site) for site in workspace)
         )
@@ -39,6 +65,7 @@ class LatticeSystem(System):
         if both:
             raise InputError(f"obstacle {in_order(both)[0]!r} is both filled and empty")
         self.obstacles: frozenset[Site] = self.filled | self.empty
+        self.places = (*self.obstacles, *(self.workspace or ()))
         self.drawing = lattice.drawing
         self.site_size = lattice.arity
         self._near = _Neighbourhoods(catalogue)
@@ -58,8 +85,38 @@ class LatticeSystem(System):
             workspace=self.workspace,
             filled=self.filled,
             empty=self.empty,
+            connected=not self.local,
         )
         return build, ()
+
+    def to_table(self) -> dict[str, Any]:
+        """Return lattice, generators, workspace and obstacles."""
+        table: dict[str, Any] = {"name": self.catalogue.lattice.name}
+        if self.workspace is not None:
+            table["workspace"] = to_json(in_order(self.workspace))
+        for key, sites in (("filled", self.filled), ("empty", self.empty)):
+            if sites:
+                table[key] = to_json(in_order(sites))
+        if not self.local:
+            table["connected"] = True
+        table["generators"] = [_of_generator(each) for each in self.catalogue.generators]
+        return table
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Self:
+        """Return the system of a table ``[lattice]``; docs/files.md has its keys."""
+        found = msgspec.convert(table, _LatticeTable)
+        lattice = LATTICES.get(found.name)
+        if lattice is None:
+            names = ", ".join(LATTICES)
+            raise InputError(f"unknown lattice {found.name!r}, expected one of {names}")
+        return cls(
+            Catalogue(lattice, tuple(map(_generator, found.generators))),
+            workspace=None if found.workspace is None else sites_from_json(found.workspace),
+            filled=sites_from_json(found.filled),
+            empty=sites_from_json(found.empty),
+            connected=found.connected,
+        )
 
     def _moves(self, site: Site) -> tuple[Move | None, ...]:
         found: list[Move | None] = [
@@ -129,6 +186,93 @@ class LatticeSystem(System):
     def has_place(self, place: Site) -> bool:
         """Tell whether `place` is in the workspace and no obstacle."""
         return place not in self.obstacles and (self.workspace is None or place in self.workspace)
+
+    def legal(self, state: AbstractSet[Site]) -> bool:
+        """Tell whether the cells that are on are connected, where they have to be."""
+        if self.local:
+            return True
+        rest = set(state)
+        found = [rest.pop()] if rest else []
+        while found:
+            q, r = HEXAGONS.check(found.pop())
+            for along, up in HEX_DIRECTIONS:
+                beside = (q + along, r + up)
+                if beside in rest:
+                    rest.remove(beside)
+                    found.append(beside)
+        return not rest
+
+    def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
+        """Return the catalogue on the whole lattice, without obstacles."""
+        del placed
+        return LatticeSystem(self.catalogue)
+
+    def ways(self) -> Ways:
+        """Return where modules go under all placings, also those whose support does not fit."""
+        lattice, generators = self.catalogue.lattice, self.catalogue.generators
+        pairs = [
+            pair
+            for generator in generators
+            for one, other in generator.motion
+            for pair in ((one, other), (other, one))
+        ]
+
+        def near(site: Site) -> Iterable[Site]:
+            cell = lattice.check(site)
+            found: dict[Site, None] = {}
+            for source, target in pairs:
+                by = lattice.between(source, cell)
+                if by is not None:
+                    found[lattice.shift(target, by)] = None
+            return [other for other in found if self.has_place(other)]
+
+        return Ways(near, one_to_one(generator.motion for generator in generators))
+
+
+class _GeneratorTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    name: str
+    support: list[list[int]]
+    trace: list[list[int]]
+    before: list[list[int]]
+    after: list[list[int]]
+    motion: list[tuple[list[int], list[int]]] = msgspec.field(name="goes")
+    free: list[list[int]] = []
+    guards: list[tuple[list[int], list[int]]] = []
+
+
+class _LatticeTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    name: str
+    generators: list[_GeneratorTable]
+    workspace: list[Any] | None = None
+    filled: list[Any] = []
+    empty: list[Any] = []
+    connected: bool = False
+
+
+def _generator(table: _GeneratorTable) -> Generator:
+    return Generator(
+        name=table.name,
+        support=tuple(map(tuple, table.support)),
+        trace=tuple(map(tuple, table.trace)),
+        before=tuple(map(tuple, table.before)),
+        after=tuple(map(tuple, table.after)),
+        motion=tuple((tuple(a), tuple(b)) for a, b in table.motion),
+        free=tuple(map(tuple, table.free)),
+        guards=tuple((tuple(a), tuple(b)) for a, b in table.guards),
+    )
+
+
+def _of_generator(generator: Generator) -> dict[str, Any]:
+    found = {
+        "support": to_json(generator.support),
+        "trace": to_json(generator.trace),
+        "before": to_json(generator.before),
+        "after": to_json(generator.after),
+        "goes": to_json(generator.motion),
+        "free": to_json(generator.free),
+        "guards": to_json(generator.guards),
+    }
+    return {"name": generator.name, **{key: value for key, value in found.items() if value}}
 
 
 class _Neighbourhoods:

@@ -10,12 +10,23 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache, partial
 from itertools import chain
 from math import isfinite
+from typing import Any, ClassVar, Self
+
+import msgspec
 
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import FIRST_LABEL, KEPT, System
+from cubepath.protocol.core.sites import (
+    Site,
+    in_order,
+    pairs_from_json,
+    site_from_json,
+    site_text,
+    sites_from_json,
+    to_json,
+)
+from cubepath.protocol.core.system import FIRST_LABEL, KEPT, System, Ways, one_to_one
 
 Point = tuple[float, float]
 DRAWINGS = ("chords", "letters", "edges", "graph")
@@ -29,6 +40,8 @@ class TabledSystem(System):
     no trace (obstacles). `positions` says where places lie in a picture, `drawing` how they look:
     "chords" (a place is a pair of points), "letters" (a row of places), "edges" or "graph".
     """
+
+    table: ClassVar[str] = "listed"
 
     def __init__(
         self,
@@ -133,6 +146,49 @@ class TabledSystem(System):
             positions=self.positions,
         )
         return build, ()
+
+    def to_table(self) -> dict[str, Any]:
+        """Return drawing, letters, fixed sites, positions and moves."""
+        table: dict[str, Any] = {"drawing": self.drawing}
+        if self.letters:
+            table["letters"] = list(self.letters)
+        if self.filled:
+            table["fixed"] = to_json(in_order(self.filled))
+        if self.positions:
+            table["positions"] = [
+                [to_json(place), *map(float, self.positions[place])]
+                for place in in_order(self.positions)
+            ]
+        table["moves"] = [_of_move(move) for move in self.listed]
+        return table
+
+    @classmethod
+    def from_table(cls, table: Mapping[str, Any]) -> Self:
+        """Return the system of a table ``[listed]``; docs/files.md has its keys."""
+        found = msgspec.convert(table, _ListTable)
+        return cls(
+            [_move(each) for each in found.moves],
+            letters=found.letters,
+            fixed=sites_from_json(found.fixed),
+            drawing=found.drawing,
+            positions={site_from_json(place): (x, y) for place, x, y in found.positions},
+        )
+
+    def lines(self) -> Iterable[tuple[Site, Site]]:
+        """Return from where to where modules go."""
+        motion = (ends for move in self.listed for ends in move.motion)
+        return dict.fromkeys((self.place_of(a), self.place_of(b)) for a, b in motion)
+
+    def ways(self) -> Ways:
+        """Return where the listed moves take modules, both ways."""
+        listed: dict[Site, dict[Site, None]] = {}
+        for move in self.listed:
+            for one, other in move.motion:
+                listed.setdefault(one, {})[other] = None
+                listed.setdefault(other, {})[one] = None
+        return Ways(
+            lambda site: listed.get(site, {}), one_to_one(move.motion for move in self.listed)
+        )
 
     def _seen_from(self, place: Site) -> tuple[Site, ...]:
         return in_order(
@@ -244,3 +300,55 @@ class TabledSystem(System):
         for place in self._lettered:
             if place not in on:
                 raise InputError(f"no letter is on at place {place!r}")
+
+
+class _MoveTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    generator: str
+    at: Any
+    support: list[Any]
+    trace: list[Any]
+    before: list[Any]
+    after: list[Any]
+    motion: list[tuple[Any, Any]] = msgspec.field(name="goes")
+    free: list[Any] = []
+    guards: list[tuple[Any, Any]] = []
+
+
+class _ListTable(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
+    drawing: str
+    moves: list[_MoveTable]
+    letters: list[str] = []
+    fixed: list[Any] = []
+    positions: list[tuple[Any, float, float]] = []
+
+
+def _move(table: _MoveTable) -> Move:
+    at = site_from_json(table.at)
+    action = Action(
+        sites_from_json(table.support),
+        sites_from_json(table.trace),
+        sites_from_json(table.before),
+        sites_from_json(table.after),
+        free=sites_from_json(table.free),
+        guards=pairs_from_json(table.guards),
+        label=f"{table.generator} at {site_text(at)}",
+    )
+    return Move(action, table.generator, at, pairs_from_json(table.motion))
+
+
+def _of_move(move: Move) -> dict[str, Any]:
+    action = move.action
+    sources = frozenset(source for source, _ in move.motion)
+    ends = action.ends if sources <= action.ends[0] else action.ends[::-1]
+    found = {
+        "support": to_json(in_order(action.support)),
+        "trace": to_json(in_order(action.trace)),
+        "before": to_json(in_order(ends[0])),
+        "after": to_json(in_order(ends[1])),
+        "goes": to_json(move.motion),
+    }
+    if action.free:
+        found["free"] = to_json(in_order(action.free))
+    if action.guards:
+        found["guards"] = to_json(in_order(action.guards))
+    return {"generator": move.generator, "at": to_json(move.at), **found}

@@ -5,10 +5,11 @@ Source: Abrams and Ghrist, example 2-d articulated planar arm.
 
 from __future__ import annotations
 
+from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.catalogue import EDGES, Catalogue, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
 
@@ -69,6 +70,18 @@ def arm_sites(word: str) -> tuple[Site, ...]:
     return tuple(found)
 
 
+def _is_positive_arm(system: System, start: State) -> bool:
+    """Tell whether the state is an arm that goes right and up, under the arm's own catalogue.
+
+    Its complex is contractible for every length (paper, proposition on the positive arm).
+    """
+    if system.catalogue != arm_catalogue() or not system.open:
+        return False
+    edges = sorted(map(EDGES.check, start), key=lambda edge: edge[0] + edge[1])
+    tips = [(x + 1 - axis, y + axis) for x, y, axis in edges]
+    return all((edge[0], edge[1]) == tip for edge, tip in zip(edges[1:], tips, strict=False))
+
+
 FAMILIES = (
     Family(
         "arm",
@@ -78,6 +91,8 @@ FAMILIES = (
             "goal": ("", "word of the goal, from the base; all x when left out"),
         },
         _arm,
+        LatticeSystem,
         "word",
+        _is_positive_arm,
     ),
 )

@@ -234,5 +234,6 @@ FAMILIES = (
             "h": ("", "height of the workspace; n + 1 when left out"),
         },
         _arms,
+        TabledSystem,
     ),
 )

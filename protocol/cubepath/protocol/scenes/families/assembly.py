@@ -20,11 +20,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.words import lettered_scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.listed import TabledSystem
@@ -143,6 +143,27 @@ def _assembly(name: str, values: Values) -> Scene:
     return lettered_scene(name, system, start, tuple((part, last) for part in plan.middles))
 
 
+def _is_assembly(system: System, _start: State) -> bool:
+    """Tell whether the listed moves are those of one of the plans here.
+
+    Its states are the order ideals of its steps, so its complex is CAT(0) (Ardila, Owen and
+    Sullivant, *Geodesics in CAT(0) cubical complexes*, 2012).
+    """
+    if not isinstance(system, TabledSystem):
+        return False
+    for count in (2, 3):
+        if system.letters != STEPS[:count]:
+            continue
+        for build, most in PLANS.values():
+            for size in range(1, most + 1):
+                plan = build(size)
+                if len(plan.middles) > len(system.places):
+                    break
+                if system.listed == assembly_moves(plan, weld=count == 3):
+                    return True
+    return False
+
+
 FAMILIES = (
     Family(
         "assembly",
@@ -153,5 +174,7 @@ FAMILIES = (
             "until": ("welded", "the last step of every part: placed or welded"),
         },
         _assembly,
+        TabledSystem,
+        one_class=_is_assembly,
     ),
 )

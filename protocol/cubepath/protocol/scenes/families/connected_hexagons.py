@@ -6,42 +6,12 @@ second catalogue of hexagonal pivots, and a rule for the whole aggregate added t
 
 from __future__ import annotations
 
-from collections.abc import Set as AbstractSet
-
-from cubepath.protocol.core.catalogue import HEXAGONS, Cell
+from cubepath.protocol.core.catalogue import Cell
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.families.hexagons import HEX_DIRECTIONS, hex_catalogue, walled
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue, walled
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
-
-
-class ConnectedHexagons(LatticeSystem):
-    """A system on the hexagonal lattice all of whose states are connected; it is not local.
-
-    An action is admissible as in any lattice system, and legal only if the state that it leads to
-    is connected: whether it is, no neighbourhood tells. So three moves may commute, any two of
-    them leave the aggregate connected, and all three not: a corner of positive curvature.
-    """
-
-    local = False
-
-    def legal(self, state: AbstractSet[Site]) -> bool:
-        """Tell whether the cells that are on, filled obstacles among them, are connected."""
-        if self.catalogue.lattice != HEXAGONS:
-            raise InputError(f"connected: expected lattice hexagons, not {self.catalogue.lattice}")
-        rest = set(state)
-        found = [rest.pop()] if rest else []
-        while found:
-            q, r = HEXAGONS.check(found.pop())
-            for along, up in HEX_DIRECTIONS:
-                beside = (q + along, r + up)
-                if beside in rest:
-                    rest.remove(beside)
-                    found.append(beside)
-        return not rest
-
 
 RING: tuple[Cell, ...] = (
     (0, 0),
@@ -118,8 +88,8 @@ def _connected(name: str, values: Values) -> Scene:
         goals = tuple((count - 1, step) for step in range(count))
     else:
         start = RING if shape == "ring" else HUB
-    system = ConnectedHexagons(
-        hex_catalogue(keeps_topology=False), workspace=walled([*start, *goals])
+    system = LatticeSystem(
+        hex_catalogue(keeps_topology=False), workspace=walled([*start, *goals]), connected=True
     )
     return Scene(
         spec=name,
@@ -144,6 +114,7 @@ FAMILIES = (
             ),
         },
         _connected,
+        LatticeSystem,
         rule="",
     ),
 )

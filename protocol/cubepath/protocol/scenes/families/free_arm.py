@@ -164,5 +164,6 @@ FAMILIES = (
             "goal": ("", "word of the goal; straight to the right when left out"),
         },
         _free_arm,
+        LatticeSystem,
     ),
 )

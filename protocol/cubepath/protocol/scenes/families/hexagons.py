@@ -7,21 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cubepath.protocol.core.catalogue import HEXAGONS, Catalogue, Cell, Generator
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Catalogue, Cell, Generator
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.lattice import LatticeSystem
-
-# The six directions of the hexagonal lattice in axial coordinates, counter-clockwise.
-HEX_DIRECTIONS: tuple[tuple[int, int], ...] = (
-    (1, 0),
-    (0, 1),
-    (-1, 1),
-    (-1, 0),
-    (0, -1),
-    (1, -1),
-)
 
 
 def hex_catalogue(*, keeps_topology: bool) -> Catalogue:
@@ -139,6 +129,7 @@ FAMILIES = (
         "hexagonal pivots that keep the topology (catalogue 1)",
         {**_KEYS, "n": ("12", "number of modules")},
         _hex,
+        LatticeSystem,
         "chain",
     ),
     Family(
@@ -146,6 +137,7 @@ FAMILIES = (
         "hexagonal pivots that may split the aggregate (catalogue 2), in a bounded workspace",
         _KEYS,
         _hex,
+        LatticeSystem,
         "chain",
     ),
 )

@@ -98,5 +98,6 @@ FAMILIES = (
             "k": ("", "longest run that slides is k + 1 cells; n - 1 when left out, all there is"),
         },
         _sliding,
+        LatticeSystem,
     ),
 )

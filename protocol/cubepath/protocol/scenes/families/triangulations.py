@@ -213,6 +213,7 @@ FAMILIES = (
             "goal": ("", "corner of the fan that is the goal, n/2 when left out"),
         },
         _polygon,
+        FlipSystem,
     ),
     Family(
         "triangulation",
@@ -225,5 +226,6 @@ FAMILIES = (
             "goal": ("", "likewise"),
         },
         _triangulation,
+        FlipSystem,
     ),
 )

@@ -102,5 +102,6 @@ FAMILIES = (
             ),
         },
         _tunnel,
+        LatticeSystem,
     ),
 )

@@ -70,6 +70,6 @@ _KEYS = {
     "scene": ("", "a JSON file with starts and goals"),
 }
 FAMILIES = (
-    Family("agv", "unlabelled vehicles on a graph", _KEYS, _agv, "tswap"),
-    Family("agv-labelled", "labelled vehicles on a graph", _KEYS, _agv, "pibt"),
+    Family("agv", "unlabelled vehicles on a graph", _KEYS, _agv, GraphSystem, "tswap"),
+    Family("agv-labelled", "labelled vehicles on a graph", _KEYS, _agv, GraphSystem, "pibt"),
 )

@@ -159,5 +159,6 @@ FAMILIES = (
             "goal": ("", "a word of the same length"),
         },
         _words,
+        TabledSystem,
     ),
 )

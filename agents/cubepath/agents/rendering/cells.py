@@ -1,0 +1,181 @@
+"""Cells in rows: hexagons, squares, and maps of squares, as text and on axes.
+
+Room: agents; draws what it is given and asks nobody. On a map y counts downwards, vehicles are
+discs, and what is no place is a wall.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from math import ceil, floor, pi, sqrt
+
+import numpy as np
+
+from cubepath.agents.rendering.layout import cell_of, known_places, marks_of
+from cubepath.agents.rendering.pen import LINE, TILE, WALL, Pen, Points, Spot, arcs
+from cubepath.agents.rendering.places import (
+    FREE_MAX,
+    Look,
+    PlacePen,
+    disc,
+    draw_places,
+    frame_of,
+    place_pen,
+)
+from cubepath.agents.rendering.style import Style
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import CLOSED, EMPTY, FILLED, Scene, System
+
+_GROUND = {EMPTY: ".", FILLED: "#", CLOSED: " "}
+_MARGIN = 0.6
+
+
+@dataclass(frozen=True, slots=True)
+class _Rows:
+    """How rows of cells lie: each shifted against the one below, or not; upwards or downwards."""
+
+    slant: float
+    stretch: float
+    up: int
+
+    def middle(self, _system: System, place: Site) -> Spot:
+        x, y = cell_of(place)[:2]
+        return x + self.slant * y, self.up * y * self.stretch
+
+    def cells(self, pen: PlacePen) -> list[tuple[int, int]]:
+        """Return the cells in the box of the pen; where there is no end, one more on each side."""
+        more = 0 if pen.system.bounded else 1
+        left, right, low, high = pen.box
+        left, right, low, high = left - more, right + more, low - more, high + more
+        return [
+            (column, self.up * row)
+            for row in range(ceil(low / self.stretch), floor(high / self.stretch) + 1)
+            for column in range(ceil(left - self.slant * row), floor(right - self.slant * row) + 1)
+        ]
+
+
+_HEXAGON_ROWS, _SQUARE_ROWS, _MAP_ROWS = _Rows(0.5, sqrt(3) / 2, 1), _Rows(0, 1, 1), _Rows(0, 1, -1)
+
+
+@cache
+def _hexagon(kind: str) -> Points:
+    size = {"module": 0.93, "goal": 0.86, "cell": 1.0}[kind]
+    return arcs([(0, 0)], size / sqrt(3), corners=6, first=pi / 6)
+
+
+@cache
+def _square(kind: str) -> Points:
+    corner = 0.05 if kind == "cell" else 0.14
+    half = 0.47 if kind == "cell" else 0.44
+    inner = half - corner
+    return arcs([(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)], corner)
+
+
+def _free_cells(pen: PlacePen, cells: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    free = [cell for cell in cells if pen.system.has_place(cell)]
+    if len(free) <= FREE_MAX:
+        pen.draw("cell", free, facecolors=TILE, edgecolors="white", linewidths=pen.line(0.06))
+    return free
+
+
+def _lattice_ground(rows: _Rows, pen: PlacePen) -> None:
+    """Draw free cells pale, and the obstacles of either kind."""
+    cells, system = rows.cells(pen), pen.system
+    _free_cells(pen, cells)
+    pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=LINE)
+    pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=WALL)
+
+
+def _map_ground(rows: _Rows, pen: PlacePen) -> None:
+    """Draw free cells pale and others dark; walls where neighbours do not meet."""
+    cells, system = rows.cells(pen), pen.system
+    free = _free_cells(pen, cells)
+    pen.draw("cell", [cell for cell in cells if not system.has_place(cell)], facecolors=WALL)
+    pen.strokes(_walls(system, free), colors=WALL, linewidths=pen.line(0.1))
+
+
+def _walls(system: System, free: Iterable[tuple[int, int]]) -> list[Points]:
+    return [
+        np.array([(x + 0.5, -y - 0.5), (x + dx - 0.5, -y - dy + 0.5)])
+        for x, y in free
+        for dx, dy in ((1, 0), (0, 1))
+        if system.has_place((x + dx, y + dy)) and (x + dx, y + dy) not in system.sensed((x, y))
+    ]
+
+
+def _draw_cells(
+    pen: Pen,
+    scene: Scene,
+    sites: Sequence[Site],
+    moved: Mapping[int, Site],
+    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
+    *,
+    look: Look,
+    rows: _Rows,
+    on_map: bool,
+) -> None:
+    places = place_pen(pen, scene.system, look)
+    (_map_ground if on_map else _lattice_ground)(rows, places)
+    draw_places(places, scene, sites, moved, words)
+
+
+def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) -> str:
+    """Return rows of cells; hexagons stand in rows offset by half a cell."""
+    system = scene.system
+    marks = marks_of(scene, sites)
+    width = max(len(mark.rstrip("*")) for mark in marks.values())
+    # On an endless lattice, room for one module more on every side of the scene.
+    margin = 0 if system.bounded else 1
+    rows, columns = set(), set()
+    for places, free in ((known_places(scene), margin), (marks, 0)):
+        for cell in map(cell_of, places):
+            # A hexagon (q, r) lies in row r, at 2 q + r half cells; a square (x, y) at 2 x.
+            middle = 2 * cell[0] + (cell[1] if hexagons else 0)
+            rows |= {cell[1] - free, cell[1] + free}
+            columns |= {middle - 2 * free, middle + 2 * free}
+    first, last = min(columns), max(columns)
+    half = (width + 2) // 2 if hexagons else (width + 1) / 2
+    wall = "#" if on_map else " "
+    lines = []
+    # Maps count downwards, lattices upwards.
+    for row in sorted(range(min(rows), max(rows) + 1), reverse=not on_map):
+        line = ""
+        for column in range(first, last + 1):
+            inner = column - row if hexagons else column
+            if inner % 2:
+                continue
+            place = (inner // 2, row)
+            mark = marks.get(place)
+            if mark is None:
+                mark = _GROUND[system.background(place)].replace(" ", wall)
+            stands = mark.rstrip("*").rjust(width)
+            line = line.ljust(int((column - first) * half)) + stands + mark[len(mark.rstrip("*")) :]
+        lines.append(line.rstrip())
+    return "\n".join(lines)
+
+
+def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = False) -> Style:
+    return Style(
+        text=partial(_text, hexagons=hexagons, on_map=on_map),
+        frame=partial(frame_of, look),
+        draw=partial(_draw_cells, look=look, rows=rows, on_map=on_map),
+    )
+
+
+HEXAGONS = _style(
+    Look(_HEXAGON_ROWS.middle, lambda kind, _: _hexagon(kind), _MARGIN),
+    _HEXAGON_ROWS,
+    hexagons=True,
+)
+SQUARES = _style(Look(_SQUARE_ROWS.middle, lambda kind, _: _square(kind), _MARGIN), _SQUARE_ROWS)
+MAP = _style(
+    Look(
+        _MAP_ROWS.middle,
+        lambda kind, _: disc(kind) if kind == "module" else _square(kind),
+        _MARGIN,
+    ),
+    _MAP_ROWS,
+    on_map=True,
+)

@@ -1,0 +1,122 @@
+"""Arms on lattice edges, with the vertices where they are joined, as text and on axes.
+
+Room: agents; draws what it is given and asks nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
+from math import ceil, floor, pi
+
+from cubepath.agents.rendering.joints import MARK, marked, segments
+from cubepath.agents.rendering.layout import (
+    ARRIVED_MARK,
+    GOAL_MARK,
+    MODULE_MARK,
+    known_places,
+    marks_of,
+    tips_of,
+)
+from cubepath.agents.rendering.pen import (
+    INK,
+    LINE,
+    PALE_GOAL,
+    WALL,
+    Pen,
+    Points,
+    Spot,
+    arcs,
+    palette,
+)
+from cubepath.agents.rendering.places import (
+    FREE_MAX,
+    Look,
+    PlacePen,
+    draw_modules,
+    frame_of,
+    place_pen,
+)
+from cubepath.agents.rendering.style import Style
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, System
+
+
+def _middle(_system: System, place: Site) -> Spot:
+    (left, low), (right, top) = tips_of(place)
+    return (left + right) / 2, (low + top) / 2
+
+
+@cache
+def _flat(kind: str) -> Points:
+    half = {"module": 0.15, "goal": 0.26, "cell": 0.02}[kind]
+    return arcs([(0.5, 0), (-0.5, 0)], half, first=-pi / 2)
+
+
+def _outline(kind: str, place: Site) -> Points:
+    upright = isinstance(place, tuple) and place[2] == 1
+    return _flat(kind)[:, ::-1] if upright else _flat(kind)
+
+
+_LOOK = Look(_middle, _outline, 0.7)
+
+
+def _draw(
+    pen: Pen,
+    scene: Scene,
+    sites: Sequence[Site],
+    moved: Mapping[int, Site],
+    _words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
+) -> None:
+    """Draw segments on lattice edges, their joints, and the vertices that are marked."""
+    edges = place_pen(pen, scene.system, _LOOK)
+    _ground(edges)
+    arms = segments(sites, moved)
+    edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
+    draw_modules(edges, arms.moved, arms.sites, palette(len(arms.sites)), ways=False)
+    pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
+    pen.discs(arms.marked, 0.17, facecolors=INK)
+    pen.discs(arms.changed, 0.25, facecolors="none")
+
+
+def _ground(pen: PlacePen) -> None:
+    """Draw the edges of the lattice pale, and those that are obstacles dark."""
+    system = pen.system
+    left, right, low, high = pen.box
+    edges = [
+        (x, y, axis)
+        for x in range(floor(left), ceil(right))
+        for y in range(floor(low), ceil(high))
+        for axis in (0, 1)
+    ]
+    free = [edge for edge in edges if system.has_place(edge)]
+    pen.draw("cell", free if len(free) <= FREE_MAX else [], facecolors=LINE)
+    pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
+
+
+def _text(scene: Scene, sites: Sequence[Site]) -> str:
+    """Return segments as ``---`` and ``|`` between vertices; a marked vertex is ``*``."""
+    marks = marks_of(scene, sites)
+    flat = {MODULE_MARK: "---", ARRIVED_MARK: "===", GOAL_MARK: "..."}
+    upright = {MODULE_MARK: "|", ARRIVED_MARK: "H", GOAL_MARK: ":"}
+    filled = dict.fromkeys(scene.system.filled, "#")
+    tips = [tip for edge in (*known_places(scene), *marks) for tip in tips_of(edge)]
+    left, right = min(x for x, _ in tips), max(x for x, _ in tips)
+    low, high = min(y for _, y in tips), max(y for _, y in tips)
+    busy = {tip for edge in (*segments(sites).sites, *filled) for tip in tips_of(edge)}
+    joined = marked(sites)
+    marks |= filled
+    lines = []
+    for y in range(high, low - 1, -1):
+        row, below = "", ""
+        for x in range(left, right + 1):
+            mark = marks.get((x, y, 0), "")
+            vertex = MARK if (x, y) in joined else "o" if (x, y) in busy else "+"
+            row += vertex + flat.get(mark, mark * 3).ljust(3)
+            mark = marks.get((x, y - 1, 1), "")
+            below += upright.get(mark, mark).ljust(4)
+        lines += [row.rstrip(), below.rstrip()]
+    return "\n".join(lines[:-1])
+
+
+EDGES = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw)

@@ -1,0 +1,126 @@
+"""Modules drawn place by place: what lattices, maps and graphs have in common.
+
+Room: agents; draws what it is given and asks nobody.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from cubepath.agents.rendering.layout import known_places
+from cubepath.agents.rendering.pen import GOAL, INK, Box, Colour, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.style import readable
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, System
+
+FREE_MAX = 8000
+"""So many free cells are drawn one by one, of more none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """Where the middle of a place lies, y upwards, and what shape it has about the origin there.
+
+    The shape is that of a kind: "module", "goal" or "cell". `margin` is how much a frame is wider
+    than the middles of its places.
+    """
+
+    middle: Callable[[System, Site], Spot]
+    outline: Callable[[str, Site], Points]
+    margin: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlacePen(Pen):
+    """Draws places of a system."""
+
+    system: System
+    look: Look
+
+    def middle(self, place: Site) -> Spot:
+        """Return where the middle of a place lies."""
+        return self.look.middle(self.system, place)
+
+    def draw(self, kind: str, places: Collection[Site], **style: Any) -> None:
+        """Draw each place as a shape of the given kind."""
+        shapes = [self.look.outline(kind, place) + self.middle(place) for place in places]
+        self.shapes(shapes, **style)
+
+
+def place_pen(pen: Pen, system: System, look: Look) -> PlacePen:
+    """Return a pen for the places of a system on the same axes."""
+    return PlacePen(pen.axes, pen.box, pen.scale, system, look)
+
+
+@cache
+def disc(kind: str) -> Points:
+    """Return the outline of a place that is round."""
+    return arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
+
+
+def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
+    """Return the frame about the places of a scene and some further sites.
+
+    On an endless lattice there is room for one module more on every side of the scene, so that
+    modules which walk along its edge do not change the frame.
+    """
+    system = scene.system
+    near = look.margin
+    far = near + (0 if system.bounded else 1)
+    known = np.array([look.middle(system, place) for place in known_places(scene)])
+    others = [look.middle(system, system.place_of(site)) for site in also]
+    low = np.min([known.min(axis=0) - far, *(np.array(point) - near for point in others)], axis=0)
+    high = np.max([known.max(axis=0) + far, *(np.array(point) + near for point in others)], axis=0)
+    return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def draw_places(
+    pen: PlacePen,
+    scene: Scene,
+    sites: Sequence[Site],
+    moved: Mapping[int, Site],
+    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
+) -> None:
+    """Draw the modules, the goal, and if there is room labels or numbers on the modules."""
+    system = scene.system
+    colours = palette(len(sites))
+    goals = list(scene.goal or ())
+    at = [system.place_of(site) for site in goals]
+    left = {number: system.place_of(site) for number, site in moved.items()}
+    places = [system.place_of(site) for site in sites]
+    draw_modules(pen, left, places, colours, ways=True)
+    labels = [system.label_of(site) for site in goals]
+    hues = [GOAL if label is None else colours[label % len(colours)] for label in labels]
+    pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
+    if readable(pen, words):
+        for number, site in enumerate(sites):
+            label = system.label_of(site)
+            word = str(number if label is None else label)
+            pen.write(pen.middle(places[number]), word, colours[number])
+
+
+def draw_modules(
+    pen: PlacePen,
+    left: Mapping[int, Site],
+    places: Sequence[Site],
+    colours: Sequence[Colour],
+    *,
+    ways: bool,
+) -> None:
+    """Draw modules by number, with an outline and a trace for those that left another place."""
+    hues = [colours[number] for number in left]
+    pen.draw("module", list(left.values()), facecolors=hues, alpha=0.3, linewidths=0)
+    if ways:
+        lines = [
+            np.array([pen.middle(place), pen.middle(places[number])])
+            for number, place in left.items()
+        ]
+        pen.strokes(lines, colors=hues, linewidths=0.1 * pen.scale, alpha=0.6)
+    pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
+    stirred = [places[number] for number in left]
+    pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))

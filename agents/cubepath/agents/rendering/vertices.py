@@ -1,0 +1,92 @@
+"""Vertices of a graph, joined by lines, as text and on axes.
+
+Room: agents; draws what it is given and asks nobody. Vertices lie where the system says, or on a
+circle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache, partial
+from math import cos, pi, sin
+
+import numpy as np
+
+from cubepath.agents.rendering.layout import known_places, marks_of
+from cubepath.agents.rendering.pen import LINE, TILE, Pen, Spot
+from cubepath.agents.rendering.places import (
+    Look,
+    PlacePen,
+    disc,
+    draw_places,
+    frame_of,
+    place_pen,
+)
+from cubepath.agents.rendering.style import Style
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.core.system import Scene, System
+
+_MANY = 40
+"""From so many vertices on a graph of vehicles is told by its modules and goals alone."""
+
+
+def _middle(system: System, place: Site) -> Spot:
+    return system.positions.get(place) or _circle(system.places)[place]
+
+
+@lru_cache(maxsize=64)
+def _circle(vertices: tuple[Site, ...]) -> dict[Site, Spot]:
+    """Return the vertices on a circle, clockwise from the top, far enough from one another."""
+    radius = max(1.0, len(vertices) * 1.5 / (2 * pi))
+    turns = [pi / 2 - 2 * pi * number / len(vertices) for number in range(len(vertices))]
+    return {
+        vertex: (radius * cos(turn), radius * sin(turn))
+        for vertex, turn in zip(vertices, turns, strict=True)
+    }
+
+
+_LOOK = Look(_middle, lambda kind, _: disc(kind), 0.7)
+
+
+def _draw(
+    pen: Pen,
+    scene: Scene,
+    sites: Sequence[Site],
+    moved: Mapping[int, Site],
+    words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
+) -> None:
+    places = place_pen(pen, scene.system, _LOOK)
+    _ground(places)
+    draw_places(places, scene, sites, moved, words)
+
+
+def _ground(pen: PlacePen) -> None:
+    """Draw edges as lines and vertices as pale discs."""
+    lines = [np.array([pen.middle(end) for end in edge]) for edge in pen.system.lines()]
+    pen.strokes(lines, colors=LINE, linewidths=pen.line(0.05))
+    width = pen.line(0.04)
+    pen.draw("cell", pen.system.places, facecolors=TILE, edgecolors=LINE, linewidths=width)
+
+
+def _text(scene: Scene, sites: Sequence[Site]) -> str:
+    """Return a line for each vertex, with its neighbours."""
+    system = scene.system
+    marks = marks_of(scene, sites)
+    places = list(dict.fromkeys((*known_places(scene), *marks)))
+    if system.graph is not None:
+        every = system.graph.vertices
+        places = [place for place in every if len(every) <= _MANY or place in marks]
+    names = [_name(place) for place in places]
+    wide, width = max(map(len, names)), max(map(len, marks.values()))
+    lines = []
+    for place, name in zip(places, names, strict=True):
+        near = " ".join(_name(other) for other in system.sensed(place) if other is not None)
+        lines.append(f"{name:>{wide}}: {marks.get(place, '.'):<{width}} - {near}")
+    return "\n".join(lines)
+
+
+def _name(place: Site) -> str:
+    return place if isinstance(place, str) else site_text(place)
+
+
+GRAPH = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw)

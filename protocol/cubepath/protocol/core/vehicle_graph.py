@@ -1,0 +1,26 @@
+"""The graph that vehicles move on, as a system says it: vertices, edges, and who is beside whom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from cubepath.protocol.core.sites import Site
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class VehicleGraph:
+    """A graph each of whose moves takes one vehicle along one edge, between two vertices.
+
+    A system that says so promises that its places are the vertices, that the support of a move is
+    both ends of its edge (with every label), and that the move is named ``edge`` and placed at the
+    two ends in canonical order, with the label behind them where vehicles have labels.
+
+    `vertices` are in canonical order, `index` has the number of each, `near` its neighbours in
+    canonical order, and `edges` each edge once, in canonical order.
+    """
+
+    vertices: tuple[Site, ...]
+    index: Mapping[Site, int]
+    near: Mapping[Site, tuple[Site, ...]]
+    edges: tuple[tuple[Site, Site], ...]
