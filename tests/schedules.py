@@ -8,13 +8,13 @@ from functools import cache
 from pathlib import Path
 
 from cubepath.coordinator.runs.launch import Outcome, Plan, run
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.wire.messages import Report, Summary, decode, site_of
+from cubepath.protocol.wire.messages import Report, Summary, decode
 from recordings import new_path, recorded
 
 CHAIN = ("hex:n=5", "chain", 60)
@@ -97,7 +97,7 @@ def a_place_on_the_way(recording: Recording, rounds: int) -> Site:
     place_of = scene.system.place_of
     kept = {place_of(site) for site in (*scene.start, *(scene.goal or ()))}
     for report in reports_of(recording):
-        place = place_of(site_of(report.site))
+        place = place_of(site_from_json(report.site))
         inside = isinstance(place, tuple) and {0, 4, 5}.isdisjoint(place)
         if report.round > rounds and inside and place not in kept:
             return place

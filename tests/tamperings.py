@@ -10,8 +10,10 @@ import pytest
 from msgspec.structs import replace
 
 from cubepath.coordinator.verification.recording import Verification, verify
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Claim, Cube, GeneratorPlacement, Heard, decode, site_of
+from cubepath.protocol.wire.messages import Claim, Cube, Heard, decode
 from recordings import all_edited, edited, first, recorded, with_records
 
 Tampering = Callable[[], Recording]
@@ -147,14 +149,14 @@ def a_report_of_nobody() -> Recording:
 def a_move_from_elsewhere() -> Recording:
     report = first(crowd(), "report", moved)
     system: Any = crowd().scene.system
-    ends = next([*edge] for edge in system.edges if site_of(report.before) not in edge)
+    ends = next([*edge] for edge in system.edges if site_from_json(report.before) not in edge)
     return edited(crowd(), report, replace(report, move=GeneratorPlacement("edge", ends)))
 
 
 @tampers("admissible", "claims")
 def a_move_onto_another_module() -> Recording:
     whole = crowd()
-    occupied = {site_of(report.before): report for report in reports_in(whole, 1)}
+    occupied = {site_from_json(report.before): report for report in reports_in(whole, 1)}
     for site, report in occupied.items():
         for move in whole.scene.system.moves(site):
             if move is not None and move.target in occupied:
@@ -284,8 +286,8 @@ def a_claim_that_is_not_admissible() -> Recording:
     whole = crowd()
     for claim in (decode(record.data) for record in whole.of_kind("claim")):
         assert isinstance(claim, Claim)
-        occupied = [site_of(report.before) for report in reports_in(whole, claim.round)]
-        for move in whole.scene.system.moves(site_of(claim.site)):
+        occupied = [site_from_json(report.before) for report in reports_in(whole, claim.round)]
+        for move in whole.scene.system.moves(site_from_json(claim.site)):
             if move is not None and move.target in occupied:
                 return edited(whole, claim, replace(claim, at=move.at))
     raise AssertionError("nobody who claims stands beside another")
@@ -316,7 +318,9 @@ def heard_from_far_away() -> Recording:
     system = whole.scene.system
     for report in reports_in(whole, 1):
         for other in reports_in(whole, 1):
-            far = site_of(other.before) not in {*system.sensed(site_of(report.before))}
+            far = site_from_json(other.before) not in {
+                *system.sensed(site_from_json(report.before))
+            }
             if far and other.module != report.module:
                 heard = [*report.heard, Heard("here", other.module, other.before)]
                 return edited(whole, report, replace(report, heard=heard))

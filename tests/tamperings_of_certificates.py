@@ -8,8 +8,9 @@ from typing import Any
 from msgspec.structs import replace
 
 from cubepath.protocol.core.actions import commute
+from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Certified, decode, site_of
+from cubepath.protocol.wire.messages import Certified, decode
 from recordings import edited, first, recorded
 from tamperings import crowd, tampers
 
@@ -53,7 +54,7 @@ def another_schedule_that_is_as_good() -> Recording:
     cubes, chain = [list(cube) for cube in found.cubes], set(found.chain)
     system = whole.scene.system
     path = [
-        system.action(move.generator, site_of(move.at))
+        system.action(move.generator, site_from_json(move.at))
         for record in whole.of_kind("edges")
         for move in decode(record.data).moves  # type: ignore[union-attr]
     ]

@@ -7,8 +7,9 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Cube, Executed, GeneratorPlacement, decode
+from cubepath.protocol.wire.messages import Cube, Executed, decode
 from recordings import all_edited, edited, first, recorded
 from tamperings import crowd, tampers
 

@@ -7,9 +7,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import GeneratorPlacement, Stopped
+from cubepath.protocol.wire.messages import Stopped
 from recordings import edited, first
 from schedules import (
     VEHICLES,

@@ -32,12 +32,12 @@ from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import apply_in_place
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, write_path
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)
 LINES = 1_000_000

@@ -17,11 +17,12 @@ from cubepath.agents import parallel_env
 from cubepath.agents.environments.rollout import Played, play
 from cubepath.agents.processes.fleet import Fleet, ProcessDied
 from cubepath.agents.rules.registry import rule_named
+from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import everything
-from cubepath.protocol.wire.messages import Report, decode, site_of
+from cubepath.protocol.wire.messages import Report, decode
 from cubepath.protocol.wire.sessions import open_client, subscribe
 from local_families import LOCAL_FAMILIES
 
@@ -70,7 +71,7 @@ def reports_of(
 def wire_path(reports: list[Report]) -> Path:
     """Return the edge path that the reports tell."""
     return [
-        (report.round, report.module, report.move.generator, site_of(report.move.at))
+        (report.round, report.module, report.move.generator, site_from_json(report.move.at))
         for report in reports
         if report.move is not None
     ]
@@ -155,10 +156,10 @@ def test_nothing_is_delivered_from_beyond_the_radius(spec: str) -> None:
     reports = reports_of(scene, "random", seed=5, hesitate=0.0, processes=2, rounds=25)
     heard = 0
     for report in reports:
-        place = system.place_of(site_of(report.before))
+        place = system.place_of(site_from_json(report.before))
         near = {"here": system.sensed(place)}
         for one in report.heard:
-            sender = system.place_of(site_of(one.site))
+            sender = system.place_of(site_from_json(one.site))
             assert sender in near.get(one.kind, system.reach(place))
             heard += 1
     assert heard > 100
@@ -172,7 +173,11 @@ def test_everyone_sensed_is_heard(spec: str) -> None:
     system = scene.system
     reports = reports_of(scene, "random", seed=6, hesitate=0.0, processes=2, rounds=20)
     for number in range(1, 21):
-        there = {r.module: system.place_of(site_of(r.before)) for r in reports if r.round == number}
+        there = {
+            r.module: system.place_of(site_from_json(r.before))
+            for r in reports
+            if r.round == number
+        }
         for report in reports:
             if report.round != number:
                 continue

@@ -20,6 +20,7 @@ from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
 from cubepath.protocol.core.actions import Action, apply, commute
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files import timetables
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.timetables import (
@@ -30,7 +31,6 @@ from cubepath.protocol.path_files.timetables import (
     timetable_schema,
     write_timetable,
 )
-from cubepath.protocol.wire.messages import GeneratorPlacement
 from strategies import (
     SCENES,
     Word,

@@ -18,9 +18,10 @@ from msgspec.structs import replace
 from cubepath.coordinator.runs import playback as replay_module
 from cubepath.coordinator.runs.playback import SAID, replay
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of
-from cubepath.protocol.wire.messages import GeneratorPlacement, decode
+from cubepath.protocol.wire.messages import decode
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from recordings import all_edited, edited, first, recorded, with_records
 

@@ -20,12 +20,13 @@ from cubepath.coordinator.runs.playback import replay
 from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
-from cubepath.protocol.wire.messages import Executed, GeneratorPlacement, Stopped, site_of
+from cubepath.protocol.wire.messages import Executed, Stopped
 from local_families import LOCAL_FAMILIES
 from recordings import recorded
 from schedules import (
@@ -47,7 +48,7 @@ from schedules import (
 def moves_by_round(recording: Recording) -> dict[int, set[tuple[str, Site]]]:
     """Return what was done in each round."""
     return {
-        step.round: {(move.generator, site_of(move.at)) for move in step.executed}
+        step.round: {(move.generator, site_from_json(move.at)) for move in step.executed}
         for step in gathered(recording).steps
     }
 
@@ -56,7 +57,7 @@ def cubes_of(recording: Recording) -> list[set[tuple[str, Site]]]:
     """Return the cubes of the schedule that was carried out."""
     assert recording.schedule is not None
     cubes = schedule_from_jsonl(recording.schedule)
-    return [{(move.generator, site_of(move.at)) for move in cube} for cube in cubes]
+    return [{(move.generator, site_from_json(move.at)) for move in cube} for cube in cubes]
 
 
 def assert_whole(recording: Recording) -> None:
@@ -199,7 +200,7 @@ def stopped_by(
     made = moves_by_round(second)
     for number, moves in made.items():
         assert moves == cubes[number - 1] or number == stopped.round == outcome.rounds
-    assert (stopped.move.generator, site_of(stopped.move.at)) in cubes[stopped.round - 1]
+    assert (stopped.move.generator, site_from_json(stopped.move.at)) in cubes[stopped.round - 1]
     return stopped, second, cubes
 
 
@@ -232,7 +233,7 @@ def test_an_obstacle_beside_the_way_is_named_by_the_module_that_senses_it() -> N
     (report,) = (r for r in reports_of(second) if r.failed is not None)
     assert (report.module, report.round) == (stopped.module, number)
     assert report.claim == "none"
-    due = cubes[number - 1] - {(stopped.move.generator, site_of(stopped.move.at))}
+    due = cubes[number - 1] - {(stopped.move.generator, site_from_json(stopped.move.at))}
     assert moves_by_round(second)[number] == due
 
 

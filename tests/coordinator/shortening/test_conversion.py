@@ -16,10 +16,10 @@ from cubepath.coordinator.normal_form.admissibility import first_misfit
 from cubepath.coordinator.shortening.normal_path import path_of, shorten
 from cubepath.protocol.core.actions import Action, apply
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import read_moves_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
-from cubepath.protocol.wire.messages import GeneratorPlacement
 from strategies import SCENES, scene, walk
 
 DATA = Path(__file__).parents[2] / "data" / "agv"

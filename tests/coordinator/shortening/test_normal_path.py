@@ -18,13 +18,14 @@ from cubepath.coordinator.shortening.normal_path import Shortened, shorten
 from cubepath.protocol.core.actions import admissible, apply
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.moves import read_cubes, read_moves, write_cubes
 from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graphs import scenario_from_json
-from cubepath.protocol.wire.messages import GeneratorPlacement, Report, encode
+from cubepath.protocol.wire.messages import Report, encode
 from strategies import scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"

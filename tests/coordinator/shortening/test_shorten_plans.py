@@ -14,8 +14,9 @@ from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.optimality import task_of
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.plans.formats import PlanHints
-from cubepath.protocol.wire.messages import GeneratorPlacement, encode
+from cubepath.protocol.wire.messages import encode
 from plans import DATA
 
 AGV = Path(__file__).parents[2] / "data" / "agv"

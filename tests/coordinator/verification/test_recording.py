@@ -28,9 +28,10 @@ from cubepath.coordinator.verification import transcript
 from cubepath.coordinator.verification.recording import CHECKS, recover, verify
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
-from cubepath.protocol.wire.messages import Cube, GeneratorPlacement, decode
+from cubepath.protocol.wire.messages import Cube, decode
 from recordings import edited, first, record_of, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 

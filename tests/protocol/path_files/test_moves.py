@@ -11,6 +11,7 @@ import pytest
 
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.moves import (
     PathMove,
     cube_schema,
@@ -22,7 +23,6 @@ from cubepath.protocol.path_files.moves import (
     write_moves,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 SYSTEM = "agv:graph=P4,n=1"
 """One vehicle at 0 of the path 0-1-2-3."""

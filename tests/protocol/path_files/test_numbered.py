@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import (
     NumberedCubes,
@@ -31,7 +32,6 @@ from cubepath.protocol.path_files.numbered import (
     read_path,
     write_path,
 )
-from cubepath.protocol.wire.messages import GeneratorPlacement
 from strategies import SCENES, lists_of, scene, walk
 
 CROSSING = "agv:graph=grid3x2,n=2"

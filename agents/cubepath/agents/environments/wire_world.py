@@ -16,9 +16,9 @@ from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.host import OUTSIDE
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Act, Observed, Report, decode, site_of
+from cubepath.protocol.wire.messages import Act, Observed, Report, decode
 
 
 class WireWorld:
@@ -115,16 +115,16 @@ class WireWorld:
         moves: dict[int, Move] = {}
         for module, report in sorted(self._reports.items()):
             if report.move is not None:
-                before, after = site_of(report.before), site_of(report.site)
+                before, after = site_from_json(report.before), site_from_json(report.site)
                 moves[module] = next(
                     move
                     for move in self.scene.system.moves(before)
                     if move is not None
                     and move.target == after
                     and move.generator == report.move.generator
-                    and move.at == site_of(report.move.at)
+                    and move.at == site_from_json(report.move.at)
                 )
-            self.sites[module] = site_of(report.site)
+            self.sites[module] = site_from_json(report.site)
         lost = tuple(m for m, report in sorted(self._reports.items()) if report.claim == "lost")
         self._sense()
         return Round(self.round, moves, lost)

@@ -13,11 +13,11 @@ from cubepath.agents.local.observation import Observation, observe
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Claim,
-    GeneratorPlacement,
     Heard,
     Here,
     Message,
@@ -25,7 +25,6 @@ from cubepath.protocol.wire.messages import (
     Report,
     Verdict,
     kind_of,
-    site_of,
 )
 
 _COUNTS_IN = {
@@ -118,7 +117,7 @@ class ModuleCore:
                 f"module_{self.module}: {kind} of module_{message.module} for round"
                 f" {message.round} came late, in phase {self._phase} of round {self.round}"
             )
-        sender = site_of(message.site)
+        sender = site_from_json(message.site)
         self._heard.append(Heard(kind, message.module, sender))
         match message:
             case Here():
@@ -134,7 +133,7 @@ class ModuleCore:
         return []
 
     def _move(self, sender: Site, claim: Claim) -> Move:
-        at = site_of(claim.at)
+        at = site_from_json(claim.at)
         for move in self._system.moves(sender):
             if move is not None and move.generator == claim.generator and move.at == at:
                 return move

@@ -24,20 +24,12 @@ import zenoh
 
 from cubepath.agents.processes.host import TOLD, Host, Orders
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.keys import everything, key_of, topic_in, topic_key
-from cubepath.protocol.wire.messages import (
-    Act,
-    GeneratorPlacement,
-    Go,
-    Message,
-    Ready,
-    Reset,
-    decode,
-    encode,
-)
+from cubepath.protocol.wire.messages import Act, Go, Message, Ready, Reset, decode, encode
 from cubepath.protocol.wire.sessions import (
     open_client,
     open_router,

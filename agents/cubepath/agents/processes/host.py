@@ -26,20 +26,11 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.keys import heard_at, key_of, topic_key
-from cubepath.protocol.wire.messages import (
-    Act,
-    GeneratorPlacement,
-    Go,
-    Message,
-    Observed,
-    Ready,
-    Reset,
-    decode,
-    encode,
-)
+from cubepath.protocol.wire.messages import Act, Go, Message, Observed, Ready, Reset, decode, encode
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 
 OUTSIDE = "outside"

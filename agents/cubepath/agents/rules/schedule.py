@@ -15,9 +15,8 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.path_files.schedules import OwnMoves
-from cubepath.protocol.wire.messages import site_of
 
 NAME = "schedule"
 
@@ -38,7 +37,9 @@ def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
 
 
 def _follow(moves: OwnMoves) -> Rule:
-    due = {number: (placed.generator, site_of(placed.at)) for number, placed in moves.items()}
+    due = {
+        number: (placed.generator, site_from_json(placed.at)) for number, placed in moves.items()
+    }
     rounds = 0
 
     def choose(view: View) -> int | Choice:

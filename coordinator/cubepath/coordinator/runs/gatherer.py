@@ -15,11 +15,12 @@ import msgspec
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Executed, GeneratorPlacement, Report, decode, site_of
+from cubepath.protocol.wire.messages import Executed, Report, decode
 
 _encode = msgspec.json.Encoder().encode
 
@@ -133,14 +134,14 @@ class Gatherer:
         failures: list[tuple[int, str]] = []
         for module in sorted(reports):
             report = reports[module]
-            self.sites[module] = site_of(report.site)
+            self.sites[module] = site_from_json(report.site)
             if report.failed is not None:
                 failures.append((module, report.failed))
             if report.move is None:
                 continue
             placed = report.move
             executed.append(Executed(module, placed.generator, placed.at))
-            actions.append(self.scene.system.action(placed.generator, site_of(placed.at)))
+            actions.append(self.scene.system.action(placed.generator, site_from_json(placed.at)))
         self.heap.extend(actions)
         self._digest.add(number, executed)
         step = Step(number, tuple(executed), tuple(actions), tuple(failures))

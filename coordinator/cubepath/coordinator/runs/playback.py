@@ -20,18 +20,10 @@ from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import everything, key_of, topic_in, topic_key
-from cubepath.protocol.wire.messages import (
-    Certified,
-    Cube,
-    Edges,
-    Message,
-    Report,
-    Summary,
-    decode,
-    site_of,
-)
+from cubepath.protocol.wire.messages import Certified, Cube, Edges, Message, Report, Summary, decode
 from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
 
 SAID = ("here", "note", "claim", "verdict", "report", "observed")
@@ -260,7 +252,9 @@ class _Player:
 
     def _actions(self, cube: Cube) -> frozenset[Action]:
         system = self._recording.scene.system
-        return frozenset(system.action(move.generator, site_of(move.at)) for move in cube.moves)
+        return frozenset(
+            system.action(move.generator, site_from_json(move.at)) for move in cube.moves
+        )
 
     def _not_proved(self) -> Iterator[str]:
         path = [action for step in self._gatherer.steps for action in step.actions]

@@ -19,13 +19,14 @@ from cubepath.coordinator.runs.gatherer import Gatherer, gathered
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.salvaging import MAGIC
-from cubepath.protocol.wire.messages import GeneratorPlacement, Stopped, site_of
+from cubepath.protocol.wire.messages import Stopped
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +122,7 @@ def _open_system(schedule: Schedule, scene: Scene) -> System:
     """
     if schedule.scene is not None:
         return schedule.scene.system
-    placed = ((move.generator, site_of(move.at)) for cube in schedule.cubes for move in cube)
+    placed = ((move.generator, site_from_json(move.at)) for cube in schedule.cubes for move in cube)
     try:
         return scene.system.with_moves(placed)
     except InputError as error:
@@ -135,7 +136,7 @@ def _actions(
     found: list[Action | str] = []
     for placed in schedule.cubes[number - 1]:
         try:
-            at = site_of(placed.at)
+            at = site_from_json(placed.at)
             with contextlib.suppress(ExcludedError):
                 scene.system.action(placed.generator, at)  # its module will see what is in its way
             found.append(open_system.action(placed.generator, at))
@@ -163,7 +164,7 @@ def _move(
                 and on == frozenset(source for source, _ in move.motion)
             ):
                 return move
-    text = site_text(site_of(placed.at))
+    text = site_text(site_from_json(placed.at))
     return f"{placed.generator} at {text}: {_nobody(action, on)}"
 
 

@@ -18,11 +18,11 @@ from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, 
 from cubepath.coordinator.shortening.path_input import KnownPath
 from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove, known_of_named
 from cubepath.protocol.path_files.timetables import Durations, TimedLine, time_text
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 
 def certified_path(path: KnownPath) -> Certificate:

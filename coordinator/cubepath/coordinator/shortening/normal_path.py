@@ -24,6 +24,7 @@ from cubepath.coordinator.normal_form.compiled_heap import Numbering, in_cubes
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.protocol.core.actions import Action, State, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.moves import MoveName, PathMove, read_moves
@@ -42,7 +43,6 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 _T = TypeVar("_T")
 _MAGIC = b"\x89MCAP0\r\n"

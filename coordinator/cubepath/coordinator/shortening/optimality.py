@@ -25,13 +25,13 @@ from cubepath.coordinator.search.transitions import Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened, moves_of, plan_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
 from cubepath.protocol.path_files.moves import MoveName, PathMove, id_of
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 State = frozenset[Site]
 

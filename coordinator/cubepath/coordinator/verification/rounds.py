@@ -20,16 +20,10 @@ from cubepath.coordinator.verification.transcript import (
 )
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import (
-    Claim,
-    Executed,
-    GeneratorPlacement,
-    Json,
-    Report,
-    Verdict,
-)
+from cubepath.protocol.wire.messages import Claim, Executed, Report, Verdict
 
 Moves = dict[int, Move]
 """Moves by the module that makes them."""

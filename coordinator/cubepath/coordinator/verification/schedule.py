@@ -10,10 +10,11 @@ from collections.abc import Iterable
 
 from cubepath.coordinator.verification.transcript import Fail, Round, Transcript, site_in
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import GeneratorPlacement, Go, Stopped, Summary, decode
+from cubepath.protocol.wire.messages import Go, Stopped, Summary, decode
 
 _Moves = set[tuple[str, Site | None]]
 

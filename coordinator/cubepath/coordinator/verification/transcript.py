@@ -11,7 +11,8 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
@@ -21,7 +22,6 @@ from cubepath.protocol.wire.messages import (
     Cube,
     Edges,
     Here,
-    Json,
     Message,
     Note,
     Report,
@@ -29,7 +29,6 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     decode,
     kind_of,
-    site_of,
 )
 
 ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
@@ -86,7 +85,7 @@ def transcript_of(recording: Recording, fail: Fail) -> Transcript:
 def site_in(value: Json) -> Site | None:
     """Return the site in a message; None, which is no site, where there is none."""
     try:
-        return site_of(value)
+        return site_from_json(value)
     except InputError:
         return None
 

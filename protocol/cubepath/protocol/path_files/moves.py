@@ -19,10 +19,10 @@ import msgspec
 
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
-from cubepath.protocol.wire.messages import GeneratorPlacement, Json
 
 MoveName: TypeAlias = str | int | GeneratorPlacement
 """How a move is written in a cubes file: its id, or its generator and where that is placed."""

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.wire.messages import GeneratorPlacement, Json
 
 MAGIC = b"PK\x03\x04"
 """What every such file begins with."""

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK, written_whole
@@ -32,7 +33,6 @@ from cubepath.protocol.path_files.moves import (
     known_of_named,
     named_action,
 )
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 Progress = Callable[[int], object]
 """Called now and then with how many moves have come in since the last call."""

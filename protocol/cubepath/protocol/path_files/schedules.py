@@ -12,9 +12,9 @@ from typing import TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.path_files.moves import CubeLine
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
 """The cubes of a schedule; the first is that of round 1."""

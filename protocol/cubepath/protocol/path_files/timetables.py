@@ -20,10 +20,10 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
 from cubepath.protocol.path_files.moves import MoveName
-from cubepath.protocol.wire.messages import GeneratorPlacement, Json
 
 FORMAT = "cubepath-durations-1"
 

@@ -28,13 +28,13 @@ from typing import Any
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only
 from cubepath.protocol.plans.triangles import Triangles
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
 from cubepath.protocol.systems.point_sets import Edge, Point, Quadrilateral, edge_of
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
 

@@ -25,13 +25,13 @@ import msgspec
 from cubepath.protocol.core.actions import apply_in_place, why_inadmissible
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System, local_only
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, none_beside, text
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graphs import read_text
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 _LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
 _EXAMPLE = "'(0,0) -> (1,0)', maybe with 'about (0,1)'"

@@ -15,13 +15,13 @@ from collections.abc import Callable, Mapping, Sequence
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import text
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Graph
-from cubepath.protocol.wire.messages import GeneratorPlacement
 
 Cell = tuple[int, int]
 

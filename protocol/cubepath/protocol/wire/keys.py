@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cubepath.protocol.core.sites import Site, site_chunk
+from cubepath.protocol.core.sites import Site, site_chunk, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -33,7 +33,6 @@ from cubepath.protocol.wire.messages import (
     Summary,
     Verdict,
     kind_of,
-    site_of,
 )
 
 ROOT = "cubepath"
@@ -43,11 +42,11 @@ def addressees(system: System, message: Message) -> tuple[Site, ...] | None:
     """Return the places that a message is addressed to; None if it is not addressed to places."""
     match message:
         case Here(site=site):
-            return system.listeners(system.place_of(site_of(site)))
+            return system.listeners(system.place_of(site_from_json(site)))
         case Note(site=site) | Claim(site=site):
-            return system.reach(system.place_of(site_of(site)))
+            return system.reach(system.place_of(site_from_json(site)))
         case Verdict(to=to):
-            return tuple(site_of(place) for place in to)
+            return tuple(site_from_json(place) for place in to)
         case _:
             return None
 
@@ -77,7 +76,7 @@ def key_of(run: str, system: System, message: Message) -> str | None:
 def _origin(system: System, message: Message) -> Site:
     match message:
         case Here(site=site) | Note(site=site) | Claim(site=site) | Verdict(site=site):
-            return system.place_of(site_of(site))
+            return system.place_of(site_from_json(site))
         case _:
             raise AssertionError(f"{kind_of(message)} has no origin")  # it has no addressees
 

@@ -12,11 +12,8 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.path_files.certificates import Certificate
-
-Json: TypeAlias = Any
-"""A site as decoded from JSON; `site_of` makes it a site again."""
 
 
 class Here(msgspec.Struct, frozen=True, tag_field="kind", tag="here"):
@@ -54,13 +51,6 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
     site: Json
     granted: bool
     to: list[Json]
-
-
-class GeneratorPlacement(msgspec.Struct, frozen=True):
-    """An action by the name of its generator and where it is placed."""
-
-    generator: str
-    at: Json
 
 
 class Heard(msgspec.Struct, frozen=True):
@@ -247,11 +237,6 @@ def kind_of(message: Message) -> str:
     """Return the name of a message's kind."""
     tag = message.__struct_config__.tag
     return str(tag)
-
-
-def site_of(value: Json) -> Site:
-    """Return a message's site as a site."""
-    return site_from_json(value)
 
 
 def schema_of(kind: str) -> dict[str, Any]:
