@@ -14,7 +14,7 @@ Json: TypeAlias = Any
 """A site as decoded from JSON; `site_from_json` makes it a site again."""
 
 
-class GeneratorPlacement(msgspec.Struct, frozen=True):
+class GeneratorPlacement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An action by the name of its generator and where it is placed."""
 
     generator: str

@@ -33,13 +33,6 @@ _encode = msgspec.json.Encoder().encode
 _NAME = "\0id"
 
 
-class GeneratorLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A move as a generator of the system, and where it is placed."""
-
-    generator: str
-    at: Json
-
-
 class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit_defaults=True):
     """A move by its contents; `before` and `after` are the sites of the support that are on.
 
@@ -162,7 +155,7 @@ def move_schemas() -> dict[str, dict[str, Any]]:
     """Return the JSON Schemas (2020-12) of the two forms of a line of a moves file, by name."""
     contents = line_schema(ContentsLine)
     contents["dependentRequired"] = {"before": ["after"], "after": ["before"]}
-    return {"generator": line_schema(GeneratorLine), "contents": contents}
+    return {"generator": line_schema(GeneratorPlacement), "contents": contents}
 
 
 def cube_schema() -> dict[str, Any]:
@@ -173,11 +166,11 @@ def cube_schema() -> dict[str, Any]:
 class _Form(NamedTuple):
     """A kind of line: what decodes it, and how it is told to people."""
 
-    decode: Callable[[bytes], GeneratorLine | ContentsLine]
+    decode: Callable[[bytes], GeneratorPlacement | ContentsLine]
     keys: str
 
 
-_GENERATOR = _Form(msgspec.json.Decoder(GeneratorLine).decode, 'the keys "generator" and "at"')
+_GENERATOR = _Form(msgspec.json.Decoder(GeneratorPlacement).decode, 'the keys "generator" and "at"')
 _CONTENTS = _Form(
     msgspec.json.Decoder(ContentsLine).decode,
     'the keys "id", "support", "trace", and "before" with "after" or neither',
@@ -214,7 +207,7 @@ class _Reader:
 
     def move(self, number: int, line: bytes) -> PathMove:
         found = self._read(line)
-        if isinstance(found, GeneratorLine):
+        if isinstance(found, GeneratorPlacement):
             return self._by_generator(found)
         self._sites.watch(line)
         if (found.before is None) != (found.after is None):
@@ -226,7 +219,7 @@ class _Reader:
             return self._by_name(found, number)
         return self._by_contents(found, found.before, found.after, number)
 
-    def _read(self, line: bytes) -> GeneratorLine | ContentsLine:
+    def _read(self, line: bytes) -> GeneratorPlacement | ContentsLine:
         if self._form is None:
             # The first line decides. One that is no object is told what both forms are.
             self._form = _form_of(line)
@@ -243,7 +236,7 @@ class _Reader:
             " expected one form in a file"
         )
 
-    def _by_generator(self, line: GeneratorLine) -> PathMove:
+    def _by_generator(self, line: GeneratorPlacement) -> PathMove:
         if self._scene is None:
             raise InputError(
                 f"generator {line.generator!r} without a system, expected --system SYSTEM"
@@ -255,7 +248,7 @@ class _Reader:
             action = self._placed[key] = self._scene.system.action(*key)
         before = action.support & self._known.on
         apply_in_place(action, self._known.on)
-        return PathMove(action, GeneratorPlacement(line.generator, line.at), before)
+        return PathMove(action, line, before)
 
     def _by_name(self, line: ContentsLine, number: int) -> PathMove:
         trace = self._sites.read(line.trace)
@@ -379,9 +372,9 @@ def _alike(one: Site, other: Site) -> bool:
     return isinstance(one, bool) is isinstance(other, bool)
 
 
-def _move_line(move: PathMove) -> GeneratorLine | ContentsLine:
+def _move_line(move: PathMove) -> GeneratorPlacement | ContentsLine:
     if isinstance(move.name, GeneratorPlacement):
-        return GeneratorLine(move.name.generator, move.name.at)
+        return move.name
     action = move.action
     support, trace = (known_of_named(move.name, part) for part in (action.support, action.trace))
     if move.before is None:

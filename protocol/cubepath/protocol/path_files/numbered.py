@@ -26,7 +26,6 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK, written_whole
 from cubepath.protocol.path_files.moves import (
     ContentsLine,
-    GeneratorLine,
     MoveName,
     PathMove,
     contents_line,
@@ -154,7 +153,7 @@ def _tail(path: NumberedPath, number: int, end: int) -> bytes:
     """Return the line of a move by its generator, or what follows on its id."""
     action, name = path.actions[number], path.action_names[number]
     if isinstance(name, GeneratorPlacement):
-        return _encode(GeneratorLine(name.generator, name.at)) + b"\n"
+        return _encode(name) + b"\n"
     support, trace = (known_of_named(name, part) for part in (action.support, action.trace))
     if not path.stated[number]:
         line = contents_line(0, support, trace, None)
@@ -178,7 +177,7 @@ class _RawLine(msgspec.Struct, forbid_unknown_fields=True):
 
 _raw = msgspec.json.Decoder(_RawLine).decode
 _contents = msgspec.json.Decoder(ContentsLine).decode
-_generator = msgspec.json.Decoder(GeneratorLine).decode
+_generator = msgspec.json.Decoder(GeneratorPlacement).decode
 
 
 @dataclass(slots=True)
@@ -274,7 +273,7 @@ class _Numberer:
             raise IrregularError("a generator without a system")
         found = _generator(line)
         action = self._scene.system.action(found.generator, site_from_json(found.at))
-        number = self._kept.add(action, GeneratorPlacement(found.generator, found.at))
+        number = self._kept.add(action, found)
         if len(self._lines) >= _KEPT:
             self._lines.clear()
         self._lines[line] = number

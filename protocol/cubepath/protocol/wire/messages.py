@@ -241,11 +241,13 @@ def kind_of(message: Message) -> str:
 
 def schema_of(kind: str) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of a kind of message, as it stands in recordings."""
-    # Recordings have named this definition "Placed" since their first version, and go on doing so.
+    # Recordings have named this definition "Placed" since their first version, without a word of
+    # other keys, and go on doing so.
     text = msgspec.json.encode(msgspec.json.schema(KINDS[kind]))
     schema = msgspec.json.decode(text.replace(b"GeneratorPlacement", b"Placed"))
     # Viewers want the top object itself, not a reference to it.
     definitions = schema.pop("$defs", {})
+    definitions.get("Placed", {}).pop("additionalProperties", None)
     name = str(schema.pop("$ref", "")).rpartition("/")[2]
     top = definitions.pop(name, schema)
     return {**top, "$defs": definitions} if definitions else dict(top)
