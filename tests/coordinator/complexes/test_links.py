@@ -7,7 +7,7 @@ import pytest
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.links import check_links
-from cubepath.coordinator.complexes.local_link import actions_at, is_cube, unfilled
+from cubepath.coordinator.complexes.local_link import actions_at, spans_cube, unfilled
 from cubepath.coordinator.complexes.state_complexes import StateComplex, state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -84,10 +84,10 @@ def test_it_fails_where_the_whole_has_a_say() -> None:
     assert missing
     for actions in missing:
         assert set(actions) <= set(actions_at(scene, scene.start_state))
-        assert not is_cube(scene, scene.start_state, actions)
+        assert not spans_cube(scene, scene.start_state, actions)
         for action in actions:
             rest = [other for other in actions if other != action]
-            assert is_cube(scene, scene.start_state, rest)
+            assert spans_cube(scene, scene.start_state, rest)
 
 
 @pytest.mark.parametrize("spec", ["arm:n=5", "agv:graph=C6,n=3", "polygon:n=7"])

@@ -19,7 +19,7 @@ from cubepath.coordinator.complexes.state_masks import (
     Placing,
     Words,
     admissible_at,
-    bits_of,
+    bits_in,
     row_of,
 )
 from cubepath.protocol.compiled import compiled
@@ -97,7 +97,7 @@ class _Walk:
         self.known = 1
         self.allowed = 1
         """How many of the known states are not forbidden."""
-        self._meet(bits_of(row_of(self.bits.start, self.bits.words)))
+        self._meet(bits_in(row_of(self.bits.start, self.bits.words)))
         self._states = row_of(self.bits.start, self.bits.words).reshape(1, -1)
         self._forbidden = np.zeros(1, dtype=np.bool_)
         self._table = np.full(16, _FREE, dtype=np.int32)
@@ -136,7 +136,7 @@ class _Walk:
     def expand(self, stop: int) -> None:
         """Find the edges of the states from `done` to `stop`, and the states that they lead to."""
         here = np.bitwise_or.reduce(self._states[self.done : stop], axis=0)
-        if self._meet(bits_of(here)):
+        if self._meet(bits_in(here)):
             self._room(0)
             self._placing = self.bits.placing()
         placing = self._placing

@@ -26,7 +26,7 @@ def actions_at(scene: Scene, state: State) -> list[Action]:
     return [action for action in found if system.legal(apply(action, state))]
 
 
-def is_cube(scene: Scene, state: State, actions: Sequence[Action]) -> bool:
+def spans_cube(scene: Scene, state: State, actions: Sequence[Action]) -> bool:
     """Tell whether these actions, admissible at the state, span a cube: all corners are states."""
     if not all(commute(one, other) for one, other in combinations(actions, 2)):
         return False
@@ -56,7 +56,7 @@ def unfilled(scene: Scene, state: State) -> list[tuple[Action, ...]]:
                 if any(part not in filled for part in combinations(larger, len(chosen))):
                     continue
                 found = [actions[each] for each in larger]
-                if is_cube(scene, state, found):
+                if spans_cube(scene, state, found):
                     following.append(larger)
                 elif len(larger) > 2:
                     missing.append(tuple(found))

@@ -77,7 +77,7 @@ class Bits:
 
     def decode(self, row: Words) -> frozenset[Site]:
         """Return the sites that are on in a row of words, occupied obstacles included."""
-        return frozenset(self.sites[bit] for bit in bits_of(row)) | self._filled
+        return frozenset(self.sites[bit] for bit in bits_in(row)) | self._filled
 
     def meet(self, bit: int) -> None:
         """Learn the moves of a module at the site of this bit."""
@@ -155,7 +155,7 @@ def row_of(mask: int, words: int) -> Words:
     return np.frombuffer(mask.to_bytes(8 * words, "little"), dtype="<u8").copy()
 
 
-def bits_of(row: Words) -> list[int]:
+def bits_in(row: Words) -> list[int]:
     """Return the numbers of the bits that are on in a row of words."""
     found = np.unpackbits(row.astype("<u8").view(np.uint8), bitorder="little")
     return [int(bit) for bit in np.flatnonzero(found)]
