@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene
 
@@ -46,7 +47,7 @@ class Bits:
         self.met: set[int] = set()
         """Bits of the sites whose moves are known."""
         self._filled = scene.system.filled
-        self._bit: dict[Site, int] = {}
+        self._bit = Ordinals[Site]()
         self._number: dict[Action, int | None] = {}
         self._masks: list[tuple[int, ...]] = []
         self._guards: list[list[tuple[int, int]]] = []
@@ -60,9 +61,8 @@ class Bits:
         return max(1, -(-len(self.sites) // 64))
 
     def _bit_of(self, site: Site) -> int:
-        found = self._bit.get(site)
-        if found is None:
-            found = self._bit[site] = len(self.sites)
+        found = self._bit[site]
+        if found == len(self.sites):
             self.sites.append(site)
             self._movers.append([])
         return found

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.numbered import NumberedPath
 
@@ -66,14 +67,14 @@ def first_misfit(path: NumberedPath, start: State | None) -> Misfit | None:
 
 
 def _supports(path: NumberedPath) -> tuple[_Supports, dict[Site, int]]:
-    numbers: dict[Site, int] = {}
+    numbers = Ordinals[Site]()
     starts, guard_starts = [0], [0]
     sites: list[int] = []
     says: list[int] = []
     guards: list[tuple[int, int]] = []
     for action in path.actions:
         for site in action.support:
-            sites.append(numbers.setdefault(site, len(numbers)))
+            sites.append(numbers[site])
             says.append(_said(action, site))
         guards += [(numbers[one], numbers[other]) for one, other in action.guards]
         starts.append(len(sites))

@@ -24,6 +24,7 @@ from cubepath.coordinator.normal_form.array_heap import (
 )
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order
 
 _QUEUE = 4096
@@ -50,7 +51,7 @@ class Numbering:
         """Begin with these actions, which must be distinct."""
         self.actions: list[Action] = list(actions)
         self._number = {action: number for number, action in enumerate(self.actions)}
-        self._sites: dict[Site, int] = {}
+        self._sites = Ordinals[Site]()
         self._done = 0
 
     def number(self, action: Action) -> int:
@@ -75,7 +76,7 @@ class Numbering:
             return None
         sites = self._sites
         rows = [
-            [[sites.setdefault(site, len(sites)) for site in part] for part in parts]
+            [[sites[site] for site in part] for part in parts]
             for parts in ((each.trace for each in actions), (each.reads for each in actions))
         ]
         return ActionTable(*_rows(rows[0]), *_rows(rows[1]))

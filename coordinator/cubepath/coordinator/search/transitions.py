@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import System
 
@@ -50,7 +51,7 @@ class Transitions:
         self.trace: list[int] = []
         self.support: list[int] = []
         self.sites: list[Site] = []
-        self._bits: dict[Site, int] = {}
+        self._bits = Ordinals[Site]()
         self._numbers: dict[Action, int] = {}
         self._rows: list[tuple[_Row, ...] | None] = []
         # Sites at which nothing moves need not be looked at.
@@ -71,9 +72,8 @@ class Transitions:
 
     def bit(self, site: Site) -> int:
         """Return the number of the bit of a site."""
-        found = self._bits.get(site)
-        if found is None:
-            found = self._bits[site] = len(self.sites)
+        found = self._bits[site]
+        if found == len(self.sites):
             self.sites.append(site)
             self._rows.append(None)
         return found

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement, Json
+from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
@@ -102,8 +103,9 @@ def holds_cubes(source: Path) -> bool:
 
 
 def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
-    sites: dict[Site, int] = {}
-    parts: dict[str, list[list[Site]]] = {
+    sites = Ordinals[Site]()
+    # By the order of `parts` sites are met in supports, in which all others lie.
+    parts: dict[str, list[list[int]]] = {
         part: [] for part in ("support", "trace", "before", "after", "free", "guard")
     }
     for action, name, stated in zip(path.actions, path.action_names, path.stated, strict=True):
@@ -119,10 +121,8 @@ def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
             ("after", after),
             ("free", action.free),
         ):
-            parts[part].append(list(in_order(found)))
-        parts["guard"].append(guards)
-        for site in parts["support"][-1]:
-            sites.setdefault(site, len(sites))
+            parts[part].append([sites[site] for site in in_order(found)])
+        parts["guard"].append([sites[site] for site in guards])
     arrays: dict[str, NDArray[Any]] = {
         "format": np.array(form),
         "sites": _json(list(sites)),
@@ -132,7 +132,7 @@ def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
         if part in {"free", "guard"} and not any(rows):
             continue
         arrays[f"{part}_starts"] = np.cumsum([0, *map(len, rows)], dtype=np.int32)
-        arrays[f"{part}_sites"] = np.array([sites[site] for row in rows for site in row], np.int32)
+        arrays[f"{part}_sites"] = np.array([site for row in rows for site in row], np.int32)
     if not all(path.stated):
         arrays["stated"] = np.array(path.stated, dtype=np.bool_)
     arrays["moves"] = path.numbers
