@@ -25,7 +25,6 @@ from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.protocol.core.actions import Action, State, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.moves import MoveName, PathMove, read_moves
 from cubepath.protocol.path_files.npz import MAGIC, NumberedCubes, read_moves_npz
@@ -38,11 +37,9 @@ from cubepath.protocol.path_files.numbered import (
 )
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
 from cubepath.protocol.plans.imported import Imported
-from cubepath.protocol.plans.vehicles import vehicles_scene
+from cubepath.protocol.plans.scenario import read_scenario
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.graph import GraphSystem
-from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
 
 _T = TypeVar("_T")
 _MAGIC = b"\x89MCAP0\r\n"
@@ -151,7 +148,7 @@ def plan_of(path: Path, system: str | None, hints: PlanHints) -> Imported | None
     if hints.companions:
         what = "binary moves file" if kind == "arrays" else kind.replace("moves", "moves file")
         raise InputError(f"{path}: a {what}, which needs no other file: expected no --with")
-    return _scenario(path) if _kind(path, system) == "scenario" else None
+    return read_scenario(path) if _kind(path, system) == "scenario" else None
 
 
 def path_of(
@@ -293,47 +290,3 @@ def _recorded(path: Path) -> Iterator[PathMove]:
                     f"{path}: round {step.round}, module_{executed.module}: {error}"
                 ) from None
             yield PathMove(action, GeneratorPlacement(executed.generator, executed.at), before)
-
-
-def _scenario(path: Path) -> Imported:
-    scenario = scenario_from_json(path)
-    return Imported(
-        _planned(path, scenario),
-        scenario.planner_rounds,
-        lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
-        labelled_goals=True,
-    )
-
-
-def _planned(path: Path, scenario: Scenario) -> Iterator[PathMove]:
-    """Yield the moves of a scenario's vehicles, each checked on the grid from the starts on."""
-    taken, free = set(scenario.starts), set(scenario.graph.vertices)
-    edges = set(scenario.graph.edges)
-    actions: dict[tuple[Site, ...], Action] = {}
-    for number, (source, target) in enumerate(scenario.moves, 1):
-        try:
-            for cell in (source, target):
-                _expect(cell in free, f"{_text(cell)} is an obstacle or outside, expected free")
-            adjacent = (source, target) in edges or (target, source) in edges
-            _expect(adjacent, "no edge of the grid, expected a step to a cell beside")
-            _expect(source in taken, f"{_text(source)} is empty, expected a vehicle")
-            _expect(target not in taken, f"{_text(target)} is occupied, expected it empty")
-        except InputError as error:
-            where = f"{path}: move {number}, {_text(source)} to {_text(target)}"
-            raise InputError(f"{where}: {error}") from None
-        taken.remove(source)
-        taken.add(target)
-        ends = in_order((source, target))
-        # The system of one edge says what its action is; that of a large grid takes long to make.
-        action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
-        actions[ends] = action
-        yield PathMove(action, GeneratorPlacement("edge", ends), frozenset({source}))
-
-
-def _expect(holds: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence
-    if not holds:
-        raise InputError(otherwise)
-
-
-def _text(site: Site) -> str:
-    return msgspec.json.encode(site).decode()

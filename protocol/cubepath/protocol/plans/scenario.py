@@ -1,0 +1,61 @@
+"""Scenarios: a grid with the starts, the goals and, where a planner has been at it, the moves.
+
+The JSON files of the project's own sample data, an object with "starts"; see docs/files.md. A
+vehicle enters a cell that is empty, so the moves are one path as they stand.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.imported import Imported, text
+from cubepath.protocol.plans.vehicles import vehicles_scene
+from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
+
+
+def read_scenario(path: Path) -> Imported:
+    """Read a scenario; InputError as `Imported` says."""
+    scenario = scenario_from_json(path)
+    return Imported(
+        _moves(path, scenario),
+        scenario.planner_rounds,
+        lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
+        labelled_goals=True,
+    )
+
+
+def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
+    """Yield the moves of a scenario's vehicles, each checked on the grid from the starts on."""
+    taken, free = set(scenario.starts), set(scenario.graph.vertices)
+    edges = set(scenario.graph.edges)
+    actions: dict[tuple[Site, ...], Action] = {}
+    for number, (source, target) in enumerate(scenario.moves, 1):
+        try:
+            for cell in (source, target):
+                _expect(cell in free, f"{text(cell)} is an obstacle or outside, expected free")
+            adjacent = (source, target) in edges or (target, source) in edges
+            _expect(adjacent, "no edge of the grid, expected a step to a cell beside")
+            _expect(source in taken, f"{text(source)} is empty, expected a vehicle")
+            _expect(target not in taken, f"{text(target)} is occupied, expected it empty")
+        except InputError as error:
+            where = f"{path}: move {number}, {text(source)} to {text(target)}"
+            raise InputError(f"{where}: {error}") from None
+        taken.remove(source)
+        taken.add(target)
+        ends = in_order((source, target))
+        # The system of one edge says what its action is; that of a large grid takes long to make.
+        action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
+        actions[ends] = action
+        yield PathMove(action, GeneratorPlacement("edge", ends), frozenset({source}))
+
+
+def _expect(holds: bool, otherwise: str) -> None:  # noqa: FBT001 - reads as a sentence
+    if not holds:
+        raise InputError(otherwise)
