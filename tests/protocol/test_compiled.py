@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -33,16 +34,186 @@ def clique(cache: Path, most: int) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_what_was_compiled_is_kept(tmp_path: Path) -> None:
-    """The second process finds what the first has written."""
-    for _ in range(2):
-        assert clique(tmp_path, 0).stdout == "1\n"
-    assert list(tmp_path.rglob("*.nbc"))
-
-
-@pytest.mark.slow
 def test_on_a_full_disk_it_is_compiled_all_the_same(tmp_path: Path) -> None:
     """No file may grow beyond a hundred bytes: nothing is kept, and the answer is right."""
     done = clique(tmp_path, 100)
     assert (done.stdout, done.stderr) == ("1\n", "")
     assert not list(tmp_path.rglob("*.nbc"))
+
+
+MODULES = {
+    "inner": """
+from typing import NamedTuple
+from cubepath.protocol.compiled import compiled
+FACTOR = 1
+class Pair(NamedTuple):
+    one: int
+    other: int
+@compiled
+def scaled(number: int) -> int:
+    return 10 * number
+""",
+    "middle": """
+from cubepath.protocol.compiled import compiled
+from room.inner import scaled
+@compiled
+def middle(number: int) -> int:
+    return scaled(number) + 1
+""",
+    "outer": """
+from cubepath.protocol.compiled import compiled
+from room import middle
+@compiled
+def call(number: int) -> int:
+    return later(number)
+@compiled
+def later(number: int) -> int:
+    return middle.middle(number)
+""",
+    "constant": """
+from cubepath.protocol.compiled import compiled
+from room.inner import FACTOR
+@compiled
+def call(number: int) -> int:
+    return FACTOR * number
+""",
+    "fields": """
+from cubepath.protocol.compiled import compiled
+from room.inner import Pair
+@compiled
+def one(pair: Pair) -> int:
+    return pair.one
+def call(number: int) -> int:
+    return one(Pair(one=number, other=0))
+call.stats = one.stats
+""",
+    "unrelated": """
+from cubepath.protocol.compiled import compiled
+@compiled
+def same(number: int) -> int:
+    return number
+""",
+}
+"""A package whose compiled functions take from other modules what can be taken."""
+
+CALL = """
+import sys
+from importlib import import_module
+*before, last = sys.argv[1:]
+for name in before:
+    import_module(f"room.{name}")
+call = import_module(f"room.{last}").call
+print(call(7), sum(call.stats.cache_hits.values()))
+"""
+
+
+@dataclass(frozen=True)
+class Installation:
+    """The package in a folder, the variables that its processes see, and where code is kept."""
+
+    folder: Path
+    variables: dict[str, str]
+    kept: Path | None
+
+    def change(self, old: str, new: str) -> None:
+        """Change the innermost module, so that its file is also older than what was compiled."""
+        path = self.folder / "room" / "inner.py"
+        text = path.read_text()
+        assert text.count(old) == 1
+        path.write_text(text.replace(old, new))
+        os.utime(path, (1_000_000_000, 1_000_000_000))
+
+    def call(self, *modules: str) -> tuple[int, bool]:
+        """Import the modules in a new process; the answer of the last, and whether it was kept."""
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", CALL, *modules],
+            env=self.variables,
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+        )
+        assert (done.stderr, done.returncode) == ("", 0)
+        answer, hits = done.stdout.split()
+        return int(answer), hits == "1"
+
+
+def installation(folder: Path, kind: str) -> Installation:
+    """Write the package; no `__pycache__` can be made where a file has that name, not by root."""
+    room, home = folder / "room", folder / "home"
+    room.mkdir()
+    for name, text in MODULES.items():
+        (room / f"{name}.py").write_text(text)
+    variables = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in {"NUMBA_CACHE_DIR", "XDG_CACHE_HOME"}
+    } | {"PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    if kind == "tree":
+        return Installation(folder, variables, room / "__pycache__")
+    if kind == "NUMBA_CACHE_DIR":
+        return Installation(folder, variables | {kind: str(home)}, home)
+    (room / "__pycache__").write_text("")
+    if kind == "home":
+        return Installation(folder, variables | {"HOME": str(home)}, home / ".cache")
+    return Installation(folder, variables | {"HOME": os.devnull}, None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ["tree", "NUMBA_CACHE_DIR", "home"])
+def test_a_change_reaches_the_compiled_functions_of_other_modules(
+    tmp_path: Path, place: str
+) -> None:
+    """What calls a changed function by way of a third module is compiled again, and kept again."""
+    room = installation(tmp_path, place)
+    assert room.call("outer") == (71, False)
+    room.change("10 * number", "20 * number")
+    assert room.call("outer") == (141, False)
+    assert room.call("outer") == (141, True)
+    assert room.kept is not None
+    assert list(room.kept.rglob("outer.call-*.nbc"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("user", "old", "new", "after"),
+    [
+        ("constant", "FACTOR = 1", "FACTOR = 3", 21),
+        ("fields", "one: int\n    other: int", "other: int\n    one: int", 7),
+    ],
+)
+def test_a_change_reaches_those_who_take_a_constant_or_a_type(
+    tmp_path: Path, user: str, old: str, new: str, after: int
+) -> None:
+    """Numbers and the order of a tuple's fields are part of what was compiled."""
+    room = installation(tmp_path, "tree")
+    assert room.call(user) == (7, False)
+    room.change(old, new)
+    assert room.call(user) == (after, False)
+
+
+@pytest.mark.slow
+def test_what_else_is_imported_makes_no_difference(tmp_path: Path) -> None:
+    """Kept code is found again whichever modules a process has imported before."""
+    room = installation(tmp_path, "tree")
+    assert room.call("outer") == (71, False)
+    assert room.call("unrelated", "fields", "outer") == (71, True)
+
+
+@pytest.mark.slow
+def test_a_damaged_file_is_compiled_and_kept_again(tmp_path: Path) -> None:
+    """A file that was cut off, as by a loss of power, costs one compilation."""
+    room = installation(tmp_path, "tree")
+    room.call("outer")
+    assert room.kept is not None
+    for ending in ("nbc", "nbi"):
+        [path] = room.kept.glob(f"outer.call-*.{ending}")
+        path.write_bytes(b"")
+        assert room.call("outer") == (71, False)
+    assert room.call("outer") == (71, True)
+
+
+@pytest.mark.slow
+def test_with_nowhere_to_write_it_is_compiled_all_the_same(tmp_path: Path) -> None:
+    """Neither the installation nor a home can be written to: right all the same, and silent."""
+    assert installation(tmp_path, "nowhere").call("outer") == (71, False)
