@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections import Counter, deque
 
+from cells import cell_of, cells_of
 from cubepath.protocol.core.actions import Action, State, admissible, apply, commute
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 
 Key = tuple[frozenset[Site], frozenset[Action]]
+ShapeKey = tuple[frozenset[Site], frozenset[frozenset[Site]]]
 
 
 def actions_at(scene: Scene, state: State) -> list[Action]:
@@ -77,7 +79,7 @@ def shape_f_vector(scene: Scene) -> list[int]:
     """Return the same for the shape complex: cubes up to translation of a planar lattice."""
     first = _normal(frozenset(scene.start))
     seen, queue = {first}, deque([first])
-    cubes: set[object] = set()
+    cubes: set[ShapeKey] = set()
     while queue:
         state = queue.popleft()
         actions = actions_at(scene, state)
@@ -88,7 +90,7 @@ def shape_f_vector(scene: Scene) -> list[int]:
             if after not in seen:
                 seen.add(after)
                 queue.append(after)
-    count = Counter(len(key[1]) for key in cubes)  # type: ignore[index]
+    count = Counter(len(actions) for _, actions in cubes)
     return [count[dimension] for dimension in range(max(count) + 1)]
 
 
@@ -97,10 +99,11 @@ def _normal(state: State) -> frozenset[Site]:
 
 
 def _shifted(sites: State, origin: Site) -> frozenset[Site]:
-    return frozenset((q - origin[0], r - origin[1]) for q, r in sites)  # type: ignore[misc,index]
+    left, low = cell_of(origin)
+    return frozenset((q - left, r - low) for q, r in cells_of(sites))
 
 
-def _shape_key(state: State, chosen: tuple[Action, ...]) -> object:
+def _shape_key(state: State, chosen: tuple[Action, ...]) -> ShapeKey:
     moved = frozenset().union(*(action.trace for action in chosen))
     origin = in_order(state | moved)[0]
     return (

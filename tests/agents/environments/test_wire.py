@@ -303,9 +303,8 @@ def test_the_environment_over_zenoh_is_the_environment(spec: str, processes: int
         assert repr(seen) == repr(told)
         random = np.random.default_rng(1)
         while here.agents:
-            actions = {
-                name: int(random.integers(here.action_space(name).n))  # type: ignore[attr-defined]
-                for name in here.agents
+            actions: dict[str, int | None] = {
+                name: int(random.integers(here.action_space(name).n)) for name in here.agents
             }
             one, other = here.step(actions), there.step(actions)
             assert repr(one) == repr(other)

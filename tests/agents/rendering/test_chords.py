@@ -37,10 +37,11 @@ def test_a_table_of_chords(spec: str) -> None:
     """Read back, the marks are the modules, the goal and the fixed edges."""
     scene = scene_from_spec(spec)
     goal = scene.goal or frozenset()
+    assert isinstance(scene.system, TabledSystem)
     lines = draw_text(scene, scene.start).splitlines()
-    assert len(lines) == len(scene.system.positions)  # type: ignore[attr-defined]
+    assert len(lines) == len(scene.system.positions)
     wide = len(lines[0].split()[-1])
-    found: dict[str, set[Site]] = {}
+    found: dict[str, set[tuple[int, int]]] = {}
     for line in lines[1:]:
         one = int(line[:wide])
         marks = line[wide + 1 :]
@@ -52,7 +53,7 @@ def test_a_table_of_chords(spec: str) -> None:
     assert found.get("@", set()) == start & goal
     assert found["+"] == goal - start
     assert found["#"] == scene.system.filled
-    assert all(one < other for mark in "o@+#." for one, other in found.get(mark, ()))  # type: ignore[misc]
+    assert all(one < other for mark in "o@+#." for one, other in found.get(mark, ()))
 
 
 @pytest.mark.slow

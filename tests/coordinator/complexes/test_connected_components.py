@@ -18,7 +18,7 @@ from spaces import EMPTY, LOOP, POINT, disjoint, grid, quotients
 def test_components_are_those_of_the_graph(space: CubicalComplex) -> None:
     """Two vertices have the same number iff networkx has them in one component."""
     found = components(space)
-    graph = nx.MultiGraph()
+    graph: nx.MultiGraph[int] = nx.MultiGraph()
     graph.add_nodes_from(range(len(found)))
     if space.dimension >= 1:
         graph.add_edges_from(space.faces[1][:, 0].tolist())
@@ -48,7 +48,7 @@ def test_two_sides_are_a_colouring(drawn: tuple[int, list[tuple[int, int, bool]]
     count, links = drawn
     pairs = np.array([link[:2] for link in links], np.int32).reshape(-1, 2)
     found, two_sided = classes(count, pairs, np.array([link[2] for link in links], np.bool_))
-    graph = nx.Graph()
+    graph: nx.Graph[int | tuple[str, int]] = nx.Graph()
     graph.add_nodes_from(range(count))
     for place, (one, other, differ) in enumerate(links):
         if differ:

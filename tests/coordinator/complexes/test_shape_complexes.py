@@ -5,11 +5,13 @@ from __future__ import annotations
 import pytest
 
 import complexes
+from cells import cells_of
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.macros import lift, macro
 from cubepath.coordinator.complexes.shape_complexes import lattice_of, normal_place, shape_complex
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -62,7 +64,7 @@ def test_a_macro_lifts_to_many_places_and_ends_in_its_shape() -> None:
         found = lift(HEXAGONS, plan, at)
         assert found.refusal is None
         assert found.cubes is not None
-        state = {(q + at[0], r + at[1]) for q, r in plan.start}  # type: ignore[misc]
+        state: set[Site] = {(q + at[0], r + at[1]) for q, r in cells_of(plan.start)}
         for actions in found.cubes:
             for action in actions:
                 apply_in_place(action, state)

@@ -102,7 +102,8 @@ def glued_squares(draw: st.DrawFn) -> CubicalComplex:
     sides = list(range(4 * count))
     random.shuffle(sides)
     apart = disjoint(*[grid(1, 1)] * count)
-    return glued(apart, [(1, *sides[i : i + 2]) for i in range(0, len(sides), 2)])
+    pairs = zip(sides[::2], sides[1::2], strict=True)
+    return glued(apart, [(1, one, other) for one, other in pairs])
 
 
 @pytest.mark.slow

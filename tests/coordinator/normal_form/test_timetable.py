@@ -22,7 +22,7 @@ from cubepath.protocol.core.actions import Action, apply, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files import timetables
-from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.path_files.moves import MoveName, PathMove
 from cubepath.protocol.path_files.timetables import (
     Durations,
     TimedLine,
@@ -196,7 +196,7 @@ def test_the_most_particular_duration_counts() -> None:
     known = Durations(
         Fraction(2), {"slide": Fraction(3), "7": Fraction(5)}, {("slide", (0, 1)): Fraction(7)}
     )
-    names = [
+    names: list[MoveName] = [
         GeneratorPlacement("slide", [0, 1]),
         GeneratorPlacement("slide", [0, 2]),
         GeneratorPlacement("turn", [0, 1]),
@@ -230,9 +230,9 @@ def test_a_place_counts_for_its_other_name() -> None:
         move(GeneratorPlacement("edge", [2, 1]), action),
     ]
     assert durations_of(path, Durations(placed={("edge", (2, 1)): Fraction(3)})) == [3, 3]
-    both = {("edge", (2, 1)): Fraction(3), ("edge", (1, 2)): Fraction(4)}
+    both = Durations(placed={("edge", (2, 1)): Fraction(3), ("edge", (1, 2)): Fraction(4)})
     with pytest.raises(InputError, match="moves 1 and 2 are equal, but take 4 and 3"):
-        durations_of(path, Durations(placed=both))
+        durations_of(path, both)
 
 
 def test_equal_moves_must_take_equal_time() -> None:

@@ -105,8 +105,9 @@ def test_run_alone_takes_a_chain_to_another(tmp_path: Path) -> None:
 @pytest.mark.parametrize("processes", [0, 2])
 def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -> None:
     """The edge path on record is the one that the PettingZoo environment takes."""
+    system = "agv-labelled:graph=grid4x4,n=6"
     plan = Plan(
-        system="agv-labelled:graph=grid4x4,n=6",
+        system=system,
         rule="random",
         seed=4,
         hesitate=0.2,
@@ -117,9 +118,7 @@ def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -
     outcome = run(plan)
     assert outcome.ended in ("goal", "max-rounds")
     assert outcome.moves > 20
-    assert outcome.path_digest == digest_of_play(
-        plan.system, "random", seed=4, hesitate=0.2, rounds=30
-    )
+    assert outcome.path_digest == digest_of_play(system, "random", seed=4, hesitate=0.2, rounds=30)
 
 
 @pytest.mark.slow

@@ -335,7 +335,8 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, st
     from cubepath.coordinator.commands.main import main
 
     code = main([str(each) for each in arguments])
-    return code, *capsys.readouterr()
+    told = capsys.readouterr()
+    return code, told.out, told.err
 
 
 def test_the_command_line_says_which_gap_is_left(

@@ -94,9 +94,11 @@ def test_labelled_vehicles_need_as_long_as_the_longest_way() -> None:
 def test_obstacles_and_walls_make_ways_longer() -> None:
     """Round the p-by-q obstacle it is farther than through it."""
     where = scene("sliding:p=3,q=2")
-    assert module_bound(where.system, where.start_state, where.goal or (), within=99) == 6
-    free = LatticeSystem(where.system.catalogue)  # type: ignore[attr-defined]
-    assert module_bound(free, set(where.start), where.goal or (), within=99) == 4
+    assert where.goal is not None
+    assert module_bound(where.system, where.start_state, where.goal, within=99) == 6
+    assert isinstance(where.system, LatticeSystem)
+    free = LatticeSystem(where.system.catalogue)
+    assert module_bound(free, set(where.start), where.goal, within=99) == 4
 
 
 @given(

@@ -42,7 +42,8 @@ def test_the_sample_train() -> None:
     assert found is not None
     assert found.rounds == 4
     moves = list(found.moves)
-    assert [move.before for move in moves[:4]] == [{(1, 1)}, {(1, 0)}, {(1, -1)}, {(4, 0)}]
+    first = [(1, 1), (1, 0), (1, -1), (4, 0)]
+    assert [move.before for move in moves[:4]] == [frozenset({cell}) for cell in first]
     assert (len(moves), len(normal_cube_path([move.action for move in moves]))) == (12, 5)
     where = found.scene()
     # The box of all that is named, [1, -1] to [4, 3], and one cell more.

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cells import Cell, cell_of
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import read_plan
@@ -215,7 +216,7 @@ def test_triangles_agree_with_the_obvious(count: int, seed: int, direction: str)
     assert flips == obvious
 
 
-def subsets(edges: Sequence[object], seed: int) -> list[object]:
+def subsets(edges: Sequence[Cell], seed: int) -> list[Cell]:
     return [edge for number, edge in enumerate(edges) if seed >> number & 1]
 
 
@@ -225,7 +226,7 @@ def test_what_is_no_triangulation_is_found(seed: int, points_seed: int) -> None:
     """Of all sets of edges among six points, those are taken that the system's own check takes."""
     system = FlipSystem(random_points(6, points_seed))
     plane = system.plane
-    moving = sorted({site for move in system.listed for site in move.action.trace})
+    moving = sorted({cell_of(site) for move in system.listed for site in move.action.trace})
     edges = subsets(moving, seed)
     try:
         system.check_state(edges)
@@ -233,7 +234,7 @@ def test_what_is_no_triangulation_is_found(seed: int, points_seed: int) -> None:
     except InputError:
         expected = False
     try:
-        Triangles(plane.points, [*edges, *system.kept])  # type: ignore[list-item]
+        Triangles(plane.points, [*edges, *system.kept])
         found = True
     except InputError:
         found = False

@@ -163,7 +163,7 @@ def test_moves_before_the_first_bad_one_are_yielded(tmp_path: Path) -> None:
     path = save(tmp_path / "log.txt", log_text(BAD_STEPS["jump"][0]))
     found = read_plan(path, companions=[ROOM])
     assert found is not None
-    assert next(found.moves).before == {(2, 0)}
+    assert next(found.moves).before == frozenset({(2, 0)})
     with pytest.raises(InputError):
         next(found.moves)
 

@@ -59,7 +59,7 @@ def test_words_are_sites(tmp_path: Path) -> None:
     yard = save(tmp_path / "yard.txt", "gate lane\nlane dock\n")
     path = save(tmp_path / "moves.txt", "dock -> lane\n\nlane -> gate # on\n")
     moves = moves_read(path, system=f"agv:graph={yard},n=1")
-    assert [move.before for move in moves] == [{"dock"}, {"lane"}]
+    assert [move.before for move in moves] == [frozenset({"dock"}), frozenset({"lane"})]
 
 
 @pytest.mark.slow

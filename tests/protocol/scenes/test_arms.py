@@ -204,11 +204,11 @@ def marked_world() -> tuple[World, World]:
 def step(world: World, kind: str) -> Move:
     """Make the first admissible move of this kind."""
     for module, site in enumerate(world.sites):
-        for action in world.observe(module)["action_mask"].nonzero()[0][1:]:
+        for action in map(int, world.observe(module)["action_mask"].nonzero()[0][1:]):
             move = world.scene.system.moves(site)[action - 1]
             assert move is not None
             if move.generator.startswith(kind):
-                world.step({module: int(action)})
+                world.step({module: action})
                 return move
     raise AssertionError(f"no {kind} is admissible")
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from cells import cells_of
 from cubepath.agents import parallel_env
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.complexes.local_link import unfilled
@@ -30,8 +31,8 @@ Pivot = tuple[Site, Site]
 
 def beside(one: Site, other: Site) -> bool:
     """Two hexagons are neighbours iff their centres are as near as centres get."""
-    (q, r), (s, t) = one, other  # type: ignore[misc]
-    return (q - s) ** 2 + (q - s) * (r - t) + (r - t) ** 2 == 1  # type: ignore[has-type]
+    (q, r), (s, t) = cells_of((one, other))
+    return (q - s) ** 2 + (q - s) * (r - t) + (r - t) ** 2 == 1
 
 
 def connected(state: State) -> bool:

@@ -6,6 +6,7 @@ from collections.abc import Collection
 
 import pytest
 
+from cells import cells_of
 from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
 from cubepath.protocol.core.actions import admissible, apply, commute
@@ -24,16 +25,17 @@ def squares(*cells: tuple[int, int], filled: Collection[Site] = (), longest: int
     return Scene("own", "", LatticeSystem(sliding_catalogue(longest), filled=filled), cells)
 
 
-def joined(cells: Collection[Site]) -> bool:
+def joined(sites: Collection[Site]) -> bool:
     """Tell whether the cells hang together by their sides."""
-    todo = [next(iter(cells))]
+    cells = set(cells_of(sites))
+    todo = [min(cells)]
     seen = set(todo)
     while todo:
-        x, y = todo.pop()  # type: ignore[misc]  # cells are pairs
-        near = {(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)} & set(cells) - seen
+        x, y = todo.pop()
+        near = {(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)} & cells - seen
         seen |= near
         todo += near
-    return seen == set(cells)
+    return seen == cells
 
 
 @pytest.mark.parametrize("p", range(1, 5))
@@ -72,9 +74,10 @@ def test_columns_are_rows_with_x_and_y_exchanged() -> None:
         row, column = (
             catalogue.by_name[f"{way}-{k}"].place(SQUARES, (0, 0)) for way in ("row", "column")
         )
-        turned = {(y, x) for x, y in row.support}  # type: ignore[misc]  # cells are pairs
+        turned = {(y, x) for x, y in cells_of(row.support)}
         assert turned == column.support
-        assert {((b, a), (d, c)) for (a, b), (c, d) in row.guards} == column.guards  # type: ignore[misc]
+        arrows = [cells_of(arrow) for arrow in row.guards]
+        assert {((b, a), (d, c)) for (a, b), (c, d) in arrows} == column.guards
 
 
 @pytest.mark.parametrize(
@@ -156,9 +159,9 @@ def test_a_longer_run_is_sensed_from_farther() -> None:
     """How far a module senses follows from the longest run: k + 2 cells along its row."""
     for k in range(4):
         system = LatticeSystem(sliding_catalogue(k))
-        sensed = [site for site in system.sensed((0, 0)) if site is not None]
-        assert max(x for x, _ in sensed) == k + 2  # type: ignore[misc]
-        assert all(min(abs(x), abs(y)) <= 1 for x, y in sensed)  # type: ignore[misc]
+        sensed = cells_of(site for site in system.sensed((0, 0)) if site is not None)
+        assert max(x for x, _ in sensed) == k + 2
+        assert all(min(abs(x), abs(y)) <= 1 for x, y in sensed)
 
 
 def test_a_scene_is_the_same_after_a_file() -> None:

@@ -6,6 +6,7 @@ from collections import Counter
 
 import pytest
 
+from cells import cells_of
 from complexes import Key, actions_at, commuting_sets, f_vector, states_of
 from cubepath.protocol.core.actions import admissible, apply
 from cubepath.protocol.core.errors import InputError
@@ -111,7 +112,7 @@ def test_the_whole_line_crosses(count: int) -> None:
     """The goal, as many columns further as the line is long, can be reached."""
     scene = scene_from_spec(f"hex-tunnel:n={count}")
     assert scene.goal is not None
-    assert {(q - count, r) for q, r in scene.goal} == set(scene.start)  # type: ignore[misc,has-type]
+    assert {(q - count, r) for q, r in cells_of(scene.goal)} == set(scene.start)
     assert scene.goal | scene.system.filled in states_of(scene)
 
 
@@ -121,11 +122,11 @@ def test_the_channel_has_four_upright_rows() -> None:
     assert isinstance(system, LatticeSystem)
     assert system.workspace is not None
     rows: dict[int, list[int]] = {}
-    for q, r in in_order(system.workspace):  # type: ignore[misc]
-        rows.setdefault(r, []).append(2 * q + r)  # type: ignore[has-type]
+    for q, r in sorted(cells_of(system.workspace)):
+        rows.setdefault(r, []).append(2 * q + r)
     assert rows == {r: list(range(r % 2, 16 + r % 2, 2)) for r in range(4)}
-    assert {r for _, r in system.filled} == {0}  # type: ignore[misc]
-    assert {r for _, r in system.empty} == {3}  # type: ignore[misc]
+    assert {r for _, r in cells_of(system.filled)} == {0}
+    assert {r for _, r in cells_of(system.empty)} == {3}
     assert len(system.filled) == len(system.empty) == 8
 
 

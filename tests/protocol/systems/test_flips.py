@@ -17,6 +17,7 @@ from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
 from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.triangulations import (
     polygon_points,
@@ -305,10 +306,10 @@ def test_triangulations_from_a_file(tmp_path: Path) -> None:
     )
     scene = scene_from_spec(f"triangulation:points={path}")
     assert set(scene.start) == {(1, 4), (2, 4)}
-    assert scene.goal == {(0, 2), (2, 4)}
+    assert scene.goal == frozenset({(0, 2), (2, 4)})
     again = scene_from_spec(f"triangulation:points={path},start=1,goal=0")
     assert set(again.start) == scene.goal
-    assert again.goal == set(scene.start)
+    assert again.goal == frozenset(scene.start)
 
 
 @pytest.mark.parametrize(
@@ -365,10 +366,10 @@ def test_files_of_points_that_are_refused(
         (7, "'at' is four points, found 7"),
     ],
 )
-def test_quadrilaterals_in_which_nothing_flips_are_refused(at: object, message: str) -> None:
+def test_quadrilaterals_in_which_nothing_flips_are_refused(at: Site, message: str) -> None:
     """The error says which point is in the way, or that it is not convex."""
     with pytest.raises(InputError, match=message):
-        FlipSystem(GRID).action("flip", at)  # type: ignore[arg-type]
+        FlipSystem(GRID).action("flip", at)
 
 
 def test_corners_of_a_flip_come_in_any_order() -> None:

@@ -138,7 +138,8 @@ def test_sites_are_numbers_and_codes_and_back(spec: str) -> None:
     """A site comes back from its numbers, and what is on at a place from what the place shows."""
     system = tabled(spec)
     for place in set(system.places) - system.filled:
-        for site in [(place, letter) for letter in system.letters] or [place]:
+        lettered: list[Site] = [(place, letter) for letter in system.letters]
+        for site in lettered or [place]:
             numbers = system.encode_site(site)
             assert len(numbers) == system.site_size
             assert system.decode_site(numbers, None) == site
