@@ -4,9 +4,10 @@ import pickle
 
 import pytest
 
-from cubepath.protocol.core.actions import commute
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.registry import families
@@ -132,6 +133,68 @@ def test_a_scene_is_the_same_after_a_file(spec: str) -> None:
         assert again.spec == scene.spec
         for site in scene.start:
             assert again.system.moves(site) == scene.system.moves(site)
+
+
+def moves_near(system: System, start: Site) -> list[tuple[Site, Move]]:
+    """Return the moves at the places within a few reaches, with the site of the mover."""
+    return [
+        (site, move)
+        for place in places_near(system, system.place_of(start))
+        for site in sites_at(system, place)
+        for move in system.moves(site)
+        if move is not None
+    ]
+
+
+@pytest.mark.parametrize("spec", [*SPECS, "hex-connected", "hex-tunnel"])
+def test_equal_actions_are_one_object(spec: str) -> None:
+    """The moves from either end and the action by its name hold the same object, pickled too."""
+    scene = scene_from_spec(spec)
+    for system in (scene.system, pickle.loads(pickle.dumps(scene.system))):  # noqa: S301
+        known: dict[tuple[str, Site, Action], Action] = {}
+        for site, move in moves_near(system, scene.start[0]):
+            assert move.source == site
+            assert system.action(move.generator, move.at) is move.action
+            named = known.setdefault((move.generator, move.at, move.action), move.action)
+            assert named is move.action
+            back = system.move_named(move.target, move.generator, move.at)
+            assert back is not None
+            assert back.action is move.action
+            assert back.motion == tuple((after, before) for before, after in move.motion)
+        assert known
+
+
+@pytest.mark.parametrize("spec", [*SPECS, "hex-connected", "hex-tunnel"])
+def test_a_move_is_found_by_its_name_and_by_its_action(spec: str) -> None:
+    """By site, generator and place it is that move; by its action all moves that make it."""
+    scene = scene_from_spec(spec)
+    system = scene.system
+    found = moves_near(system, scene.start[0])
+    by_action: dict[Action, list[Move]] = {}
+    for site, move in found:
+        assert system.move_named(site, move.generator, move.at) == move
+        assert system.move_named(site, "no such", move.at) is None
+        assert system.move_named(site, move.generator, ("nowhere",)) is None
+        by_action.setdefault(move.action, []).append(move)
+    known = {site for site, _ in found}
+    for action, moves in by_action.items():
+        making = system.moves_of(action)
+        assert [move for move in making if move.source in known] == sorted(
+            moves, key=lambda move: list(in_order(known)).index(move.source)
+        )
+        assert {end for move in making for end in (move.source, move.target)} <= action.trace
+        assert {(m.target, m.source) for m in making} == {(m.source, m.target) for m in making}
+
+
+def test_no_move_makes_an_action_that_is_not_of_the_system() -> None:
+    """Neither one of other local states nor one that would move an obstacle or leave."""
+    scene = scene_from_spec("hex:n=3,base=1")
+    move = next(move for move in scene.system.moves((0, 0)) if move is not None)
+    one, other = move.action.ends
+    trace = move.action.trace
+    assert scene.system.moves_of(Action(trace, trace, one & trace, other & trace)) == ()
+    walled = LatticeSystem(hex_catalogue(keeps_topology=True), empty=[move.target])
+    assert walled.moves_of(move.action) == ()
 
 
 def test_obstacles_may_lie_in_a_support_but_never_in_a_trace() -> None:

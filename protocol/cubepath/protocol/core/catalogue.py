@@ -6,7 +6,7 @@ their examples describe them. A catalogue is data: it can be written to and read
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -15,6 +15,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 
 Cell: TypeAlias = tuple[int, ...]
+Place: TypeAlias = Callable[[str, Cell], Action]
+"""Gives the action of a generator, by its name, at a translation."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,9 +202,17 @@ class Catalogue:
         """Return the representative of the cell's orbit under translation."""
         return (0,) * self.lattice.dimension + cell[self.lattice.dimension :]
 
-    def proposals(self, cell: Cell) -> tuple[Move, ...]:
-        """Return all moves whose mover stands at `cell`, in the order of the catalogue."""
+    def place(self, name: str, by: Cell) -> Action:
+        """Return the action of the generator of this name translated by `by`."""
+        return self.by_name[name].place(self.lattice, by)
+
+    def proposals(self, cell: Cell, place: Place | None = None) -> tuple[Move, ...]:
+        """Return all moves whose mover stands at `cell`, in the order of the catalogue.
+
+        `place` gives their actions, for whoever remembers them; `Catalogue.place` when left out.
+        """
         lattice, found = self.lattice, []
+        place = place or self.place
         for template in self.templates.get(self.orbit(cell), ()):
             by = lattice.between(template.source, cell)
             if by is None:  # the template is filed under this orbit
@@ -211,6 +221,6 @@ class Catalogue:
                 (lattice.shift(source, by), lattice.shift(target, by))
                 for source, target in template.motion()
             )
-            action = template.generator.place(lattice, by)
-            found.append(Move(action, template.generator.name, by, motion))
+            name = template.generator.name
+            found.append(Move(place(name, by), name, by, motion))
         return tuple(found)

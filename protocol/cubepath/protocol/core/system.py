@@ -124,7 +124,34 @@ class System(ABC):
 
     @abstractmethod
     def action(self, generator: str, at: Site) -> Action:
-        """Return the action of the named generator at the given place; InputError if unknown."""
+        """Return the action of the named generator at the given place; InputError if unknown.
+
+        The same object each time, and that of `moves`, as long as so many are remembered (`KEPT`).
+        """
+
+    def move_named(self, site: Site, generator: str, at: Site) -> Move | None:
+        """Return the move of this generator and place whose mover is a module at `site`.
+
+        None where there is none: that it is no move at all, or nobody's at `site`.
+        """
+        for move in self.moves(site):
+            if move is not None and move.generator == generator and move.at == at:
+                return move
+        return None
+
+    def moves_of(self, action: Action) -> tuple[Move, ...]:
+        """Return the moves that make an action, in either direction, from each mover's site.
+
+        By the site of the mover in canonical order, then by slot. An equal action may be listed
+        under several names; where it is none of the system's there is no move.
+        """
+        return tuple(
+            move
+            for site in in_order(action.trace & (action.ends[0] | action.ends[1]))
+            if self.has_place(self.place_of(site))
+            for move in self.moves(site)
+            if move is not None and move.action == action
+        )
 
     @abstractmethod
     def sensed(self, place: Site) -> tuple[Site | None, ...]:

@@ -91,6 +91,7 @@ class GraphSystem(System):
         self._reach = lru_cache(maxsize=KEPT)(lambda place: in_order(self._within_two(place)))
         self._support = lru_cache(maxsize=1 << 14)(self._both_ends)
         self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
+        self._placed = lru_cache(maxsize=KEPT * self.move_slots)(self._along)
 
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
@@ -137,8 +138,11 @@ class GraphSystem(System):
         return frozenset((end, label) for end in (one, other) for label in range(self.labels))
 
     def _edge(self, one: Site, other: Site, label: int | None) -> Action:
-        if self.index[one] > self.index[other]:
-            one, other = other, one
+        ends = self.index[one], self.index[other]
+        return self._placed(min(ends), max(ends), label)
+
+    def _along(self, lesser: int, greater: int, label: int | None) -> Action:
+        one, other = self.vertices[lesser], self.vertices[greater]
         support = self._support(one, other)
         first: Site = one if label is None else (one, label)
         second: Site = other if label is None else (other, label)

@@ -76,6 +76,7 @@ class LatticeSystem(System):
         self._listeners = self._near.keeper(self._near.listeners)
         self._reach = self._near.keeper(self._near.reach)
         self._kept_moves = lru_cache(maxsize=KEPT)(self._moves)
+        self._placed = lru_cache(maxsize=KEPT * self.move_slots)(catalogue.place)
 
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
@@ -121,7 +122,7 @@ class LatticeSystem(System):
     def _moves(self, site: Site) -> tuple[Move | None, ...]:
         found: list[Move | None] = [
             move if self._fits(move.action) else None
-            for move in self.catalogue.proposals(self.catalogue.lattice.check(site))
+            for move in self.catalogue.proposals(self.catalogue.lattice.check(site), self._placed)
         ]
         return tuple(found + [None] * (self.move_slots - len(found)))
 
@@ -143,8 +144,7 @@ class LatticeSystem(System):
 
     def action(self, generator: str, at: Site) -> Action:
         """Return the generator translated by `at`; InputError if it is not an action here."""
-        found = self.catalogue.by_name.get(generator)
-        if found is None:
+        if generator not in self.catalogue.by_name:
             names = ", ".join(self.catalogue.by_name)
             raise InputError(f"unknown generator {generator!r}, expected one of {names}")
         dimension = self.catalogue.lattice.dimension
@@ -152,7 +152,7 @@ class LatticeSystem(System):
             isinstance(at, tuple) and len(at) == dimension and all(type(item) is int for item in at)
         ):
             raise InputError(f"generator {generator!r}: 'at' is {dimension} integers, found {at!r}")
-        action = found.place(self.catalogue.lattice, at)
+        action = self._placed(generator, at)
         if not self._fits(action):
             raise ExcludedError(f"{action.label}: {self._why_unfit(action)}")
         return action
