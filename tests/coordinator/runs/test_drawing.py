@@ -40,7 +40,7 @@ def random_run(spec: str, count: int) -> tuple[Scene, Rounds, list[tuple[Site, .
 SPECS = ["hex:n=6", "arm:n=6", "agv:graph=grid4x4,n=5", "agv-labelled:graph=C6,n=3", "agv:graph=K5"]
 
 
-@pytest.mark.parametrize("spec", SPECS)
+@pytest.mark.parametrize("spec", [*SPECS, "sliding:p=2,q=2,n=5", "arms:n=2"])
 def test_modules_are_followed(spec: str) -> None:
     """From the actions alone follows where each module is, as in the world that moved them."""
     scene, rounds, where = random_run(spec, 30)

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from cubepath.agents.environments.world import Round
+from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.local.observation import STAY, Note, Observation
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.host import OUTSIDE
@@ -114,20 +115,25 @@ class WireWorld:
         fleet.act(acts)
         moves: dict[int, Move] = {}
         for module, report in sorted(self._reports.items()):
-            if report.move is not None:
-                before, after = site_from_json(report.before), site_from_json(report.site)
-                moves[module] = next(
-                    move
-                    for move in self.scene.system.moves(before)
-                    if move is not None
-                    and move.target == after
-                    and move.generator == report.move.generator
-                    and move.at == site_from_json(report.move.at)
-                )
+            made = self._made(report)
+            if made is not None:
+                moves[module] = made
             self.sites[module] = site_from_json(report.site)
         lost = tuple(m for m, report in sorted(self._reports.items()) if report.claim == "lost")
         self._sense()
         return Round(self.round, moves, lost)
+
+    def _made(self, report: Report) -> Move | None:
+        if report.move is None:
+            return None
+        before, at = site_from_json(report.before), site_from_json(report.move.at)
+        move = self.scene.system.move_named(before, report.move.generator, at)
+        if move is None or move.target != site_from_json(report.site):
+            raise ProtocolError(
+                f"module_{report.module} reports {report.move.generator} at {at!r}, which is no"
+                f" move from {before!r} to {site_from_json(report.site)!r}"
+            )
+        return move
 
     def close(self) -> None:
         """End the processes and close the sessions; the last observations stay."""

@@ -134,13 +134,13 @@ class ModuleCore:
 
     def _move(self, sender: Site, claim: Claim) -> Move:
         at = site_from_json(claim.at)
-        for move in self._system.moves(sender):
-            if move is not None and move.generator == claim.generator and move.at == at:
-                return move
-        raise ProtocolError(
-            f"module_{self.module}: module_{claim.module} at {sender!r} claims"
-            f" {claim.generator} at {at!r}, which is no move from there"
-        )
+        move = self._system.move_named(sender, claim.generator, at)
+        if move is None:
+            raise ProtocolError(
+                f"module_{self.module}: module_{claim.module} at {sender!r} claims"
+                f" {claim.generator} at {at!r}, which is no move from there"
+            )
+        return move
 
     def observation(self) -> Observation:
         """Return the PettingZoo observation; from here on the round hears of no more neighbours."""

@@ -47,10 +47,11 @@ def _follow(moves: OwnMoves) -> Rule:
         rounds += 1
         if rounds not in due:
             return STAY
-        for action, move in enumerate(view.moves, 1):
-            if move is not None and (move.generator, move.at) == due[rounds]:
-                return action if view.mask[action] else Choice(failed=why_not(move, view))
-        return Choice(failed=_none_such(*due[rounds], view))
+        move = view.system.move_named(view.site, *due[rounds])
+        if move is None:
+            return Choice(failed=_none_such(*due[rounds], view))
+        action = 1 + view.moves.index(move)
+        return action if view.mask[action] else Choice(failed=why_not(move, view))
 
     return choose
 

@@ -80,10 +80,9 @@ def snapshots(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterator[Snaps
 def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Site]]:
     """Return where the action takes each module of its trace from its end `index`."""
     before = in_order(action.ends[index] & action.trace)
-    for site in before:
-        for move in system.moves(site):
-            if move is not None and move.action == action:
-                return move.motion
+    for move in system.moves_of(action):
+        if set(before) == {source for source, _ in move.motion}:
+            return move.motion
     after = in_order(action.ends[1 - index] & action.trace)
     if len(before) != len(after):
         raise InputError(f"{action!r} makes {len(after)} modules of {len(before)}")

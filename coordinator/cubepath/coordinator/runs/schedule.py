@@ -156,14 +156,9 @@ def _move(
     if isinstance(action, str):
         return action
     on = frozenset(site for site in action.trace if site in where)
-    for site in in_order(on):
-        for move in system.moves(site):
-            if (
-                move is not None
-                and move.action == action
-                and on == frozenset(source for source, _ in move.motion)
-            ):
-                return move
+    for move in system.moves_of(action):
+        if on == frozenset(source for source, _ in move.motion):
+            return move
     text = site_text(site_from_json(placed.at))
     return f"{placed.generator} at {text}: {_nobody(action, on)}"
 

@@ -269,10 +269,5 @@ def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[MoveNam
 
 def _placed(system: System, action: Action) -> GeneratorPlacement | None:
     """Return how the system names an action, None where it is not one of its own."""
-    for site in in_order(action.trace & (action.ends[0] | action.ends[1])):
-        if not system.has_place(system.place_of(site)):
-            return None
-        for move in system.moves(site):
-            if move is not None and move.action == action:
-                return GeneratorPlacement(move.generator, move.at)
-    return None
+    moves = system.moves_of(action)
+    return GeneratorPlacement(moves[0].generator, moves[0].at) if moves else None
