@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.gatherer import Gatherer, gathered
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.wire.messages import Report, decode
+from cubepath.protocol.wire.messages import GeneratorPlacement, Report, decode
 from recordings import edited, first, recorded, with_records
 
 SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
@@ -102,3 +102,38 @@ def test_gathering_a_recording_names_what_is_wrong_in_it() -> None:
     ]
     with pytest.raises(InputError, match=r"report 0 \(report/module_\d\): not a cubepath message"):
         gathered(with_records(whole, broken))
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_a_gathered_move_is_a_look_up(spec: str) -> None:
+    """Its action is the one object that the system has; gathering again makes no other."""
+    scene = recorded(spec).scene
+    one, other = (Gatherer(scene), Gatherer(scene))
+    for report in reports(spec):
+        one.receive(report)
+        other.receive(report)
+    first = [action for step in one.steps for action in step.actions]
+    second = [action for step in other.steps for action in step.actions]
+    assert first
+    assert all(a is b for a, b in zip(first, second, strict=True))
+    assert all(action is move.action for action in first for move in scene.system.moves_of(action))
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_gathering_believes_the_name_of_a_move_and_not_where_its_mover_was(spec: str) -> None:
+    """A wrong `before` changes nothing here (verify tells); a move that is none is refused."""
+    known = reports(spec)
+    true = fed(spec, [*known])
+    strayed = [replace(report, before=["nowhere", 99]) for report in known]
+    found = fed(spec, strayed)
+    assert (found.digest, found.sites) == (true.digest, true.sites)
+    assert found.heap.cube_path() == true.heap.cube_path()
+    due = next(n for n, report in enumerate(known) if report.move is not None)
+    for placed, message in (
+        (GeneratorPlacement("no-such", [0, 1]), "unknown generator 'no-such', expected"),
+        (GeneratorPlacement(known[due].move.generator, True), "'at'"),  # type: ignore[union-attr]
+    ):
+        wrong = [*known]
+        wrong[due] = replace(known[due], move=placed)
+        with pytest.raises(InputError, match=message):
+            fed(spec, wrong)
