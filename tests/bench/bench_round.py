@@ -5,6 +5,10 @@
 A round is three phases; each begins when the coordinator says so to every process and ends when
 every process has answered. The floor is that alone, measured in the same run: as many processes
 that answer at once, three times a round. What lies above it is what the modules say and do.
+
+Below, what the coordinator spends to find the action of a move that is reported, in processor time:
+the first time that this run is gathered, when some of its actions are new, and again. The floor is
+a look-up in a plain dictionary by generator and place.
 """
 
 from __future__ import annotations
@@ -14,13 +18,19 @@ import multiprocessing as mp
 import statistics
 import sys
 import time
+from collections.abc import Callable
 from queue import SimpleQueue
 
+import msgspec
 import zenoh
 from tqdm import tqdm
 
+from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.rules.uniform import RANDOM
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import GeneratorPlacement, site_of
 from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
 
 PROCESSES = 4
@@ -93,8 +103,47 @@ def round_ms(spec: str, rounds: int) -> tuple[float, float]:
     return statistics.median(times) * 1e3, messages / rounds
 
 
+def moves_of(spec: str, rounds: int) -> list[GeneratorPlacement]:
+    """Return the moves that modules report in a run of random moves, as they are on the wire."""
+    played = play(scene_from_spec(spec), RANDOM, max_rounds=rounds)
+    return [
+        msgspec.json.decode(
+            msgspec.json.encode(GeneratorPlacement(move.generator, move.at)),
+            type=GeneratorPlacement,
+        )
+        for each in played.rounds
+        for move in each.moves.values()
+    ]
+
+
+def found_us(
+    find: Callable[[str, Site], object], moves: list[GeneratorPlacement], times: int
+) -> float:
+    """Return the processor time to find the action of a move, in microseconds."""
+    began = time.process_time()
+    for _ in range(times):
+        for placed in moves:
+            find(placed.generator, site_of(placed.at))
+    return (time.process_time() - began) / times / len(moves) * 1e6
+
+
+def gathering(spec: str, rounds: int) -> None:
+    """Print what finding the actions of a run costs."""
+    moves = moves_of(spec, rounds)
+    system = scene_from_spec(spec).system
+    first = found_us(system.action, moves, 1)
+    again = found_us(system.action, moves, 5)
+    table = {(placed.generator, site_of(placed.at)): placed for placed in moves}
+    floor = found_us(lambda generator, at: table[generator, at], moves, 5)
+    print(
+        f"{spec:<26}{first:>10.2f}{again:>10.2f}{floor:>10.2f}{again / floor:>10.1f}"
+        f"{len(moves):>10}{len(table):>10}",
+        flush=True,
+    )
+
+
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--quick", action="store_true", help="fewer rounds")
     rounds = 10 if options.parse_args().quick else 40
@@ -113,6 +162,10 @@ def main() -> None:
             f"{took / messages * 1e3:>10.1f}",
             flush=True,
         )
+    columns = ("first us", "again us", "floor us", "ratio", "moves", "distinct")
+    print(f"\n{'a gathered move':<26}" + "".join(f"{column:>10}" for column in columns))
+    for spec in specs:
+        gathering(spec, rounds)
 
 
 if __name__ == "__main__":
