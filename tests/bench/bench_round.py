@@ -28,9 +28,9 @@ from tqdm import tqdm
 from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.uniform import RANDOM
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.messages import GeneratorPlacement, site_of
 from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
 
 PROCESSES = 4
@@ -123,7 +123,7 @@ def found_us(
     began = time.process_time()
     for _ in range(times):
         for placed in moves:
-            find(placed.generator, site_of(placed.at))
+            find(placed.generator, site_from_json(placed.at))
     return (time.process_time() - began) / times / len(moves) * 1e6
 
 
@@ -133,7 +133,7 @@ def gathering(spec: str, rounds: int) -> None:
     system = scene_from_spec(spec).system
     first = found_us(system.action, moves, 1)
     again = found_us(system.action, moves, 5)
-    table = {(placed.generator, site_of(placed.at)): placed for placed in moves}
+    table = {(placed.generator, site_from_json(placed.at)): placed for placed in moves}
     floor = found_us(lambda generator, at: table[generator, at], moves, 5)
     print(
         f"{spec:<26}{first:>10.2f}{again:>10.2f}{floor:>10.2f}{again / floor:>10.1f}"
@@ -162,8 +162,8 @@ def main() -> None:
             f"{took / messages * 1e3:>10.1f}",
             flush=True,
         )
-    columns = ("first us", "again us", "floor us", "ratio", "moves", "distinct")
-    print(f"\n{'a gathered move':<26}" + "".join(f"{column:>10}" for column in columns))
+    costs = ("first us", "again us", "floor us", "ratio", "moves", "distinct")
+    print(f"\n{'a gathered move':<26}" + "".join(f"{column:>10}" for column in costs))
     for spec in specs:
         gathering(spec, rounds)
 

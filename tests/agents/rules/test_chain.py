@@ -429,11 +429,16 @@ NARROW = [(q, r) for q in range(-3, 9) for r in range(-1, 10)]
 
 
 @pytest.mark.parametrize(
-    "obstacles", [{"filled": [(3, 2)]}, {"empty": [(-2, 0)]}, {"workspace": NARROW}]
+    ("filled", "empty", "workspace"),
+    [([(3, 2)], [], None), ([], [(-2, 0)], None), ([], [], NARROW)],
 )
-def test_obstacles_and_walls_in_the_way_are_refused(obstacles: dict[str, list[Cell]]) -> None:
+def test_obstacles_and_walls_in_the_way_are_refused(
+    filled: list[Cell], empty: list[Cell], workspace: list[Cell] | None
+) -> None:
     """The static map is known from birth, so is that there is no room."""
-    system = LatticeSystem(hex_catalogue(keeps_topology=True), **obstacles)
+    system = LatticeSystem(
+        hex_catalogue(keeps_topology=True), filled=filled, empty=empty, workspace=workspace
+    )
     scene = scene_of(LINE, row((5, 0), 1, 6), system)
     with pytest.raises(InputError, match="needs room"):
         actors_for(scene, CHAIN, seed=0, hesitate=0.0)

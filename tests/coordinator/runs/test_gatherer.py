@@ -12,7 +12,8 @@ from msgspec.structs import replace
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.gatherer import Gatherer, gathered
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.wire.messages import GeneratorPlacement, Report, decode
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.wire.messages import Report, decode
 from recordings import edited, first, recorded, with_records
 
 SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
