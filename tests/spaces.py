@@ -12,7 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from complexes import actions_at, commuting_sets, states_of
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, Faces, cubical_complex
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, Faces, complex_from_faces
 from cubepath.protocol.core.actions import Action, State, apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -20,14 +20,14 @@ from cubepath.protocol.core.system import Scene
 Pair = tuple[int, int, int]
 
 EMPTY = CubicalComplex(())
-POINT = cubical_complex([1])
-LOOP = cubical_complex([1, [[0, 0]]])
-ONE_SQUARE_TORUS = cubical_complex([1, [[0, 0]] * 2, [[[0, 0], [1, 1]]]])
-ONE_SQUARE_KLEIN_BOTTLE = cubical_complex([1, [[0, 0]] * 2, [[[0, 1], [1, 0]]]])
-ONE_SQUARE_SPHERE = cubical_complex([3, [[0, 1], [1, 2]], [[[0, 1], [0, 1]]]])
+POINT = complex_from_faces([1])
+LOOP = complex_from_faces([1, [[0, 0]]])
+ONE_SQUARE_TORUS = complex_from_faces([1, [[0, 0]] * 2, [[[0, 0], [1, 1]]]])
+ONE_SQUARE_KLEIN_BOTTLE = complex_from_faces([1, [[0, 0]] * 2, [[[0, 1], [1, 0]]]])
+ONE_SQUARE_SPHERE = complex_from_faces([3, [[0, 1], [1, 2]], [[[0, 1], [0, 1]]]])
 # A triangle whose three sides are one loop, twice forwards and once backwards: contractible, but
 # without a free face.
-DUNCE_HAT = cubical_complex(
+DUNCE_HAT = complex_from_faces(
     [
         3,
         [[0, 1], [0, 1], [1, 2], [1, 2], [1, 2]],
@@ -35,18 +35,18 @@ DUNCE_HAT = cubical_complex(
     ]
 )
 # From its middle outwards, so that turning it round keeps which end of an edge is which.
-OUTWARD = cubical_complex([3, [[1, 0], [1, 2]]])
+OUTWARD = complex_from_faces([3, [[1, 0], [1, 2]]])
 TURNED = [[2, 1, 0], [1, 0]]
 
 
 def path(edges: int) -> CubicalComplex:
     """Return an interval of so many edges."""
-    return cubical_complex([edges + 1, [[i, i + 1] for i in range(edges)]])
+    return complex_from_faces([edges + 1, [[i, i + 1] for i in range(edges)]])
 
 
 def circle(edges: int) -> CubicalComplex:
     """Return a circle of so many edges; of 1 it is a loop."""
-    return cubical_complex([edges, [[i, (i + 1) % edges] for i in range(edges)]])
+    return complex_from_faces([edges, [[i, (i + 1) % edges] for i in range(edges)]])
 
 
 def product(*factors: CubicalComplex) -> CubicalComplex:
@@ -154,7 +154,7 @@ def telescope(doublings: int, *, ascending: bool) -> CubicalComplex:
     # The boundary of [[a, b], [c, d]] is b - a - d + c.
     squares = [[[number[i], number[i + 1]], [number[i + 1], base]] for i in range(doublings)]
     squares.append([[base, number[0]], [number[0], base]])
-    return cubical_complex([1, [[0, 0]] * (doublings + 2), squares])
+    return complex_from_faces([1, [[0, 0]] * (doublings + 2), squares])
 
 
 def state_complex(scene: Scene) -> CubicalComplex:
@@ -182,7 +182,7 @@ def state_complex(scene: Scene) -> CubicalComplex:
             here, there = (number[k - 1][_key(at, rest)] for at in (state, apply(action, state)))
             first = action.ends[0] & action.trace <= state
             rows.append([here, there] if first else [there, here])
-    return cubical_complex([len(number[0]), *(list(of.values()) for of in faces[1:])])
+    return complex_from_faces([len(number[0]), *(list(of.values()) for of in faces[1:])])
 
 
 def _key(state: State, chosen: Iterable[Action]) -> object:
@@ -254,7 +254,7 @@ def _kept(complex_: CubicalComplex, names: Sequence[Sequence[int]]) -> CubicalCo
     for k in range(1, len(chosen)):
         below = [place[k - 1].get(name, -1) for name in names[k - 1]]
         faces.append([[below[face] for face in complex_.faces[k][i].flat] for i in chosen[k]])
-    return cubical_complex(faces)
+    return complex_from_faces(faces)
 
 
 GRIDS = [
@@ -282,7 +282,7 @@ def presentations(draw: st.DrawFn) -> CubicalComplex:
     loops = draw(st.integers(1, 5))
     side = st.integers(0, loops - 1)
     squares = draw(st.lists(st.lists(side, min_size=4, max_size=4), min_size=1, max_size=6))
-    return cubical_complex([1, [[0, 0]] * loops, squares])
+    return complex_from_faces([1, [[0, 0]] * loops, squares])
 
 
 @st.composite

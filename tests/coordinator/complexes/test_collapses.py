@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from cubepath.coordinator.complexes import collapses as collapse_module
 from cubepath.coordinator.complexes.collapses import Collapsed, collapse, contractibility
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.protocol.scenes.specs import scene_from_spec
 from spaces import (
@@ -122,7 +122,7 @@ def test_known_spaces_collapse_as_they_must(space: CubicalComplex, left: tuple[i
 def test_a_face_that_a_cube_has_twice_is_not_free() -> None:
     """A square with one edge as two of its sides goes with another edge, or not at all."""
     assert collapse(ONE_SQUARE_SPHERE).left == ONE_SQUARE_SPHERE.f_vector
-    disc = cubical_complex([3, [[0, 1], [1, 2], [1, 2]], [[[0, 1], [0, 2]]]])
+    disc = complex_from_faces([3, [[0, 1], [1, 2], [1, 2]], [[[0, 1], [0, 2]]]])
     found = collapse(disc)
     check(disc, found)
     assert found.steps[0].tolist() == [2, 0, 1]
@@ -134,7 +134,7 @@ def test_a_face_is_looked_at_again_when_its_cube_is_free_to_go() -> None:
 
     A loop at the edge's other end sees to it that nothing else takes the edge.
     """
-    cone = cubical_complex([3, [[0, 1], [1, 2], [1, 2], [1, 1]], [[[0, 1], [0, 2]]]])
+    cone = complex_from_faces([3, [[0, 1], [1, 2], [1, 2], [1, 1]], [[[0, 1], [0, 2]]]])
     found = collapse(cone)
     check(cone, found)
     assert found.left == (1, 1, 0)

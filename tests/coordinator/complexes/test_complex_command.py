@@ -12,7 +12,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.complexes.drawing import VERTICES_MAX, layout
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.export import to_networkx
-from cubepath.coordinator.complexes.report import report
+from cubepath.coordinator.complexes.report import complex_report
 from cubepath.coordinator.complexes.shape_complexes import shape_complex
 from cubepath.coordinator.complexes.state_complexes import state_complex
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -225,7 +225,7 @@ def test_pieces_lie_apart() -> None:
 def test_progress_is_told_step_by_step() -> None:
     """States, links, homology, collapse, in this order."""
     told: list[str] = []
-    report(
+    complex_report(
         scene_from_spec("arm:n=5"),
         with_homology=True,
         with_links=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.local_link import actions_at, spans_cube, unfilled
@@ -44,7 +44,7 @@ def test_three_squares_round_a_corner_are_curved() -> None:
         [[2, 5], [1, 6]],
         [[2, 7], [0, 8]],
     ]
-    complex_ = cubical_complex([7, [[edge] for edge in edges], squares])
+    complex_ = complex_from_faces([7, [[edge] for edge in edges], squares])
     complex_.check()
     links = check_links(complex_)
     assert links.failures == 1
@@ -57,7 +57,7 @@ def test_two_squares_on_the_same_edges_are_curved() -> None:
     """A pillow: four corners at each of which two edges bound two simplices."""
     edges = [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]]]
     square = [[2, 3], [0, 1]]
-    links = check_links(cubical_complex([4, edges, [square, square]]))
+    links = check_links(complex_from_faces([4, edges, [square, square]]))
     assert links.failures == 4
     assert links.failing[0].simplices == 2
 
@@ -65,13 +65,13 @@ def test_two_squares_on_the_same_edges_are_curved() -> None:
 def test_a_square_glued_to_a_cone_is_curved() -> None:
     """A simplex of the link that has a vertex twice is none."""
     # Both directions of the square leave its base along the same edge, a loop.
-    links = check_links(cubical_complex([1, [[[0, 0]]], [[[0, 0], [0, 0]]]]))
+    links = check_links(complex_from_faces([1, [[[0, 0]]], [[[0, 0], [0, 0]]]]))
     assert not links.npc
 
 
 def test_a_torus_from_one_square_is_flat() -> None:
     """A cube glued to itself, both edges loops: the link is a circle of four edges."""
-    links = check_links(cubical_complex([1, [[[0, 0]], [[0, 0]]], [[[0, 0], [1, 1]]]]))
+    links = check_links(complex_from_faces([1, [[[0, 0]], [[0, 0]]], [[[0, 0], [1, 1]]]]))
     assert links.npc
     assert links.checked == 1
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.complexes.closed_surfaces import ClosedSurface, surface
 from cubepath.coordinator.complexes.connected_components import components
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.protocol.scenes.specs import scene_from_spec
 from spaces import (
@@ -151,5 +151,5 @@ def test_a_flaw_is_one(space: CubicalComplex) -> None:
 
 def test_a_cone_point_is_a_point_of_a_surface() -> None:
     """Two sides of a square glued at their corner: the link there is one circle of one arc."""
-    cone = cubical_complex([3, [[0, 1], [1, 2]], [[[0, 1], [0, 1]]]])
+    cone = complex_from_faces([3, [[0, 1], [1, 2]], [[[0, 1], [0, 1]]]])
     assert surface(cone).name == "closed orientable surface of genus 0"

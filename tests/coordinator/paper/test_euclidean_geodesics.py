@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.coordinator.complexes.bordered_surfaces import pulled_apart
-from cubepath.coordinator.complexes.cubical_complex import cubical_complex
+from cubepath.coordinator.complexes.cubical_complex import complex_from_faces
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.paper.curvature import complex_of_squares, corner_of_a_cube, dented_disc
@@ -23,7 +23,7 @@ from cubepath.coordinator.paper.euclidean_geodesics import (
 from cubepath.protocol.core.actions import Action, commute
 from strategies import SCENES, scene, walks
 
-SQUARE = cubical_complex([4, [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]]], [[[2, 3], [0, 1]]]])
+SQUARE = complex_from_faces([4, [[[0, 1]], [[2, 3]], [[0, 2]], [[1, 3]]], [[[2, 3], [0, 1]]]])
 
 
 def test_a_square_has_one_normal_path_across() -> None:
@@ -84,10 +84,10 @@ def test_two_squares_at_a_point_come_apart() -> None:
 
 def test_a_torus_and_a_klein_bottle_have_no_boundary() -> None:
     """From one square each, glued with and without a turn."""
-    torus = pulled_apart(cubical_complex([1, [[[0, 0]], [[0, 0]]], [[[0, 0], [1, 1]]]]))
+    torus = pulled_apart(complex_from_faces([1, [[[0, 0]], [[0, 0]]], [[[0, 0], [1, 1]]]]))
     assert torus is not None
     assert (torus.euler, torus.orientable, torus.boundary_components) == (0, True, 0)
-    turned = pulled_apart(cubical_complex([1, [[[0, 0]]], [[[0, 0], [0, 0]]]]))
+    turned = pulled_apart(complex_from_faces([1, [[[0, 0]]], [[[0, 0], [0, 0]]]]))
     assert turned is None  # all four sides on one edge
 
 

@@ -75,7 +75,7 @@ def _complex(options: argparse.Namespace) -> int:
     from cubepath.coordinator.complexes.drawing import SUFFIXES, draw_complex  # noqa: PLC0415
     from cubepath.coordinator.complexes.exploration import MAX_STATES  # noqa: PLC0415
     from cubepath.coordinator.complexes.export import write_complex  # noqa: PLC0415
-    from cubepath.coordinator.complexes.report import report  # noqa: PLC0415
+    from cubepath.coordinator.complexes.report import complex_report  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
     output: Path | None = options.output
@@ -98,7 +98,7 @@ def _complex(options: argparse.Namespace) -> int:
             bar.total = total or None
             bar.update(done - bar.n)
 
-        found = report(
+        found = complex_report(
             scene,
             shape=options.shape,
             with_homology=options.homology,

@@ -75,7 +75,7 @@ class CubicalComplex:
                                 )
 
 
-def cubical_complex(faces: Sequence[object]) -> CubicalComplex:
+def complex_from_faces(faces: Sequence[object]) -> CubicalComplex:
     """Return a complex from nested lists of face numbers, for small examples."""
     return CubicalComplex(
         tuple(

@@ -105,7 +105,7 @@ class ComplexReport:
         }
 
 
-def report(
+def complex_report(
     scene: Scene,
     *,
     shape: bool = False,

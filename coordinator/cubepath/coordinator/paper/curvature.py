@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cubepath.coordinator.complexes.collapses import collapse
-from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, cubical_complex
+from cubepath.coordinator.complexes.cubical_complex import CubicalComplex, complex_from_faces
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.local_link import unfilled
 from cubepath.coordinator.complexes.state_complexes import state_complex
@@ -51,7 +51,7 @@ def corner_of_a_cube() -> CubicalComplex:
     """
     edges = [[0, 1], [0, 2], [0, 3], [1, 4], [2, 4], [2, 5], [3, 5], [1, 6], [3, 6]]
     squares = [[[1, 3], [0, 4]], [[2, 5], [1, 6]], [[2, 7], [0, 8]]]
-    return cubical_complex([7, [[edge] for edge in edges], squares])
+    return complex_from_faces([7, [[edge] for edge in edges], squares])
 
 
 def dented_disc() -> CubicalComplex:
@@ -101,7 +101,7 @@ def complex_of_squares(cycles: list[tuple[int, int, int, int]]) -> CubicalComple
         second = list(across if edges[along[0]][0][0] == a else across[::-1])
         squares.append([first, second])
     vertices = 1 + max(max(cycle) for cycle in cycles)
-    return cubical_complex([vertices, edges, squares])
+    return complex_from_faces([vertices, edges, squares])
 
 
 def _sides(cycle: tuple[int, int, int, int]) -> list[tuple[int, int]]:
