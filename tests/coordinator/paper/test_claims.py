@@ -7,9 +7,10 @@ import json
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.paper import registry as claims
+from cubepath.coordinator.paper import claims
+from cubepath.coordinator.paper.claims import all_claims, compute_claims
 from cubepath.coordinator.paper.examples import SYSTEMS
-from cubepath.coordinator.paper.registry import Claim, all_claims, compute
+from cubepath.coordinator.paper.registry import Claim, Outcome
 from local_families import LOCAL_FAMILIES
 
 
@@ -19,7 +20,7 @@ from local_families import LOCAL_FAMILIES
 )
 def test_every_claim_comes_out_as_known(number: int) -> None:
     """What agrees agrees, what falls short falls short, what is open is open."""
-    (row,) = compute([all_claims()[number]])
+    (row,) = compute_claims([all_claims()[number]])
     assert row.as_expected, row.computed
     assert row.computed
 
@@ -57,7 +58,7 @@ def test_an_interrupt_keeps_what_was_computed(
 ) -> None:
     """Exit code 130, and the rows that were there."""
 
-    def interrupted() -> claims.Outcome:
+    def interrupted() -> Outcome:
         raise KeyboardInterrupt
 
     known = (Claim("1", "one", lambda: ("so", True)), Claim("2", "two", interrupted))

@@ -179,7 +179,7 @@ def _torsion(torsion: tuple[tuple[int, ...], ...]) -> list[str]:
 
 
 def _paper(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.paper.registry import all_claims, compute  # noqa: PLC0415
+    from cubepath.coordinator.paper.claims import all_claims, compute_claims  # noqa: PLC0415
 
     claims = all_claims()
     rows: list[Row] = []
@@ -190,7 +190,7 @@ def _paper(options: argparse.Namespace) -> int:
             bar.update()
 
         try:
-            compute(claims, note)
+            compute_claims(claims, note)
         except KeyboardInterrupt:
             bar.close()
             _say_rows(options, rows)  # what was computed is not lost

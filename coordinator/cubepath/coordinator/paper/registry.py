@@ -1,15 +1,14 @@
 """What the paper says, held against what is computed: the rows of `cubepath paper`.
 
 A claim is a function without arguments that computes; its text and what comes of it stand in one
-row. The claims themselves are in `claims_examples`, `claims_topology`, `claims_geometry` and
-`claims_paths`, in the order of the paper.
+row. The claims themselves are in `examples`, `topology`, `curvature` and `geodesics_and_time`;
+`claims` has them together, in the order of the paper.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Any
 
 Outcome = tuple[str, bool | None]
@@ -62,36 +61,3 @@ def claim(
         return compute
 
     return add
-
-
-def all_claims() -> tuple[Claim, ...]:
-    """Return all claims in the order of the paper."""
-    from cubepath.coordinator.paper import (  # noqa: PLC0415 - these import this module
-        curvature,
-        examples,
-        geodesics_and_time,
-        topology,
-    )
-
-    found = (
-        *examples.CLAIMS,
-        *topology.CLAIMS,
-        *curvature.CLAIMS,
-        *geodesics_and_time.CLAIMS,
-    )
-    # By section; the appendix, a letter, comes last.
-    return tuple(sorted(found, key=lambda each: each.item[0]))
-
-
-def compute(claims: Iterable[Claim], progress: Callable[[Row], object] | None = None) -> list[Row]:
-    """Compute the claims one after the other; `progress` is told each row when it is there."""
-    rows = []
-    for each in claims:
-        began = perf_counter()
-        computed, agrees = each.compute()
-        seconds = perf_counter() - began
-        row = Row(each.item, each.claim, computed, agrees, agrees is each.expected, seconds)
-        rows.append(row)
-        if progress is not None:
-            progress(row)
-    return rows
