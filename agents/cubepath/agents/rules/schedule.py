@@ -18,7 +18,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.path_files.schedules import OwnMoves
 
-NAME = "schedule"
+SCHEDULE = "schedule"
 
 
 def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
@@ -28,7 +28,7 @@ def scheduled(own: Mapping[int, OwnMoves]) -> RuleType:
         return _follow(own.get(knowledge.module, {}))
 
     return RuleType(
-        name=NAME,
+        name=SCHEDULE,
         summary="each module makes its own moves of a schedule, each in its round",
         source="own, see cubepath.agents.rules.schedule",
         fits=lambda _: True,

@@ -23,7 +23,7 @@ import msgspec
 
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
-from cubepath.agents.rules.schedule import NAME as SCHEDULE
+from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.normal_form.certificate import certificate_of, end_of
 from cubepath.coordinator.runs.gatherer import Gatherer, Step
 from cubepath.coordinator.runs.schedule import (
