@@ -11,7 +11,7 @@ import pytest
 from cubepath.agents import RuleType, parallel_env
 from cubepath.agents.environments.rollout import play
 from cubepath.coordinator.commands.main import main
-from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 ROOT = Path(__file__).parent.parent
@@ -59,7 +59,7 @@ def test_links_lead_somewhere() -> None:
 def test_the_readme_names_every_system_and_command(capsys: pytest.CaptureFixture[str]) -> None:
     """The README's table has all systems, and all of its commands are there."""
     text = (ROOT / "README.md").read_text()
-    assert set(families()) <= set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE))
+    assert set(all_families()) <= set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE))
     for name in sorted(set(re.findall(r"^cubepath (\w+)", text, re.MULTILINE))):
         with pytest.raises(SystemExit) as stopped:
             main([name, "--help"])

@@ -19,7 +19,7 @@ from cubepath.agents.processes.fleet import Fleet, ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.messages import Report, decode
@@ -135,7 +135,7 @@ def test_same_path_with_a_process_for_each_module(spec: str) -> None:
 def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> None:
     """The rule that reaches the goal does so with the same moves, also when modules hesitate."""
     scene = scene_from_spec(family)
-    rule = families()[family].rule
+    rule = all_families()[family].rule
     for hesitate in (0.0, 0.4):
         played = play(
             scene, rule_named(rule, scene.system), seed=3, hesitate=hesitate, max_rounds=150

@@ -19,12 +19,12 @@ from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
-from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 
-SPECS = [*families(), "agv:graph=K5,n=2", "agv-labelled:graph=S4,n=3"]
+SPECS = [*all_families(), "agv:graph=K5,n=2", "agv-labelled:graph=S4,n=3"]
 
 
 def walk(scene: Scene, rounds: int) -> list[Site]:

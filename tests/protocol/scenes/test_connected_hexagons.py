@@ -20,7 +20,7 @@ from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.connected_hexagons import BRIDGES, RING
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
-from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -179,7 +179,7 @@ def test_a_shape_that_is_none_is_refused() -> None:
 
 def test_it_is_marked_as_non_local() -> None:
     """The summary says so first, and there is no rule for it."""
-    family = families()["hex-connected"]
+    family = all_families()["hex-connected"]
     assert family.summary.startswith("non-local: ")
     assert not family.rule
 

@@ -10,7 +10,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
-from cubepath.protocol.scenes.registry import families
+from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
@@ -233,7 +233,7 @@ def test_a_spec_that_cannot_be_read_is_refused(spec: str, message: str) -> None:
         scene_from_spec(spec)
 
 
-@pytest.mark.parametrize("family", families())
+@pytest.mark.parametrize("family", all_families())
 def test_every_family_has_a_default_scene_with_a_goal(family: str) -> None:
     """A bare name is a scene with modules that are not yet at the goal."""
     scene = scene_from_spec(family)

@@ -270,7 +270,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _systems(options: argparse.Namespace) -> int:
-    from cubepath.protocol.scenes.registry import families  # noqa: PLC0415
+    from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
 
     document = [
         {
@@ -282,10 +282,10 @@ def _systems(options: argparse.Namespace) -> int:
                 for key, (default, summary) in family.keys.items()
             },
         }
-        for family in families().values()
+        for family in all_families().values()
     ]
     lines = []
-    for family in families().values():
+    for family in all_families().values():
         rule = f" (rule {family.rule})" if family.rule else ""
         lines.append(f"{family.name}: {family.summary}{rule}")
         for key, (default, summary) in family.keys.items():
@@ -296,10 +296,10 @@ def _systems(options: argparse.Namespace) -> int:
 
 def _rules(options: argparse.Namespace) -> int:
     from cubepath.agents.rules.registry import rules  # noqa: PLC0415
-    from cubepath.protocol.scenes.registry import families  # noqa: PLC0415
+    from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
-    systems = {name: scene_from_spec(name).system for name in families()}
+    systems = {name: scene_from_spec(name).system for name in all_families()}
     systems = {name: system for name, system in systems.items() if system.local}
     document = [
         {

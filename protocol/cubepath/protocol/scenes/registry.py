@@ -57,7 +57,7 @@ def _sound() -> Iterator[tuple[EntryPoint, Family]]:
 
 
 @cache
-def families() -> dict[str, Family]:
+def all_families() -> dict[str, Family]:
     """Return all families by name; InputError names an entry point that gives none, or one twice.
 
     Those of the project come first, the others by distribution and entry point.
@@ -94,7 +94,7 @@ def family_named(name: str) -> Family | None:
     the one that has it.
     """
     found = sound_families().get(name)
-    return families().get(name) if found is None else found
+    return all_families().get(name) if found is None else found
 
 
 @cache

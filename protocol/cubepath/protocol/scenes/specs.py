@@ -7,7 +7,7 @@ from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.scenes.registry import families, family_named, sound_families
+from cubepath.protocol.scenes.registry import all_families, family_named, sound_families
 from cubepath.protocol.scenes.toml import read_scene
 
 
@@ -19,7 +19,7 @@ def scene_from_spec(spec: str) -> Scene:
         return read_scene(Path(spec))
     family = family or family_named(name)
     if family is None:
-        names = ", ".join(families())
+        names = ", ".join(all_families())
         raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
     values = {key: default for key, (default, _) in family.keys.items()}
     given: dict[str, str] = {}
