@@ -44,8 +44,8 @@ def _states(built: Complex) -> list[frozenset[Site]]:
 def _move(built: Complex, edge: int) -> str:
     if isinstance(built, StateComplex):
         return built.cube(1, edge)[1][0].label
-    (at, generator), *_ = built.cubes[1][edge][1]
-    return f"{generator} at {list(at)}"
+    step, *_ = built.cubes[1][edge][1]
+    return f"{step.generator} at {list(step.at)}"
 
 
 def complex_document(built: Complex) -> dict[str, Any]:
@@ -70,10 +70,7 @@ def complex_document(built: Complex) -> dict[str, Any]:
             "system": built.scene.spec,
             "complex": "shape complex",
             "cubes": [
-                [
-                    {"base": base, "moves": [{"generator": name, "at": at} for at, name in steps]}
-                    for base, steps in cubes
-                ]
+                [{"base": base, "moves": msgspec.to_builtins(steps)} for base, steps in cubes]
                 for cubes in built.cubes[1:]
             ],
         }

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from cubepath.coordinator.complexes.exploration import MAX_STATES
 from cubepath.coordinator.complexes.shape_complexes import (
     Shape,
-    Step,
+    Steps,
     commuting_steps,
     normal_place,
+    shifted,
     steps_at,
 )
 from cubepath.protocol.core.actions import Action, apply, apply_in_place, end_at, why_inadmissible
@@ -32,7 +33,7 @@ class Macro:
     start: Shape
     end: Shape
     """In its own normal place."""
-    cubes: tuple[tuple[Step, ...], ...]
+    cubes: tuple[Steps, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +62,7 @@ def macro(
     free = system.with_moves(())
     first, _ = normal_place(lattice, start)
     goal, _ = normal_place(lattice, end)
-    back: dict[Shape, tuple[Shape, tuple[Step, ...]] | None] = {first: None}
+    back: dict[Shape, tuple[Shape, Steps] | None] = {first: None}
     queue = deque([first])
     while queue and goal not in back:
         shape = queue.popleft()
@@ -82,7 +83,7 @@ def _lattice(system: System) -> Lattice:
     return system.catalogue.lattice
 
 
-def _cubes_from(system: System, shape: Shape) -> Iterator[tuple[Shape, tuple[Step, ...]]]:
+def _cubes_from(system: System, shape: Shape) -> Iterator[tuple[Shape, Steps]]:
     actions = steps_at(system, shape)
     for steps in commuting_steps(actions):
         after: frozenset[Site] = shape
@@ -91,9 +92,7 @@ def _cubes_from(system: System, shape: Shape) -> Iterator[tuple[Shape, tuple[Ste
         yield normal_place(_lattice(system), after)[0], steps
 
 
-def _way_back(
-    back: dict[Shape, tuple[Shape, tuple[Step, ...]] | None], goal: Shape
-) -> list[tuple[Step, ...]]:
+def _way_back(back: dict[Shape, tuple[Shape, Steps] | None], goal: Shape) -> list[Steps]:
     found = []
     before = back[goal]
     while before is not None:
@@ -103,18 +102,16 @@ def _way_back(
     return found[::-1]
 
 
-def _unrolled(
-    system: System, start: Shape, cubes: list[tuple[Step, ...]]
-) -> tuple[tuple[Step, ...], ...]:
+def _unrolled(system: System, start: Shape, cubes: list[Steps]) -> tuple[Steps, ...]:
     """Return the steps as translations of one place, not of each shape's own normal place."""
     lattice = _lattice(system)
     shape, origin = start, (0,) * lattice.dimension
     found = []
     for steps in cubes:
-        found.append(tuple((lattice.shift(at, origin), generator) for at, generator in steps))
+        found.append(tuple(shifted(lattice, step, origin) for step in steps))
         after: frozenset[Site] = shape
-        for at, generator in steps:
-            after = apply(system.action(generator, at), after)
+        for step in steps:
+            after = apply(system.action(step.generator, step.at), after)
         shape, by = normal_place(lattice, after)
         origin = tuple(here - there for here, there in zip(origin, by, strict=True))
     return tuple(found)
@@ -139,9 +136,9 @@ def lift(system: System, plan: Macro, at: Cell) -> Lift:
     cubes = []
     for number, steps in enumerate(plan.cubes, 1):
         actions = []
-        for step, generator in steps:
+        for step in steps:
             try:
-                action = system.action(generator, lattice.shift(step, at))
+                action = system.action(step.generator, lattice.shift(step.at, at))
             except InputError as error:
                 return Lift(at, None, f"cube {number}: {error}")
             if end_at(action, state) is None:

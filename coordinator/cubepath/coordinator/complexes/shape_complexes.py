@@ -18,15 +18,16 @@ from cubepath.coordinator.complexes.exploration import MAX_STATES
 from cubepath.protocol.core.actions import Action, admissible, apply, commute, end_at
 from cubepath.protocol.core.catalogue import Cell, Lattice
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System, local_only
 
 Shape: TypeAlias = frozenset[Site]
 """The cells of an aggregate, shifted so that the first in canonical order is in normal place."""
-Step: TypeAlias = tuple[Cell, str]
-"""An action by its translation and its generator; in this order, steps sort as cells do."""
-Cube: TypeAlias = tuple[int, tuple[Step, ...]]
-"""The number of the base shape, and the steps in ascending order: the cube's directions."""
+Steps: TypeAlias = tuple[GeneratorPlacement, ...]
+"""Actions that commute, in ascending order: as cells are sorted, then by generator."""
+Cube: TypeAlias = tuple[int, Steps]
+"""The number of the base shape, and the cube's directions."""
 
 
 class TooManyShapes(CheckError):  # noqa: N818 - named for what is the case
@@ -68,12 +69,22 @@ def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]
     return frozenset(lattice.shift(lattice.check(cell), by) for cell in cells), by
 
 
-def steps_at(system: System, shape: Shape) -> dict[Step, Action]:
+def order_of(step: GeneratorPlacement) -> tuple[Cell, str]:
+    """Return what steps are sorted by: their places as cells, then their generators."""
+    return step.at, step.generator
+
+
+def shifted(lattice: Lattice, step: GeneratorPlacement, by: Cell) -> GeneratorPlacement:
+    """Return the step translated by `by`."""
+    return GeneratorPlacement(step.generator, lattice.shift(step.at, by))
+
+
+def steps_at(system: System, shape: Shape) -> dict[GeneratorPlacement, Action]:
     """Return the admissible actions of an aggregate, by their steps in ascending order.
 
     An action that the catalogue has under two names stands under the first of its steps.
     """
-    found: dict[Step, Action] = {}
+    found: dict[GeneratorPlacement, Action] = {}
     for cell in shape:
         for move in system.moves(cell):
             if (
@@ -81,9 +92,9 @@ def steps_at(system: System, shape: Shape) -> dict[Step, Action]:
                 and isinstance(move.at, tuple)  # a translation, on a lattice
                 and admissible(move.action, shape)
             ):
-                found[move.at, move.generator] = move.action
-    first = {found[step]: step for step in sorted(found, reverse=True)}
-    return {step: found[step] for step in sorted(first.values())}
+                found[GeneratorPlacement(move.generator, move.at)] = move.action
+    first = {found[step]: step for step in sorted(found, key=order_of, reverse=True)}
+    return {step: found[step] for step in sorted(first.values(), key=order_of)}
 
 
 def shape_complex(
@@ -97,13 +108,13 @@ def shape_complex(
     first, _ = normal_place(lattice, frozenset(scene.start))
     number: dict[Shape, int] = {first: 0}
     shapes = [first]
-    across: list[dict[Step, tuple[int, Cell]]] = []
+    across: list[dict[GeneratorPlacement, tuple[int, Cell]]] = []
     """For each shape and step at end 0: the shape it leads to, and how that was shifted."""
-    up: list[dict[Step, Action]] = []
+    up: list[dict[GeneratorPlacement, Action]] = []
     for shape in shapes:
-        here: dict[Step, tuple[int, Cell]] = {}
+        here: dict[GeneratorPlacement, tuple[int, Cell]] = {}
         steps = steps_at(system, shape)
-        rising: dict[Step, Action] = {}
+        rising: dict[GeneratorPlacement, Action] = {}
         for step, action in steps.items():
             after, by = normal_place(lattice, apply(action, shape))
             if after not in number:
@@ -129,11 +140,13 @@ def shape_complex(
     )
 
 
-def commuting_steps(actions: dict[Step, Action]) -> Iterator[tuple[Step, ...]]:
+def commuting_steps(
+    actions: dict[GeneratorPlacement, Action],
+) -> Iterator[Steps]:
     """Yield the non-empty sets of pairwise commuting actions, as steps in ascending order."""
     steps = list(actions)
 
-    def larger(chosen: tuple[Step, ...], first: int) -> Iterator[tuple[Step, ...]]:
+    def larger(chosen: Steps, first: int) -> Iterator[Steps]:
         for place in range(first, len(steps)):
             if all(commute(actions[steps[place]], actions[step]) for step in chosen):
                 found = (*chosen, steps[place])
@@ -144,7 +157,9 @@ def commuting_steps(actions: dict[Step, Action]) -> Iterator[tuple[Step, ...]]:
 
 
 def _complex(
-    lattice: Lattice, cubes: list[list[Cube]], across: list[dict[Step, tuple[int, Cell]]]
+    lattice: Lattice,
+    cubes: list[list[Cube]],
+    across: list[dict[GeneratorPlacement, tuple[int, Cell]]],
 ) -> CubicalComplex:
     faces = [np.empty((len(cubes[0]), 0, 2), dtype=np.int32)]
     for k in range(1, len(cubes)):
@@ -154,7 +169,7 @@ def _complex(
             for direction, step in enumerate(steps):
                 rest = steps[:direction] + steps[direction + 1 :]
                 target, by = across[base][step]
-                moved = tuple((lattice.shift(at, by), generator) for at, generator in rest)
+                moved = tuple(shifted(lattice, each, by) for each in rest)
                 found[place, direction] = number[base, rest], number[target, moved]
         faces.append(found)
     return CubicalComplex(tuple(faces))

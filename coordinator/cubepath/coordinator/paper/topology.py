@@ -23,7 +23,9 @@ from cubepath.coordinator.complexes.shape_complexes import (
     ShapeComplex,
     lattice_of,
     normal_place,
+    order_of,
     shape_complex,
+    shifted,
     steps_at,
 )
 from cubepath.coordinator.complexes.state_complexes import state_complex
@@ -291,8 +293,11 @@ def _link_below(
             low = low if end_at(action, low) == 0 else apply(action, low)
         base, by = normal_place(lattice, low)
         moved = sorted(
-            ((lattice.shift(steps[action][0], by), steps[action][1]), end_at(action, state) or 0)
-            for action in chosen
+            (
+                (shifted(lattice, steps[action], by), end_at(action, state) or 0)
+                for action in chosen
+            ),
+            key=lambda moved: order_of(moved[0]),
         )
         cube = number[shapes.shapes.index(base), tuple(step for step, _ in moved)]
         found.append((*cube, sum(end << j for j, (_, end) in enumerate(moved))))
