@@ -12,11 +12,15 @@ from queue import SimpleQueue
 import numpy as np
 import pytest
 import zenoh
+from msgspec.structs import replace
 
 from cubepath.agents import parallel_env
 from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.environments.wire_world import WireWorld
+from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.processes.fleet import Fleet, ProcessDied
 from cubepath.agents.rules.registry import rule_named
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families
@@ -315,3 +319,22 @@ def test_the_environment_over_zenoh_is_the_environment(spec: str, processes: int
         assert repr(again) == repr(told)
     finally:
         there.close()
+
+
+@pytest.mark.slow
+def test_a_report_of_a_move_that_is_none_is_refused() -> None:
+    """By name from where it says it stood, and to where it says it stands."""
+    world = WireWorld(scene_from_spec("agv:graph=P3,n=1"), seed=0, processes=0)
+    try:
+        told = Report(1, 0, 0, 1, "granted", GeneratorPlacement("edge", [0, 1]), [])
+        assert world._made(told) == world.scene.system.move_named(0, "edge", (0, 1))
+        assert world._made(replace(told, move=None)) is None
+        for wrong in (
+            replace(told, move=GeneratorPlacement("edge", [1, 2])),
+            replace(told, before=1),
+            replace(told, site=2),
+        ):
+            with pytest.raises(ProtocolError, match=r"module_0 reports edge at .* no move from"):
+                world._made(wrong)
+    finally:
+        world.close()

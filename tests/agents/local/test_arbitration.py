@@ -1,25 +1,37 @@
-"""Settling: ranks, conflicts, and the set that modules find by messages among themselves."""
+"""Arbitration: what one module finds out of claims and verdicts, and what all of them find out."""
 
 from __future__ import annotations
 
+import ast
 import random
 from collections.abc import Iterator
+from pathlib import Path
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import cubepath.agents
 from cubepath.agents.environments.world import World
-from cubepath.agents.local.arbitration import Conflicts, maximal, priority, settled
-from cubepath.agents.local.module import ModuleCore, ProtocolError
-from cubepath.agents.rules.actor import Actor, actors_for
+from cubepath.agents.local.arbitration import (
+    RankedClaim,
+    conflict,
+    outcome,
+    outranked_by,
+    outranks,
+    priority,
+    ranked,
+    site_after,
+    taking_along,
+    verdict,
+    waiting_for,
+)
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
-from cubepath.protocol.core.actions import Action, apply_in_place, commute
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.keys import addressees
-from cubepath.protocol.wire.messages import Claim, Here, Message
+from obvious_rounds import maximal, rank, settled
 
 SPECS = [
     "hex:n=7",
@@ -33,8 +45,10 @@ SPECS = [
 ]
 
 
-def random_rounds(spec: str, seed: int, rounds: int) -> Iterator[tuple[World, dict[int, Action]]]:
-    """Yield the world and its claims in each round of a random run."""
+def random_rounds(
+    spec: str, seed: int, rounds: int
+) -> Iterator[tuple[World, dict[int, Move], dict[int, int]]]:
+    """Yield the world, its claims and the actions that make them, each round of a random run."""
     scene = scene_from_spec(spec)
     world = World(scene, seed=seed)
     actors = actors_for(scene, RANDOM, seed=seed, hesitate=0.0)
@@ -44,52 +58,44 @@ def random_rounds(spec: str, seed: int, rounds: int) -> Iterator[tuple[World, di
         for module, action in actions.items():
             move = scene.system.moves(world.sites[module])[action - 1] if action else None
             if move is not None:
-                claims[module] = move.action
-        yield world, claims
-        world.step(actions)
+                claims[module] = move
+        yield world, claims, actions
 
 
 @pytest.mark.parametrize("spec", SPECS)
 def test_what_is_executed_commutes_and_nothing_could_be_added(spec: str) -> None:
-    """The settled set commutes pairwise, is maximal, and holds every locally highest claim."""
+    """What is executed commutes pairwise, is maximal, and holds every locally highest claim."""
     lost = 0
-    for world, claims in random_rounds(spec, seed=1, rounds=60):
-        number = world.round + 1
-        winners = settled(claims, 1, number)
-        lost += len(claims) - len(winners)
-        for module, action in claims.items():
-            rivals = [m for m in claims if m != module and not commute(claims[m], action)]
+    for world, claims, actions in random_rounds(spec, seed=1, rounds=60):
+        played = world.step(actions)
+        number, winners = played.number, list(played.moves)
+        assert winners == settled(claims, 1, number)
+        assert sorted([*winners, *played.lost]) == sorted(claims)
+        lost += len(played.lost)
+        for module, move in claims.items():
+            rivals = [
+                m for m in claims if m != module and not commute(claims[m].action, move.action)
+            ]
             if module in winners:
                 assert not set(rivals) & set(winners)
             else:
                 assert set(rivals) & set(winners)
-            if all(priority(1, number, module) > priority(1, number, m) for m in rivals):
+            if all(rank(1, number, module) > rank(1, number, m) for m in rivals):
                 assert module in winners
     assert lost > 0
 
 
-def test_settled_is_nearly_as_much_as_any_maximal_choice() -> None:
-    """Over random runs of all systems, at least 99% of what a best maximal choice executes."""
+def test_what_is_executed_is_nearly_as_much_as_any_maximal_choice() -> None:
+    """Over random runs of all systems, at least 99% of what a maximal choice executes."""
     executed = best = 0
     shuffle = random.Random(0)  # noqa: S311 - a test's own order
     for spec in SPECS:
-        for world, claims in random_rounds(spec, seed=2, rounds=80):
-            executed += len(settled(claims, 2, world.round + 1))
+        for world, claims, actions in random_rounds(spec, seed=2, rounds=80):
+            executed += len(world.step(actions).moves)
             order = list(claims)
             shuffle.shuffle(order)
             best += len(maximal(claims, order))
     assert executed >= 0.99 * best
-
-
-@given(st.lists(st.tuples(st.sets(st.integers(0, 9), min_size=1), st.sets(st.integers(0, 9)))))
-def test_conflicts_are_found_by_sites(parts: list[tuple[set[int], set[int]]]) -> None:
-    """Looking up by sites finds exactly the actions that do not commute."""
-    actions = [Action(trace | more, trace, trace, ()) for trace, more in parts]
-    found = Conflicts()
-    for number, action in enumerate(actions):
-        expected = {m for m in range(number) if not commute(actions[m], action)}
-        assert found.with_action(action) == expected
-        found.add(number, action)
 
 
 def test_rank_is_a_fixed_function() -> None:
@@ -99,102 +105,103 @@ def test_rank_is_a_fixed_function() -> None:
     assert len(values) == 8
 
 
-class Mail:
-    """Delivers messages between module cores in one process, in an order of its own."""
-
-    def __init__(self, scene: Scene, seed: int, order: random.Random) -> None:
-        self.scene = scene
-        self.order = order
-        self.cores = [
-            ModuleCore(
-                scene.system,
-                module=module,
-                site=site,
-                goals=scene.goals[module] if scene.goals else (),
-                seed=seed,
-                note_length=0,
-            )
-            for module, site in enumerate(scene.start)
-        ]
-        self.post: list[Message] = []
-
-    def deliver(self) -> None:
-        """Deliver all that is under way, and what that causes, in random order."""
-        at = {core.place: core for core in self.cores}
-        while self.post:
-            message = self.post.pop(self.order.randrange(len(self.post)))
-            for place in addressees(self.scene.system, message) or ():
-                if place in at:
-                    self.post += at[place].hear(message)
-
-    def round(self, number: int, actors: dict[int, Actor]) -> list[int]:
-        """Play a round by messages; return the modules whose claims were executed."""
-        for core in self.cores:
-            self.post += core.sense(number)
-        self.deliver()
-        for core in self.cores:
-            self.post += core.claim(actors[core.module].act(core.observation()).action, None)
-        self.deliver()
-        for core in self.cores:
-            self.post += core.arbitrate()
-        self.deliver()
-        assert all(core.finished for core in self.cores)
-        reports = [core.report() for core in self.cores]
-        return [report.module for report in reports if report.claim == "granted"]
+def claims_of(parts: list[tuple[set[int], set[int], int]]) -> list[RankedClaim]:
+    """Return claims of abstract moves: what each writes, what it reads too, and how many go."""
+    found = []
+    for module, (trace, reads, along) in enumerate(parts):
+        written = sorted(trace)
+        action = Action(trace | reads, trace, trace, ())
+        motion = tuple((site, -1 - site) for site in written[: 1 + along])
+        found.append(ranked(module, Move(action, "g", module, motion), seed=0, round_number=1))
+    return found
 
 
-@pytest.mark.parametrize("spec", SPECS)
-def test_modules_settle_by_messages_what_is_settled_at_once(spec: str) -> None:
-    """In any order of delivery, modules reach by messages the settled set and the same places."""
-    lost = 0
-    for seed in range(3):
-        scene = scene_from_spec(spec)
-        world = World(scene, seed=seed)
-        mail = Mail(scene, seed, random.Random(seed + 100))  # noqa: S311 - a test's own order
-        here = actors_for(scene, RANDOM, seed=seed, hesitate=0.2)
-        there = actors_for(scene, RANDOM, seed=seed, hesitate=0.2)
-        for number in range(1, 25):
-            actions = {m: actor.act(world.observe(m)).action for m, actor in here.items()}
-            played = world.step(actions)
-            lost += len(played.lost)
-            assert mail.round(number, there) == list(played.moves)
-            assert [core.site for core in mail.cores] == world.sites
-    assert lost > 0
+parts = st.lists(
+    st.tuples(st.sets(st.integers(0, 9), min_size=1), st.sets(st.integers(0, 9)), st.integers(0, 2))
+)
 
 
-def test_the_state_of_the_world_follows_its_actions() -> None:
-    """Where modules are is what applying the executed actions to the state gives."""
-    for spec in SPECS:
-        scene = scene_from_spec(spec)
-        world = World(scene, seed=0)
-        actors = actors_for(scene, RANDOM, seed=0, hesitate=0.0)
-        state = set(scene.start_state)
-        for _ in range(30):
-            played = world.step({m: p.act(world.observe(m)).action for m, p in actors.items()})
-            for move in reversed(list(played.moves.values())):
-                apply_in_place(move.action, state)
-            assert state == set(world.sites) | scene.system.filled
+@given(parts)
+def test_each_pair_that_conflicts_knows_who_goes_before(
+    drawn: list[tuple[set[int], set[int], int]],
+) -> None:
+    """Of two claims that conflict one goes before the other, which is waited for; else neither."""
+    claims = claims_of(drawn)
+    for one in claims:
+        others = [other for other in claims if other is not one]
+        before = outranked_by(one, others)
+        waiting = waiting_for(one, others)
+        assert {source for source, _ in one.move.motion[1:]} <= waiting
+        for other in others:
+            clash = not commute(one.move.action, other.move.action)
+            assert conflict(one, other) == conflict(other, one) == clash
+            assert outranks(one, other) != outranks(other, one)
+            assert (other.module in before) == (clash and outranks(other, one))
+            assert (one.module in outranked_by(other, [one])) == (clash and outranks(one, other))
+            if clash and outranks(one, other):
+                assert other.move.source in waiting
 
 
-def test_a_late_message_is_never_taken_silently() -> None:
-    """A message for a phase that is over means that barriers broke: the module says so."""
-    scene = scene_from_spec("hex:n=3")
-    core = ModuleCore(scene.system, module=0, site=(0, 0), goals=(), seed=0, note_length=0)
-    core.sense(1)
-    core.observation()
-    with pytest.raises(ProtocolError, match="came late"):
-        core.hear(Here(1, 1, (1, 0)))
-    with pytest.raises(ProtocolError, match="came late"):
-        core.hear(Claim(0, 1, (1, 0), "pivot-0-left", (1, 0)))
-    with pytest.raises(ProtocolError, match="no move from there"):
-        core.hear(Claim(1, 1, (1, 0), "pivot-0-left", (5, 5)))
+@given(parts)
+def test_who_is_taken_along_waits_and_is_taken(
+    drawn: list[tuple[set[int], set[int], int]],
+) -> None:
+    """Whom a claim takes along is told its verdict, and goes where its motion says."""
+    for claim in claims_of(drawn):
+        (source, target), *along = claim.move.motion
+        assert site_after(source, [claim.move]) == target
+        assert not taking_along(source, [claim])
+        for site, there in along:
+            assert taking_along(site, [claim]) == {claim.module}
+            assert site in waiting_for(claim, [])
+            assert site_after(site, [claim.move]) == there
+        assert site_after("elsewhere", [claim.move]) == "elsewhere"
+        assert site_after(source, []) == source
 
 
-def test_an_early_message_waits_for_its_round() -> None:
-    """A neighbour that is a round ahead is heard when that round begins."""
-    scene = scene_from_spec("hex:n=3")
-    core = ModuleCore(scene.system, module=0, site=(0, 0), goals=(), seed=0, note_length=0)
-    core.hear(Here(1, 1, (1, 0)))
-    core.sense(1)
-    seen = core.observation()["observation"]
-    assert np.count_nonzero(seen[3::2] == 1) == 1
+def test_a_verdict_is_open_until_it_follows() -> None:
+    """Granted when all that go before are lost, lost as soon as one of them is granted."""
+    assert verdict([], {}) is True
+    assert verdict([1, 2], {}) is None
+    assert verdict([1, 2], {1: False}) is None
+    assert verdict([1, 2], {1: False, 2: False, 3: True}) is True
+    assert verdict([1, 2], {2: True}) is False
+    assert verdict([1, 2], {1: False, 2: True}) is False
+    assert [outcome(granted) for granted in (None, True, False)] == ["none", "granted", "lost"]
+
+
+def names_in(path: Path) -> set[str]:
+    """Return every name that a file calls, imports or reads."""
+    tree = ast.parse(path.read_text())
+    found = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
+    found |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    return found | {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+
+
+@pytest.mark.parametrize(
+    ("name", "home"),
+    [
+        ("commute", "local/arbitration.py"),
+        ("blake2b", "local/arbitration.py"),
+        ("possible", "local/observation.py"),
+        ("apply_in_place", None),
+    ],
+)
+def test_there_is_one_place_that_decides(name: str, home: str | None) -> None:
+    """Where rounds are played, conflict, rank and admissible are asked in one file each.
+
+    And nothing executes an action beside them.
+    """
+    root = Path(cubepath.agents.__file__).parent
+    where = {
+        path.relative_to(root).as_posix()
+        for room in ("local", "environments", "processes")
+        for path in (root / room).rglob("*.py")
+        if name in names_in(path)
+    }
+    assert where == ({home} if home else set())

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+import numpy as np
 import pytest
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.local.observation import observe, view_of
+from cubepath.agents.local.observation import (
+    chosen_move,
+    is_legal,
+    observe,
+    view_of,
+)
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.sites import Site
@@ -124,3 +130,15 @@ def test_notes_are_heard_within_reach_and_by_place() -> None:
     assert world.sites == [0, 1, 3]
     assert view_of(scene.system, world.observe(0)).notes == {1: (7, 8)}
     assert view_of(scene.system, world.observe(1)).notes == {0: (0, 0), 3: (9, 10)}
+
+
+def test_legal_is_what_the_mask_says() -> None:
+    """Any integer may be asked about; to stay claims nothing, nor does what is not legal."""
+    scene = scene_from_spec("hex:n=4")
+    system, site = scene.system, scene.start[0]
+    mask = np.array([1, 1] + [0] * (system.move_slots - 1), np.int8)
+    kept = mask.tobytes()
+    for action in range(-2, len(mask) + 2):
+        assert is_legal(mask, action) == is_legal(kept, action) == (action in (0, 1))
+        move = system.moves(site)[0] if action == 1 else None
+        assert chosen_move(system, site, kept, action) == move

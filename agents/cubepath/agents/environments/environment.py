@@ -136,15 +136,13 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         world = self.world
         if not self.agents:
             return {}, {}, {}, {}, {}
-        wanted = {self._number(name): int(action or 0) for name, action in actions.items()}
+        wanted = {self._number(name): int(action or STAY) for name, action in actions.items()}
         told = {
             self._number(name): checked_note(note, self.note_length)
             for name, note in (notes or {}).items()
         }
-        slots = self.scene.system.move_slots
-        chosen = {m: action if 0 <= action <= slots else STAY for m, action in wanted.items()}
         before = self._at_goal()
-        played = world.step(chosen, told)
+        played = world.step(wanted, told)
         self.last_round = played
         illegal = {
             self.possible_agents[module]

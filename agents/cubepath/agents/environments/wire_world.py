@@ -12,7 +12,7 @@ import numpy as np
 
 from cubepath.agents.environments.world import Round
 from cubepath.agents.local.module import ProtocolError
-from cubepath.agents.local.observation import STAY, Note, Observation
+from cubepath.agents.local.observation import STAY, Note, Observation, is_legal
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.host import OUTSIDE
 from cubepath.protocol.core.catalogue import Move
@@ -109,7 +109,7 @@ class WireWorld:
         acts = []
         for module, seen in sorted(self._observed.items()):
             action = actions.get(module, STAY)
-            legal = seen.action_mask[action] == 1
+            legal = is_legal(seen.action_mask, action)
             note = (notes or {}).get(module, ())
             acts.append(Act(fleet.round, module, action if legal else STAY, list(note)))
         fleet.act(acts)

@@ -1,17 +1,32 @@
 """The lockstep world in one process: where modules are, what each observes, one round.
 
 Room: agents. It holds what on the wire is spread over the modules; each module is shown only what
-`observe` looks up for it.
+`observe` looks up for it. What a module claims, who goes before it, whether it is granted, where it
+then stands and what it says is asked of the same functions that `ModuleCore` asks.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 
-from cubepath.agents.local.arbitration import settled
-from cubepath.agents.local.observation import Note, Observation, observe
-from cubepath.protocol.core.actions import apply_in_place
+from cubepath.agents.local.arbitration import (
+    RankedClaim,
+    outranked_by,
+    ranked,
+    site_after,
+    verdict,
+)
+from cubepath.agents.local.notes import LastNote, nothing_said
+from cubepath.agents.local.observation import (
+    STAY,
+    Mask,
+    Note,
+    Observation,
+    chosen_move,
+    observe,
+)
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -33,29 +48,29 @@ class World:
         """Put every module at its start."""
         self.scene = scene
         self.note_length = note_length
+        known = [frozenset(goals) for goals in scene.goals]
+        self._goals = known or [frozenset[Site]()] * len(scene.start)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:
         """Put every module back at its start, with another seed."""
-        scene, note_length = self.scene, self.note_length
+        scene = self.scene
         self.seed = seed
         self.round = 0
         self.sites: list[Site] = list(scene.start)
-        system = scene.system
-        self._occupants: dict[Site, Site] = {system.place_of(s): s for s in scene.start}
+        self._occupants: dict[Site, Site] = {scene.system.place_of(s): s for s in scene.start}
         self._module_at = {site: number for number, site in enumerate(scene.start)}
-        self._state: set[Site] = set(scene.start_state)
-        self._said: list[Note] = [(0,) * note_length] * len(self.sites)
+        self._masks: dict[int, Mask] = {}
+        said = nothing_said(self.note_length, first_choice=1)
+        self._said: list[LastNote] = [said] * len(self.sites)
         self._notes: dict[Site, Note] = {}
-        goals = [frozenset(known) for known in scene.goals] or [frozenset[Site]()] * len(self.sites)
-        self._goals = goals
 
     def close(self) -> None:
         """Do nothing: there is no connection to close."""
 
     def observe(self, module: int) -> Observation:
         """Return the observation of one module."""
-        return observe(
+        seen = observe(
             self.scene.system,
             self.sites[module],
             self._occupants,
@@ -63,45 +78,82 @@ class World:
             notes=self._notes,
             note_length=self.note_length,
         )
+        # A copy: whoever is shown the mask may write into it.
+        self._masks[module] = seen["action_mask"].tobytes()
+        return seen
 
     def step(self, actions: Mapping[int, int], notes: Mapping[int, Note] | None = None) -> Round:
-        """Settle the claims that the actions make and execute the winners.
+        """Settle the claims that the actions make and execute those that are granted.
 
-        An action that is not admissible makes no claim. What a module said last is heard in the
-        next round, from the place where it then stands.
+        An action that is not in the module's mask makes no claim. What a module said last is heard
+        in the next round, from the place where it then stands.
         """
         self.round += 1
-        system = self.scene.system
-        claims: dict[int, Move] = {}
-        for module, action in actions.items():
-            move = system.moves(self.sites[module])[action - 1] if action else None
-            if move is not None and move.possible(self._state):
-                claims[module] = move
-        winners = settled(
-            {module: move.action for module, move in claims.items()}, self.seed, self.round
-        )
-        executed = {module: claims[module] for module in winners}
+        claims = self._claims(actions)
+        verdicts = _verdicts(claims)
+        executed = {claim.module: claim.move for claim in claims if verdicts[claim.module]}
         for move in executed.values():
             self._execute(move)
-        if self.note_length:
-            for module, note in (notes or {}).items():
-                self._said[module] = note
-            self._notes = {
-                system.place_of(site): note
-                for site, note in zip(self.sites, self._said, strict=True)
-            }
-        lost = tuple(sorted(set(claims) - set(winners)))
+        self._masks.clear()
+        self._speak(notes or {})
+        lost = tuple(claim.module for claim in claims if not verdicts[claim.module])
         return Round(self.round, executed, lost)
 
+    def _claims(self, actions: Mapping[int, int]) -> list[RankedClaim]:
+        """Return the claims that the actions make, in increasing order of modules."""
+        found = []
+        for module in sorted(actions):
+            action = actions[module]
+            if action == STAY:
+                continue
+            if module not in self._masks:
+                self.observe(module)
+            move = chosen_move(self.scene.system, self.sites[module], self._masks[module], action)
+            if move is not None:
+                found.append(ranked(module, move, seed=self.seed, round_number=self.round))
+        return found
+
     def _execute(self, move: Move) -> None:
-        apply_in_place(move.action, self._state)
         place_of = self.scene.system.place_of
-        moved = []
-        for source, target in move.motion:
-            module = self._module_at.pop(source)
-            del self._occupants[place_of(source)]
-            moved.append((module, target))
-        for module, target in moved:
-            self.sites[module] = target
-            self._module_at[target] = module
-            self._occupants[place_of(target)] = target
+        movers = [self._module_at.pop(source) for source, _ in move.motion]
+        for module in movers:
+            del self._occupants[place_of(self.sites[module])]
+        for module in movers:
+            site = self.sites[module] = site_after(self.sites[module], (move,))
+            self._module_at[site] = module
+            self._occupants[place_of(site)] = site
+
+    def _speak(self, notes: Mapping[int, Note]) -> None:
+        """Say what is heard in the next round, from where modules stand now."""
+        if not self.note_length:
+            return
+        for module, note in notes.items():
+            self._said[module] = self._said[module].replaced_by(note)
+        place_of = self.scene.system.place_of
+        heard = (
+            (place_of(site), last.said_in(self.round + 1))
+            for site, last in zip(self.sites, self._said, strict=True)
+        )
+        self._notes = {place: said for place, said in heard if said is not None}
+
+
+def _verdicts(claims: Iterable[RankedClaim]) -> dict[int, bool]:
+    """Return the verdict on every claim, by module.
+
+    Only claims that share a site can conflict, so only those are put before `outranked_by`: the
+    cost is that of the neighbourhoods.
+    """
+    over: dict[Site, list[RankedClaim]] = {}
+    for claim in claims:
+        for site in claim.move.action.support:
+            over.setdefault(site, []).append(claim)
+    verdicts: dict[int, bool] = {}
+    # By descending rank: when a claim's turn comes, all that go before it have their verdicts.
+    for claim in sorted(claims, key=attrgetter("priority"), reverse=True):
+        near = {other.module: other for site in claim.move.action.support for other in over[site]}
+        del near[claim.module]
+        granted = verdict(outranked_by(claim, near.values()), verdicts)
+        if granted is None:
+            raise AssertionError(f"module_{claim.module} waits for a claim that it outranks")
+        verdicts[claim.module] = granted
+    return verdicts

@@ -1,16 +1,28 @@
 """One module of the lockstep protocol, as a pure machine: messages in, messages out.
 
 Room: agents. It holds what the module has been told in this round and nothing else; it opens no
-session, reads no clock, and gives the same answers in whatever order messages arrive. Once in a
-round: `sense`, `observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+session, reads no clock, and gives the same answers in whatever order messages arrive. What follows
+from what it knows, it asks of `observation`, `arbitration` and `notes`. Once in a round: `sense`,
+`observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
 """
 
 from __future__ import annotations
 
-from cubepath.agents.local.arbitration import priority
+from collections.abc import Iterable
+
+from cubepath.agents.local.arbitration import (
+    RankedClaim,
+    outcome,
+    outranked_by,
+    ranked,
+    site_after,
+    taking_along,
+    verdict,
+    waiting_for,
+)
+from cubepath.agents.local.notes import nothing_said
 from cubepath.agents.local.observation import Note as NoteNumbers
-from cubepath.agents.local.observation import Observation, observe
-from cubepath.protocol.core.actions import commute
+from cubepath.agents.local.observation import Observation, chosen_move, is_legal, observe
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -49,7 +61,7 @@ class ModuleCore:
         *,
         module: int,
         site: Site,
-        goals: tuple[Site, ...],
+        goals: Iterable[Site],
         seed: int,
         note_length: int,
     ) -> None:
@@ -68,20 +80,19 @@ class ModuleCore:
     def follow(self, note_length: int) -> None:
         """Follow another rule from the next round on, one with notes of this length."""
         self._note_length = note_length
-        self._said: NoteNumbers = (0,) * note_length
-        self._first_choice = self.round + 1
+        self._last_note = nothing_said(note_length, first_choice=self.round + 1)
 
     def _clear(self) -> None:
         self._heard: list[Heard] = []
         self._occupants: dict[Site, Site] = {}
         self._notes: dict[Site, NoteNumbers] = {}
-        self._claims: dict[int, Move] = {}
+        self._claims: dict[int, RankedClaim] = {}
         self._verdicts: dict[int, bool] = {}
         self._mask: list[int] = [1]
-        self._claim: Move | None = None
+        self._claim: RankedClaim | None = None
         self._granted: bool | None = None
-        self._before_me: set[int] = set()
-        self._takes_me: set[int] = set()
+        self._before_me: frozenset[int] = frozenset()
+        self._takes_me: frozenset[int] = frozenset()
         self._wait_for_me: list[Site] = []
         self._failed: str | None = None
 
@@ -96,9 +107,9 @@ class ModuleCore:
         self._phase = "sense"
         self._clear()
         found: list[Message] = [Here(round_number, self.module, self.site)]
-        # Before the rule's first choice there is nothing to say.
-        if self._note_length and round_number > self._first_choice:
-            found.append(Note(round_number, self.module, self.site, list(self._said)))
+        note = self._last_note.said_in(round_number)
+        if note is not None:
+            found.append(Note(round_number, self.module, self.site, list(note)))
         stash, self._stash = self._stash, []
         for message in stash:
             self.hear(message)
@@ -125,7 +136,9 @@ class ModuleCore:
             case Note():
                 self._notes[self._system.place_of(sender)] = tuple(message.note)
             case Claim():
-                self._claims[message.module] = self._move(sender, message)
+                self._claims[message.module] = self._ranked(
+                    message.module, self._move(sender, message)
+                )
             case Verdict():
                 self._verdicts[message.module] = message.granted
                 if self._phase == "settle":
@@ -141,6 +154,9 @@ class ModuleCore:
                 f" {claim.generator} at {at!r}, which is no move from there"
             )
         return move
+
+    def _ranked(self, module: int, move: Move) -> RankedClaim:
+        return ranked(module, move, seed=self._seed, round_number=self.round)
 
     def observation(self) -> Observation:
         """Return the PettingZoo observation; from here on the round hears of no more neighbours."""
@@ -160,47 +176,32 @@ class ModuleCore:
         self, action: int, note: NoteNumbers | None, failed: str | None = None
     ) -> list[Message]:
         """Claim the move of an action of the mask; action 0 claims nothing."""
-        if note:
-            self._said = note
+        self._last_note = self._last_note.replaced_by(note)
         self._failed = failed
-        if not 0 <= action < len(self._mask) or not self._mask[action]:
+        if not is_legal(self._mask, action):
             raise ProtocolError(f"module_{self.module}: action {action} is not in its mask")
-        self._claim = self._system.moves(self.site)[action - 1] if action else None
-        if self._claim is None:
+        move = chosen_move(self._system, self.site, self._mask, action)
+        if move is None:
             return []
-        move = self._claim
+        self._claim = self._ranked(self.module, move)
         return [Claim(self.round, self.module, self.site, move.generator, move.at)]
 
     def arbitrate(self) -> list[Message]:
         """All claims are in: find whose verdicts count here, and decide if none is open."""
         self._phase = "settle"
-        mine = priority(self._seed, self.round, self.module)
-        places: set[Site] = set()
-        for other, move in self._claims.items():
-            if any(source == self.site for source, _ in move.motion[1:]):
-                self._takes_me.add(other)
-            if self._claim is None or commute(self._claim.action, move.action):
-                continue
-            if priority(self._seed, self.round, other) > mine:
-                self._before_me.add(other)
-            else:
-                places.add(self._system.place_of(move.source))
+        heard = self._claims.values()
+        self._takes_me = taking_along(self.site, heard)
         if self._claim is not None:
-            places |= {self._system.place_of(source) for source, _ in self._claim.motion[1:]}
-        self._wait_for_me = list(in_order(places))
+            self._before_me = outranked_by(self._claim, heard)
+            waiting = waiting_for(self._claim, heard)
+            self._wait_for_me = list(in_order({self._system.place_of(site) for site in waiting}))
         return self._decide()
 
     def _decide(self) -> list[Message]:
         if self._claim is None or self._granted is not None:
             return []
-        known = [self._verdicts.get(other) for other in self._before_me]
-        if any(known):
-            self._granted = False
-        elif None not in known:
-            self._granted = True
-        else:
-            return []
-        if not self._wait_for_me:
+        self._granted = verdict(self._before_me, self._verdicts)
+        if self._granted is None or not self._wait_for_me:
             return []
         return [Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))]
 
@@ -216,21 +217,17 @@ class ModuleCore:
     def report(self) -> Report:
         """Execute what was granted, to the module itself or to one that takes it along."""
         before = self.site
-        move = self._claim if self._granted else None
-        if move is not None:
-            self.site = move.target
-        for other in self._takes_me:
-            if self._verdicts[other]:
-                self.site = dict(self._claims[other].motion)[before]
+        own = self._claim.move if self._claim is not None and self._granted else None
+        taken = [self._claims[other].move for other in self._takes_me if self._verdicts[other]]
+        self.site = site_after(before, taken if own is None else [own, *taken])
         self._phase = "report"
-        outcome = {None: "none", True: "granted", False: "lost"}[self._granted]
         return Report(
             round=self.round,
             module=self.module,
             before=before,
             site=self.site,
-            claim=outcome,  # type: ignore[arg-type]
-            move=None if move is None else GeneratorPlacement(move.generator, move.at),
+            claim=outcome(self._granted),
+            move=None if own is None else GeneratorPlacement(own.generator, own.at),
             heard=sorted(self._heard, key=lambda heard: (heard.kind, heard.module)),
             failed=self._failed,
         )

@@ -21,11 +21,28 @@ from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, System
 Note: TypeAlias = tuple[int, ...]
 """What a rule tells the modules within reach: a fixed number of integers."""
 Observation: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
+Mask: TypeAlias = Sequence[int] | NDArray[np.int8]
+"""Which actions are legal, 1 or 0 each: an `action_mask`, or what was kept of one."""
 
 STAY = 0
 """The action that is always legal; action ``i`` is the move in slot ``i - 1``."""
 SILENT = np.iinfo(np.int32).min
 """Fills the note of a place within reach from which nothing was heard."""
+
+
+def is_legal(mask: Mask, action: int) -> bool:
+    """Tell whether an action is in the action mask; any integer may be asked about."""
+    return 0 <= action < len(mask) and bool(mask[action])
+
+
+def chosen_move(system: System, site: Site, mask: Mask, action: int) -> Move | None:
+    """Return the move that a module at `site` claims by an action.
+
+    None where it claims nothing: the action is to stay, or is not in the mask.
+    """
+    if action == STAY or not is_legal(mask, action):
+        return None
+    return system.moves(site)[action - 1]
 
 
 def checked_note(note: Iterable[int], note_length: int) -> Note:

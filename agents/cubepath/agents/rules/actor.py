@@ -10,7 +10,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from cubepath.agents.local.observation import STAY, Observation, checked_note, view_of
+from cubepath.agents.local.observation import (
+    STAY,
+    Observation,
+    checked_note,
+    is_legal,
+    view_of,
+)
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType, as_choice
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.sites import Site
@@ -70,7 +76,7 @@ class Actor:
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
         with _blamed_on(self._who):
             choice = as_choice(self._rule(view))
-            if not 0 <= choice.action < len(view.mask) or not view.mask[choice.action]:
+            if not is_legal(view.mask, choice.action):
                 legal = view.mask.nonzero()[0].tolist()
                 raise InputError(f"chose action {choice.action}, legal were {legal}")
             note = None if choice.note is None else checked_note(choice.note, self.note_length)
