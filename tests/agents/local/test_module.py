@@ -10,7 +10,7 @@ import pytest
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local import arbitration
 from cubepath.agents.local.module import ModuleCore, ProtocolError
-from cubepath.agents.local.observation import Note, View
+from cubepath.agents.local.observation import Note, View, goal_sets
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.uniform import RANDOM
@@ -70,12 +70,13 @@ class Mail:
         self.scene = scene
         self.order = order
         self.seen: dict[int, str] = {}
+        goals = goal_sets(scene)
         self.cores = [
             ModuleCore(
                 scene.system,
                 module=module,
                 site=site,
-                goals=scene.goals[module] if scene.goals else (),
+                goals=goals[module],
                 seed=seed,
                 note_length=note_length,
             )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import (
     chosen_move,
+    goal_sets,
     is_legal,
     observe,
     view_of,
@@ -18,6 +20,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 
 SPECS = [
     "hex:n=6",
@@ -130,6 +133,20 @@ def test_notes_are_heard_within_reach_and_by_place() -> None:
     assert world.sites == [0, 1, 3]
     assert view_of(scene.system, world.observe(0)).notes == {1: (7, 8)}
     assert view_of(scene.system, world.observe(1)).notes == {0: (0, 0), 3: (9, 10)}
+
+
+def test_modules_that_are_told_the_same_goals_share_one_set() -> None:
+    """In a chain every module knows the whole goal: one set, also after a file; else one each."""
+    chain = scene_from_spec("hex:n=40")
+    for scene in (chain, scene_from_toml(scene_to_toml(chain), "text")):
+        sets = goal_sets(scene)
+        assert sets == tuple(map(frozenset, scene.goals))
+        assert len({id(goals) for goals in sets}) == 1
+    vehicles = scene_from_spec("agv:graph=grid4x4,n=5")
+    assert goal_sets(vehicles) == tuple(map(frozenset, vehicles.goals))
+    assert len(set(goal_sets(vehicles))) == 5
+    nothing = replace(vehicles, goals=())
+    assert goal_sets(nothing) == (frozenset(),) * 5
 
 
 def test_legal_is_what_the_mask_says() -> None:

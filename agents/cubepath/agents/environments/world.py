@@ -25,6 +25,7 @@ from cubepath.agents.local.observation import (
     Note,
     Observation,
     chosen_move,
+    goal_sets,
     observe,
 )
 from cubepath.protocol.core.catalogue import Move
@@ -48,8 +49,7 @@ class World:
         """Put every module at its start."""
         self.scene = scene
         self.note_length = note_length
-        known = [frozenset(goals) for goals in scene.goals]
-        self._goals = known or [frozenset[Site]()] * len(scene.start)
+        self._goals = goal_sets(scene)
         self.reset(seed)
 
     def reset(self, seed: int) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, System
+from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, Scene, System
 
 Note: TypeAlias = tuple[int, ...]
 """What a rule tells the modules within reach: a fixed number of integers."""
@@ -57,6 +57,16 @@ def checked_note(note: Iterable[int], note_length: int) -> Note:
     if wrong:
         raise InputError(f"a note with {wrong[0]}, expected more than {SILENT} and an int32")
     return numbers
+
+
+def goal_sets(scene: Scene) -> tuple[frozenset[Site], ...]:
+    """Return each module's goals, by number; modules that are told the same share one set.
+
+    In a chain every module knows all of the goal: a set for each would take the square of that.
+    """
+    shared = {id(goals): frozenset(goals) for goals in scene.goals}
+    nothing: frozenset[Site] = frozenset()
+    return tuple(shared[id(goals)] for goals in scene.goals) or (nothing,) * len(scene.start)
 
 
 def observation_length(system: System) -> int:

@@ -20,7 +20,7 @@ import msgspec
 import zenoh
 
 from cubepath.agents.local.module import ModuleCore
-from cubepath.agents.local.observation import Observation
+from cubepath.agents.local.observation import Observation, goal_sets
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
@@ -105,12 +105,13 @@ class Host:
             rule = scheduled(orders.schedule)
         if rule is not None:
             note_length = self._assign(rule)
+        goals = goal_sets(scene)
         self._cores = {
             module: ModuleCore(
                 scene.system,
                 module=module,
                 site=scene.start[module],
-                goals=scene.goals[module] if scene.goals else (),
+                goals=goals[module],
                 seed=seed,
                 note_length=note_length,
             )
