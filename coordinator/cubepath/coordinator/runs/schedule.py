@@ -19,13 +19,13 @@ from cubepath.coordinator.runs.gatherer import Gatherer, gathered
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
+from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.moves import read_cubes
 from cubepath.protocol.path_files.schedules import Cubes, by_generator
-from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.salvaging import MAGIC
+from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.wire.messages import Stopped
 
 
@@ -61,29 +61,20 @@ def read_schedule(path: Path) -> Schedule:
     be read or is damaged, or where a move is named by an id; CheckError where reports of a
     recording contradict each other.
     """
-    if not _is_recording(path):
-        try:
-            cubes = tuple(by_generator(n, cube) for n, cube in enumerate(read_cubes(path), 1))
-        except InputError as error:
-            where = "" if str(error).startswith(f"{path}:") else f"{path}: "
-            raise InputError(f"{where}{error}") from None
-        return Schedule(path, cubes)
-    recording = read_recording(path)
-    if recording.problems:
-        raise InputError(
-            f"{path}: {'; '.join(recording.problems)}."
-            f" 'cubepath verify {path} --recover OUT' writes what can be read"
-        )
+    with opened(path) as file:
+        if not is_recording(file):
+            return Schedule(path, _cubes(file))
+        recording = read_undamaged(file)
     gatherer = gathered(recording)
     return Schedule(path, gatherer.schedule(), recording.scene, tuple(gatherer.sites))
 
 
-def _is_recording(path: Path) -> bool:
+def _cubes(file: InputFile) -> Cubes:
     try:
-        with path.open("rb") as stream:
-            return stream.read(len(MAGIC)) == MAGIC
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+        return tuple(by_generator(n, cube) for n, cube in enumerate(read_cubes(file), 1))
+    except InputError as error:
+        where = "" if str(error).startswith(f"{file.path}:") else f"{file.path}: "
+        raise InputError(f"{where}{error}") from None
 
 
 def assignment_of(schedule: Schedule, scene: Scene) -> Assignment:

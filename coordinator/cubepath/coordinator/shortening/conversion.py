@@ -10,10 +10,11 @@ from pathlib import Path
 
 from cubepath.coordinator.shortening.normal_path import path_of
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.npz import (
-    MAGIC,
     holds_cubes,
+    is_npz,
     read_cubes_npz,
     write_moves_npz,
 )
@@ -45,7 +46,9 @@ def convert(
     if target.exists() and source.exists() and target.samefile(source):
         raise InputError(f"{target}: is the input, expected another file")
     binary = target.suffix == ".npz"
-    if _is_binary(source) and holds_cubes(source):
+    with opened(source) as file:
+        of_cubes = is_npz(file) and holds_cubes(file)
+    if of_cubes:
         if binary:
             raise InputError(
                 f"{source}: holds cubes already as .npz, expected another name than"
@@ -60,11 +63,3 @@ def convert(
     else:
         write_path(target, path)
     return Converted("moves", len(path.numbers))
-
-
-def _is_binary(source: Path) -> bool:
-    try:
-        with source.open("rb") as stream:
-            return stream.read(len(MAGIC)) == MAGIC
-    except OSError as error:
-        raise InputError(f"{source}: {error.strerror or error}") from None

@@ -6,7 +6,6 @@ it; the normal cube path itself is `cubepath.coordinator.normal_form.array_heap`
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
-import msgspec
 import numpy as np
 
 from cubepath.coordinator.normal_form.admissibility import first_misfit
@@ -24,10 +22,11 @@ from cubepath.coordinator.normal_form.compiled_heap import Numbering, in_cubes
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.protocol.core.actions import Action, State, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.moves import MoveName, PathMove, read_moves
-from cubepath.protocol.path_files.npz import MAGIC, NumberedCubes, read_moves_npz
+from cubepath.protocol.path_files.npz import NumberedCubes, is_npz, read_moves_npz
 from cubepath.protocol.path_files.numbered import (
     IrregularError,
     NumberedPath,
@@ -37,13 +36,11 @@ from cubepath.protocol.path_files.numbered import (
 )
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
 from cubepath.protocol.plans.imported import Imported
-from cubepath.protocol.plans.scenario import read_scenario
-from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.plans.scenario import is_scenario, read_scenario
+from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 _T = TypeVar("_T")
-_MAGIC = b"\x89MCAP0\r\n"
-_STARTS = re.compile(rb'"starts"\s*:')
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +145,10 @@ def plan_of(path: Path, system: str | None, hints: PlanHints) -> Imported | None
     if hints.companions:
         what = "binary moves file" if kind == "arrays" else kind.replace("moves", "moves file")
         raise InputError(f"{path}: a {what}, which needs no other file: expected no --with")
-    return read_scenario(path) if _kind(path, system) == "scenario" else None
+    if _kind(path, system) != "scenario":
+        return None
+    with opened(path) as file:
+        return read_scenario(file)
 
 
 def path_of(
@@ -237,42 +237,17 @@ def _kind(path: Path, system: str | None) -> str:
 
 def _content(path: Path) -> str:
     """Return "recording", "arrays", "scenario" or "moves", by content."""
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(len(_MAGIC))
-            if head.startswith(MAGIC):
-                return "arrays"
-            # Of a recording that was cut off at once, what is left is the magic's beginning.
-            if head and _MAGIC.startswith(head):
-                return "recording"
-            stream.seek(0)
-            first = next((line for line in stream if line.strip()), b"")
-            if _STARTS.search(first):
-                return "scenario"
-            # An object over many lines is no moves file, but may be a scenario.
-            if first.lstrip().startswith(b"{") and not _is_json(first):
-                return "scenario" if _STARTS.search(stream.read()) else "moves"
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    return "moves"
-
-
-def _is_json(text: bytes) -> bool:
-    try:
-        msgspec.json.decode(text)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        return False
-    return True
+    with opened(path) as file:
+        if is_npz(file):
+            return "arrays"
+        if is_recording(file):
+            return "recording"
+        return "scenario" if is_scenario(file) else "moves"
 
 
 def _recorded(path: Path) -> Iterator[PathMove]:
     """Yield the moves of the complete rounds of a recording, from its reports."""
-    recording = read_recording(path)
-    if recording.problems:
-        raise InputError(
-            f"{path}: {'; '.join(recording.problems)}."
-            f" 'cubepath verify {path} --recover OUT' writes what can be read"
-        )
+    recording = read_undamaged(path)
     gatherer = gathered(recording)
     if gatherer.begun > gatherer.rounds + 1:
         raise InputError(

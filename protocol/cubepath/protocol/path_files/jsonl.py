@@ -1,4 +1,4 @@
-"""JSON Lines: read as a stream with line numbers, and written whole or not at all.
+"""JSON Lines: what a line says, and files written whole or not at all.
 
 Room: protocol. It touches the files that it is told to, and knows nothing of what is in them.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from pathlib import Path
 from typing import Any, BinaryIO, TypeVar
 
@@ -15,24 +15,8 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 
-BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _Line = TypeVar("_Line")
 _encode = msgspec.json.Encoder().encode
-
-
-def numbered_lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines that are not empty, each with its number from 1 and without its ending.
-
-    CRLF and a byte order mark are taken off. InputError where the file cannot be read.
-    """
-    try:
-        with path.open("rb") as stream:
-            for number, line in enumerate(stream, 1):
-                text = (line.removeprefix(BYTE_ORDER_MARK) if number == 1 else line).strip()
-                if text:
-                    yield number, text
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
 
 
 def decode_line(decode: Callable[[bytes], _Line], line: bytes, keys: str) -> _Line:

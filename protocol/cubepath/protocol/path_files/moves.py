@@ -19,10 +19,11 @@ import msgspec
 
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
+from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
 
 MoveName: TypeAlias = str | int | GeneratorPlacement
 """How a move is written in a cubes file: its id, or its generator and where that is placed."""
@@ -73,7 +74,7 @@ def id_of(action: Action) -> str | int:
         raise InputError(f"{action!r} has no id: expected the label to be one as JSON") from None
 
 
-def read_moves(path: Path, scene: Scene | None = None) -> Iterator[PathMove]:
+def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]:
     """Yield the moves of a moves file in order, each as soon as its line is read and checked.
 
     Checked as far as can be: every move must be admissible (one of its two local states shown) at
@@ -90,14 +91,16 @@ def read_moves(path: Path, scene: Scene | None = None) -> Iterator[PathMove]:
     empty file is a path of no moves.
     """
     reader = _Reader(scene)
-    for number, line in numbered_lines(path):
-        try:
-            move = reader.move(number, line)
-        except InputError as error:
-            raise InputError(f"{path}:{number}: {error}") from None
-        except RecursionError:
-            raise InputError(f"{path}:{number}: lists in lists, nested too deeply") from None
-        yield move
+    with opened(source) as file:
+        for number, line in file.numbered_lines():
+            try:
+                move = reader.move(number, line)
+            except InputError as error:
+                raise InputError(f"{file.path}:{number}: {error}") from None
+            except RecursionError:
+                where = f"{file.path}:{number}"
+                raise InputError(f"{where}: lists in lists, nested too deeply") from None
+            yield move
 
 
 def write_moves(path: Path, moves: Iterable[PathMove]) -> None:
@@ -134,16 +137,17 @@ def known_of_named(name: MoveName, sites: Iterable[Site]) -> frozenset[Site]:
     return frozenset(sites) - {(_NAME, name)}
 
 
-def read_cubes(path: Path) -> Iterator[tuple[MoveName, ...]]:
+def read_cubes(source: Source) -> Iterator[tuple[MoveName, ...]]:
     """Yield the cubes of a cubes file, each as the names of its moves; InputError as `read_moves`.
 
     Whether they are cubes is not asked: names alone do not tell.
     """
-    for number, line in numbered_lines(path):
-        try:
-            yield tuple(decode_line(_cube, line, 'the key "moves"').moves)
-        except InputError as error:
-            raise InputError(f"{path}:{number}: {error}") from None
+    with opened(source) as file:
+        for number, line in file.numbered_lines():
+            try:
+                yield tuple(decode_line(_cube, line, 'the key "moves"').moves)
+            except InputError as error:
+                raise InputError(f"{file.path}:{number}: {error}") from None
 
 
 def write_cubes(path: Path, cubes: Iterable[Iterable[MoveName]]) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
@@ -30,9 +31,7 @@ from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
 from cubepath.protocol.path_files.numbered import NumberedPath
 
-MAGIC = b"PK\x03\x04"
-"""What every such file begins with."""
-
+_MAGIC = b"PK\x03\x04"
 _MOVES = "cubepath-moves-1"
 _CUBES = "cubepath-cubes-1"
 _T = TypeVar("_T")
@@ -74,19 +73,26 @@ def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> N
     _write(target, {**_path_arrays(_CUBES, left), **places})
 
 
-def read_moves_npz(source: Path) -> NumberedPath:
+def is_npz(file: InputFile) -> bool:
+    """Tell whether a file begins as every .npz does."""
+    return file.head(len(_MAGIC)) == _MAGIC
+
+
+def read_moves_npz(source: Source) -> NumberedPath:
     """Return the path in a file; whether its moves are admissible is not asked.
 
     InputError, as ``FILE: ARRAY: what was found, what was expected``, where the file is damaged or
     its arrays do not fit together.
     """
-    arrays = _read(source, _MOVES)
-    return _refusing(source, lambda: _path(arrays))
+    with opened(source) as file:
+        arrays = _read(file, _MOVES)
+    return _refusing(file, lambda: _path(arrays))
 
 
-def read_cubes_npz(source: Path) -> tuple[tuple[MoveName, ...], ...]:
+def read_cubes_npz(source: Source) -> tuple[tuple[MoveName, ...], ...]:
     """Return the cubes in a file as the names of their moves; InputError as `read_moves_npz`."""
-    arrays = _read(source, _CUBES)
+    with opened(source) as file:
+        arrays = _read(file, _CUBES)
 
     def cubes() -> tuple[tuple[MoveName, ...], ...]:
         path = _path(arrays)
@@ -94,12 +100,13 @@ def read_cubes_npz(source: Path) -> tuple[tuple[MoveName, ...], ...]:
         names = [path.name(move) for move in range(len(path.numbers))]
         return tuple(tuple(names[begin:end]) for begin, end in pairwise(starts))
 
-    return _refusing(source, cubes)
+    return _refusing(file, cubes)
 
 
-def holds_cubes(source: Path) -> bool:
-    """Tell whether a file has cubes rather than moves; InputError where it has neither."""
-    return _text(source, _load(source), "format") == _CUBES
+def holds_cubes(source: Source) -> bool:
+    """Tell whether a file has cubes rather than moves; InputError where it does not say."""
+    with opened(source) as file:
+        return _format(file, _load(file, ["format"])) == _CUBES
 
 
 def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
@@ -161,36 +168,37 @@ def _write(target: Path, arrays: Arrays) -> None:
         np.savez(stream, allow_pickle=False, **arrays)
 
 
-def _load(source: Path) -> dict[str, NDArray[Any]]:
+def _load(file: InputFile, only: Collection[str] | None = None) -> Arrays:
+    """Return the arrays of a file, or only those of these names that are there."""
     try:
-        with source.open("rb") as stream, np.load(stream, allow_pickle=False) as found:
-            return {name: found[name] for name in found.files}
+        with np.load(file.from_start(), allow_pickle=False) as found:
+            return {name: found[name] for name in found.files if only is None or name in only}
     except OSError as error:
-        raise InputError(f"{source}: {error.strerror or error}") from None
+        raise InputError(f"{file.path}: {error.strerror or error}") from None
     except (ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error, struct.error) as error:
-        raise InputError(f"{source}: damaged, or no .npz file: {error}") from None
+        raise InputError(f"{file.path}: damaged, or no .npz file: {error}") from None
 
 
-def _read(source: Path, form: str) -> Arrays:
-    arrays = _load(source)
-    found = _text(source, arrays, "format")
+def _read(file: InputFile, form: str) -> Arrays:
+    arrays = _load(file)
+    found = _format(file, arrays)
     if found != form:
-        raise InputError(f"{source}: format: found {found!r}, expected {form!r}")
+        raise InputError(f"{file.path}: format: found {found!r}, expected {form!r}")
     return arrays
 
 
-def _text(source: Path, arrays: Arrays, name: str) -> str:
-    found = arrays.get(name)
+def _format(file: InputFile, arrays: Arrays) -> str:
+    found = arrays.get("format")
     if found is None or found.ndim or found.dtype.kind != "U":
-        raise InputError(f"{source}: no array {name!r} with a text, expected a file of cubepath")
+        raise InputError(f"{file.path}: no array 'format' with a text, expected a file of cubepath")
     return str(found)
 
 
-def _refusing(source: Path, make: Callable[[], _T]) -> _T:
+def _refusing(file: InputFile, make: Callable[[], _T]) -> _T:
     try:
         return make()
     except InputError as error:
-        raise InputError(f"{source}: {error}") from None
+        raise InputError(f"{file.path}: {error}") from None
 
 
 def _path(arrays: Arrays) -> NumberedPath:

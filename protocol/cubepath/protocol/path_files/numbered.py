@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK, written_whole
+from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import (
     ContentsLine,
     MoveName,
@@ -86,7 +87,7 @@ class IrregularError(CubepathError):
 
 
 def read_path(
-    path: Path, scene: Scene | None = None, progress: Progress | None = None
+    source: Source, scene: Scene | None = None, progress: Progress | None = None
 ) -> NumberedPath:
     """Return the path in a moves file; what `moves.read_moves` gives, in numbers.
 
@@ -94,7 +95,8 @@ def read_path(
     not as it should be, or could only be understood with the ones before: then `read_moves`
     reads the file, and says what is wrong if anything is.
     """
-    return _Numberer(scene).read(path, progress)
+    with opened(source) as file:
+        return _Numberer(scene).read(file, progress)
 
 
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
@@ -223,31 +225,30 @@ class _Numberer:
         self._texts: dict[tuple[object, ...], tuple[int, int]] = {}
         self._ids: dict[MoveName, int] = {}
 
-    def read(self, path: Path, progress: Progress | None) -> NumberedPath:
+    def read(self, file: InputFile, progress: Progress | None) -> NumberedPath:
         names: list[MoveName] = []
         by_generator = False
+        marked = file.head(len(BYTE_ORDER_MARK)) == BYTE_ORDER_MARK
+        stream = file.stream if marked else file.from_start()
         try:
-            with path.open("rb") as stream:
-                if stream.read(len(BYTE_ORDER_MARK)) != BYTE_ORDER_MARK:
-                    stream.seek(0)
-                for portion, lines in enumerate(_portions(stream)):
-                    before = len(self._kept.numbers)
-                    if portion == 0:
-                        by_generator = _is_by_generator(lines[0])
-                    if by_generator:
-                        self._generators(lines)
-                    else:
-                        names += self._contents(lines)
-                    if progress is not None:
-                        progress(len(self._kept.numbers) - before)
+            for portion, lines in enumerate(_portions(stream)):
+                before = len(self._kept.numbers)
+                if portion == 0:
+                    by_generator = _is_by_generator(lines[0])
+                if by_generator:
+                    self._generators(lines)
+                else:
+                    names += self._contents(lines)
+                if progress is not None:
+                    progress(len(self._kept.numbers) - before)
         except OSError as error:
-            raise InputError(f"{path}: {error.strerror or error}") from None
+            raise InputError(f"{file.path}: {error.strerror or error}") from None
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InputError) as error:
-            raise IrregularError(f"{path}: {error}") from None
+            raise IrregularError(f"{file.path}: {error}") from None
         if by_generator:
             self._kept.ends = [-1] * len(self._kept.numbers)
             return self._kept.path(None)
-        self._check_ids(path, names)
+        self._check_ids(file.path, names)
         return self._kept.path(names)
 
     def _check_ids(self, path: Path, names: list[MoveName]) -> None:

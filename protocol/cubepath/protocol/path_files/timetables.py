@@ -20,9 +20,10 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.path_files.jsonl import decode_line, line_schema, numbered_lines, write_lines
+from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
 from cubepath.protocol.path_files.moves import MoveName
 
 FORMAT = "cubepath-durations-1"
@@ -196,16 +197,17 @@ class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 _line = msgspec.json.Decoder(TimedLine).decode
 
 
-def read_timetable(path: Path) -> Iterator[TimedLine]:
+def read_timetable(source: Source) -> Iterator[TimedLine]:
     """Yield the lines of a timetable; InputError with file and line where one is none."""
-    for number, line in numbered_lines(path):
-        try:
-            found = decode_line(_line, line, 'the keys "start", "duration" and "move"')
-            time_from(found.start)
-            duration_from(found.duration)
-        except InputError as error:
-            raise InputError(f"{path}:{number}: {error}") from None
-        yield found
+    with opened(source) as file:
+        for number, line in file.numbered_lines():
+            try:
+                found = decode_line(_line, line, 'the keys "start", "duration" and "move"')
+                time_from(found.start)
+                duration_from(found.duration)
+            except InputError as error:
+                raise InputError(f"{file.path}:{number}: {error}") from None
+            yield found
 
 
 def write_timetable(path: Path, lines: Iterable[TimedLine]) -> None:

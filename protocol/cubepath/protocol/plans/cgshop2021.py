@@ -54,7 +54,7 @@ def read_cgshop2021(request: Request) -> Imported:
     no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
     companion = only(request, "instance")
     instance = decode_file(companion, _Instance)
-    solution = decode_file(path, _Solution)
+    solution = decode_file(request.file, _Solution)
     if instance.name not in (None, solution.instance):
         raise InputError(
             f"{path}: a solution of {solution.instance!r}, but {companion} is {instance.name!r}"

@@ -64,7 +64,8 @@ def read_cgshop2026(request: Request) -> Imported:
     path = request.path
     no_system(request, "a CG:SHOP 2026 solution, whose instance says what the system is")
     companion = only(request, "instance")
-    instance, solution = decode_file(companion, _Instance), decode_file(path, _Solution)
+    instance = decode_file(companion, _Instance)
+    solution = decode_file(request.file, _Solution)
     _check_pair(request, companion, instance, solution)
     points = _points(companion, instance)
     chosen = _chosen(path, request.values["triangulation"], len(solution.flips))

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK
+from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.plans.cgshop2021 import looks_like_cgshop2021, read_cgshop2021
 from cubepath.protocol.plans.cgshop2026 import looks_like_cgshop2026, read_cgshop2026
 from cubepath.protocol.plans.imported import Imported, Request
@@ -106,7 +106,7 @@ FORMATS: dict[str, Format] = {
 
 
 def read_plan(
-    path: Path,
+    source: Source,
     spec: str | None = None,
     *,
     companions: Sequence[Path] = (),
@@ -117,9 +117,16 @@ def read_plan(
     None where nothing is said and the content is none of these; InputError as `Imported` says, and
     where `spec` is wrong.
     """
-    told = _looks(path) if spec is None else spec
-    if told is None:
-        return None
+    with opened(source) as file:
+        told = _looks(file) if spec is None else spec
+        if told is None:
+            return None
+        known, values = _chosen(told)
+        return known.read(Request(file, tuple(companions), values, system))
+
+
+def _chosen(told: str) -> tuple[Format, dict[str, str]]:
+    """Return the format that is told, and the values of its keys."""
     name, _, rest = told.partition(":")
     known = FORMATS.get(name)
     if known is None:
@@ -130,31 +137,28 @@ def read_plan(
         key, equals, value = part.partition("=")
         if not equals or key not in values:
             keys = f"KEY=VALUE with a key of {', '.join(values)}" if values else "no keys"
-            raise InputError(f"--format {spec}: cannot read {part!r}, expected {keys}")
+            raise InputError(f"--format {told}: cannot read {part!r}, expected {keys}")
         if key in given:
-            raise InputError(f"--format {spec}: key {key!r} stands twice")
+            raise InputError(f"--format {told}: key {key!r} stands twice")
         given.add(key)
         values[key] = value
-    return known.read(Request(path, tuple(companions), values, system))
+    return known, values
 
 
-def _looks(path: Path) -> str | None:
+def _looks(file: InputFile) -> str | None:
     """Return the name of the format that a file's content speaks for, None if it is none of them.
 
     InputError for an instance, which has no moves.
     """
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(_HEAD).removeprefix(BYTE_ORDER_MARK)
-            if _OURS.match(head):
-                return None
-            if head.lstrip()[:1] == b"{":
-                head += stream.read()  # keys have no order
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    head = file.head(_HEAD).removeprefix(BYTE_ORDER_MARK)
+    if _OURS.match(head):
+        return None
+    if head.lstrip()[:1] == b"{":
+        head = file.whole().removeprefix(BYTE_ORDER_MARK)  # keys have no order
     for known in FORMATS.values():
         if known.looks_like(head):
             return known.name
     if head.lstrip()[:1] == b"{" and _INSTANCES.search(head) and b'"goals"' not in head:
+        path = file.path
         raise InputError(f"{path}: an instance without moves, expected its solution, --with {path}")
     return None

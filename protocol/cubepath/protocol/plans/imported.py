@@ -13,6 +13,7 @@ from typing import TypeVar
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
@@ -24,10 +25,15 @@ _T = TypeVar("_T")
 class Request:
     """What a reader is asked for: a plan, the files it is about, and the values of its keys."""
 
-    path: Path
+    file: InputFile
     companions: Sequence[Path] = ()
     values: Mapping[str, str] = field(default_factory=dict[str, str])
     system: str | None = None
+
+    @property
+    def path(self) -> Path:
+        """Return where the plan is."""
+        return self.file.path
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +52,12 @@ class Imported:
     labelled_goals: bool = False
 
 
-def decode_file(path: Path, type_: type[_T]) -> _T:
+def decode_file(source: Source, type_: type[_T]) -> _T:
     """Return the JSON document in a file; InputError names the file and the place in it."""
+    with opened(source) as file:
+        path, text = file.path, file.whole()
     try:
-        return msgspec.json.decode(path.read_bytes(), type=type_)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+        return msgspec.json.decode(text, type=type_)
     except RecursionError:
         raise InputError(f"{path}: lists in lists, nested too deeply") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:

@@ -42,11 +42,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, text
 from cubepath.protocol.plans.vehicles import Cell, Vehicles, vehicles_scene
-from cubepath.protocol.systems.graphs import Graph, graph_from_map, read_text
+from cubepath.protocol.systems.graphs import Graph, graph_from_map
 
 _CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
 _CELLS = re.compile(r"(\([0-9]{1,9},[0-9]{1,9}\),)*(\([0-9]{1,9},[0-9]{1,9}\))?")
@@ -95,18 +96,18 @@ def looks_like_lists(head: bytes) -> bool:
 
 def read_log(request: Request) -> Imported:
     """Read a log of pibt2 or LaCAM; InputError as `Imported` says."""
-    return _imported(request, _log(request.path), "xy")
+    return _imported(request, _log(request.file), "xy")
 
 
 def read_agents(request: Request) -> Imported:
     """Read paths as EECBS and MAPF-LNS2 write them; InputError as `Imported` says."""
-    return _imported(request, _agents(request.path), "")
+    return _imported(request, _agents(request.file), "")
 
 
 def read_lists(request: Request) -> Imported:
     """Read lists of lists of cells; InputError as `Imported` says."""
     path = request.path
-    found = decode_file(path, list[list[Cell]])
+    found = decode_file(request.file, list[list[Cell]])
     by = request.values["by"]
     if by not in ("agent", "step"):
         raise InputError(f"by={by}: expected agent or step")
@@ -124,9 +125,9 @@ def read_lists(request: Request) -> Imported:
     return _imported(request, _Plan(found), "xy")
 
 
-def _log(path: Path) -> _Plan:
+def _log(file: InputFile) -> _Plan:
+    path, lines = file.path, _lines(file)
     head: dict[str, str] = {}
-    lines = _lines(path)
     for number, line in lines:
         key, equals, value = line.partition("=")
         if not equals:
@@ -170,9 +171,10 @@ def _timesteps(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[list[list[
     return steps, numbers
 
 
-def _agents(path: Path) -> _Plan:
+def _agents(file: InputFile) -> _Plan:
+    path = file.path
     paths: list[list[Cell]] = []
-    for number, line in _lines(path):
+    for number, line in _lines(file):
         found = _PATH.fullmatch(line)
         if found is None or int(found[1]) != len(paths):
             raise InputError(
@@ -193,8 +195,8 @@ def _agents(path: Path) -> _Plan:
     return _Plan(paths)
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    for number, line in enumerate(read_text(path).splitlines(), 1):
+def _lines(file: InputFile) -> Iterator[tuple[int, str]]:
+    for number, line in enumerate(file.text().splitlines(), 1):
         if line.strip():
             yield number, line.strip()
 
@@ -253,14 +255,15 @@ def _beside(
     graph: Graph | None = None
     scenario: tuple[list[Cell], list[Cell]] | None = None
     for companion in request.companions:
-        is_scenario = re.match(r"\s*version\b", read_text(companion)) is not None
-        if (scenario if is_scenario else graph) is not None:
-            what = "scenario" if is_scenario else "map"
-            raise InputError(f"{companion}: a second {what}, expected one")
-        if is_scenario:
-            scenario = _scenario(companion)
-        else:
-            graph = graph_from_map(companion)
+        with opened(companion) as file:
+            is_scenario = re.match(r"\s*version\b", file.text()) is not None
+            if (scenario if is_scenario else graph) is not None:
+                what = "scenario" if is_scenario else "map"
+                raise InputError(f"{companion}: a second {what}, expected one")
+            if is_scenario:
+                scenario = _scenario(file)
+            else:
+                graph = graph_from_map(file)
     if graph is None:
         named = "" if plan.map_name is None else f" {plan.map_name}"
         raise InputError(f"{request.path}: a plan on a map: expected the map{named}, --with FILE")
@@ -273,18 +276,18 @@ def _beside(
     return graph, *scenario
 
 
-def _scenario(path: Path) -> tuple[list[Cell], list[Cell]]:
+def _scenario(file: InputFile) -> tuple[list[Cell], list[Cell]]:
     """Read a scenario of the movingai benchmarks: starts and goals, of which a plan has the first.
 
     Its lines hold bucket, map, width and height of it, start x and y, goal x and y, and a length
     (Sturtevant, Benchmarks for Grid-Based Pathfinding; movingai.com/benchmarks/formats.html).
     """
     starts, goals = [], []
-    for number, line in list(_lines(path))[1:]:
+    for number, line in list(_lines(file))[1:]:
         words = line.split()
         if len(words) != 9 or not all(re.fullmatch(r"[0-9]{1,9}", word) for word in words[2:8]):
             raise InputError(
-                f"{path}:{number}: found {_short(line)}, expected bucket, map, width, height,"
+                f"{file.path}:{number}: found {_short(line)}, expected bucket, map, width, height,"
                 " start x y, goal x y, length"
             )
         numbers = [int(word) for word in words[4:8]]

@@ -31,7 +31,6 @@ from cubepath.protocol.core.system import System, local_only
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, none_beside, text
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.graphs import read_text
 
 _LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
 _EXAMPLE = "'(0,0) -> (1,0)', maybe with 'about (0,1)'"
@@ -80,7 +79,7 @@ def read_plain(request: Request) -> Imported:
     if request.system is None:
         raise InputError(f"{path}: a list of moves, expected --system SYSTEM that they are of")
     scene = local_only(scene_from_spec(request.system), "shortening")
-    lines = read_text(path).splitlines()
+    lines = request.file.text().splitlines()
 
     def moves() -> Iterator[PathMove]:
         state = set(scene.start_state)

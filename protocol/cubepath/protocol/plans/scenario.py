@@ -6,11 +6,15 @@ vehicle enters a cell that is empty, so the moves are one path as they stand.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
+
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, readable
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.moves import PathMove
@@ -19,10 +23,33 @@ from cubepath.protocol.plans.vehicles import vehicles_scene
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
 
+_STARTS = re.compile(rb'"starts"\s*:')
 
-def read_scenario(path: Path) -> Imported:
+
+def is_scenario(file: InputFile) -> bool:
+    """Tell whether a file is an object with "starts", on one line or on many."""
+    stream = file.from_start()
+    with readable(file.path):
+        first = next((line for line in stream if line.strip()), b"")
+        if _STARTS.search(first):
+            return True
+        # An object over many lines is no moves file, but may be a scenario.
+        if first.lstrip().startswith(b"{") and not _is_json(first):
+            return _STARTS.search(stream.read()) is not None
+    return False
+
+
+def _is_json(line: bytes) -> bool:
+    try:
+        msgspec.json.decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return False
+    return True
+
+
+def read_scenario(file: InputFile) -> Imported:
     """Read a scenario; InputError as `Imported` says."""
-    scenario = scenario_from_json(path)
+    path, scenario = file.path, scenario_from_json(file)
     return Imported(
         _moves(path, scenario),
         scenario.planner_rounds,

@@ -21,8 +21,9 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.salvaging import Salvage, salvage
+from cubepath.protocol.recordings.salvaging import MAGIC, Salvage, salvage
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import decode, schema_of
@@ -186,17 +187,21 @@ class Recording:
         return (record for record in self.records if record.kind in kinds)
 
 
-def read_recording(path: Path) -> Recording:
+def is_recording(file: InputFile) -> bool:
+    """Tell whether a file begins as a recording does, or is what is left of its first bytes."""
+    head = file.head(len(MAGIC))
+    return bool(head) and MAGIC.startswith(head)
+
+
+def read_recording(source: Source) -> Recording:
     """Read a recording with every check on; what is wrong is named in `problems`.
 
     A truncated file gives all whole chunks, a corrupt chunk is left out by itself; no message is
     given that no CRC vouches for. InputError where the file is no recording, or has lost its
     parameters or its scene.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    with opened(source) as file:
+        path, data = file.path, file.whole()
     if not data:
         raise InputError(f"{path}: empty file, expected an MCAP recording")
     found = salvage(data)
@@ -210,6 +215,18 @@ def read_recording(path: Path) -> Recording:
         problems += _gap(records)
     schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
     return Recording(path, parameters, scene, records, tuple(problems), next(schedules, None))
+
+
+def read_undamaged(source: Source) -> Recording:
+    """Read a recording from which nothing is lost; InputError names the damage and a way out."""
+    recording = read_recording(source)
+    if recording.problems:
+        path = recording.path
+        raise InputError(
+            f"{path}: {'; '.join(recording.problems)}."
+            f" 'cubepath verify {path} --recover OUT' writes what can be read"
+        )
+    return recording
 
 
 def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, str]:

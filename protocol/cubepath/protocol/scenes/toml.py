@@ -14,10 +14,10 @@ import msgspec
 import tomli_w
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.sites import in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.registry import kinds
-from cubepath.protocol.systems.graphs import read_text
 
 FORMAT = "cubepath-system-1"
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source, opened, read_text
 from cubepath.protocol.core.sites import Site
 
 Edge = tuple[Site, Site]
@@ -94,16 +95,6 @@ _CELLS_MAX = 1_000_000
 """Cells of a scenario's grid: one far coordinate must not fill the memory."""
 
 
-def read_text(path: Path) -> str:
-    """Return the text of an input file; InputError in one line where it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from None
-
-
 def graph_from_edge_list(path: Path) -> Graph:
     """Read an edge list: two vertex names a line; ``#`` starts a comment; integers are numbers."""
     edges: list[Edge] = []
@@ -125,9 +116,10 @@ def graph_from_edge_list(path: Path) -> Graph:
     return Graph(tuple(vertices), tuple(edges))
 
 
-def graph_from_map(path: Path) -> Graph:
+def graph_from_map(source: Source) -> Graph:
     """Read a movingai map: ``.``, ``G`` and ``S`` are free; cell (x, y) is column x of row y."""
-    lines = read_text(path).splitlines()
+    with opened(source) as file:
+        path, lines = file.path, file.text().splitlines()
     header: dict[str, str] = {}
     first = 0
     for line in lines:
@@ -193,13 +185,15 @@ class _ScenarioFile(msgspec.Struct):
     planner_rounds: int | None = msgspec.field(default=None, name="peer_makespan")
 
 
-def scenario_from_json(path: Path) -> Scenario:
+def scenario_from_json(source: Source) -> Scenario:
     """Read a scenario file; a missing `grid` is the bounding box of all that is named, and 1 more.
 
     Raises InputError where starts or moves leave the free cells or two vehicles start together.
     """
+    with opened(source) as file:
+        path, text = file.path, file.text()
     try:
-        found = msgspec.json.decode(read_text(path), type=_ScenarioFile)
+        found = msgspec.json.decode(text, type=_ScenarioFile)
     except msgspec.DecodeError as error:
         raise InputError(f"{path}: {error}") from None
     obstacles = frozenset(found.obstacles)

@@ -17,10 +17,10 @@ from random import Random
 from typing import Any
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.graphs import read_text
 from cubepath.protocol.systems.point_sets import POINTS_MAX, SWEEPS, Edge, Point, edge_of
 
 _RADIUS = 10**6

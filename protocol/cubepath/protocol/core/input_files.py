@@ -1,0 +1,102 @@
+"""Input files: each opened once, looked at to tell what it is, and read from its start.
+
+Every reader takes a path, or a file that somebody has opened to see what it is: so a command opens
+each of its inputs one time, and what it tells is of one moment. It touches the files that it is
+told to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO, TypeAlias
+
+from cubepath.protocol.core.errors import InputError
+
+BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class InputFile:
+    """A file that is open for reading; each question goes back to its start.
+
+    What cannot be read is an InputError with the path and the system's reason.
+    """
+
+    path: Path
+    stream: BinaryIO
+
+    def from_start(self) -> BinaryIO:
+        """Return the stream at its start."""
+        with readable(self.path):
+            self.stream.seek(0)
+        return self.stream
+
+    def head(self, size: int) -> bytes:
+        """Return the first bytes, fewer than `size` where the file has no more."""
+        stream = self.from_start()
+        with readable(self.path):
+            return stream.read(size)
+
+    def whole(self) -> bytes:
+        """Return all bytes."""
+        stream = self.from_start()
+        with readable(self.path):
+            return stream.read()
+
+    def text(self) -> str:
+        """Return all as UTF-8 text, line endings made one and a byte order mark taken off."""
+        stream = io.TextIOWrapper(io.BytesIO(self.whole()), encoding="utf-8-sig")
+        try:
+            return stream.read()
+        except UnicodeDecodeError as error:
+            raise InputError(f"{self.path}: not UTF-8 text (byte {error.start})") from None
+
+    def numbered_lines(self) -> Iterator[tuple[int, bytes]]:
+        """Yield the lines that are not empty, each with its number from 1 and without its ending.
+
+        CRLF and a byte order mark are taken off.
+        """
+        stream = self.from_start()
+        with readable(self.path):
+            for number, line in enumerate(stream, 1):
+                text = (line.removeprefix(BYTE_ORDER_MARK) if number == 1 else line).strip()
+                if text:
+                    yield number, text
+
+
+Source: TypeAlias = Path | InputFile
+"""What readers take: where a file is, or the file itself, open."""
+
+
+@contextlib.contextmanager
+def readable(path: Path) -> Generator[None]:
+    """Turn what the system says against reading a file into an InputError."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+
+
+@contextlib.contextmanager
+def opened(source: Source) -> Generator[InputFile]:
+    """Open a file for as long as it is read, or take one that is open, which then stays so.
+
+    InputError where it cannot be opened.
+    """
+    if isinstance(source, InputFile):
+        yield source
+        return
+    with readable(source):
+        stream = source.open("rb")
+    with stream:
+        yield InputFile(source, stream)
+
+
+def read_text(source: Source) -> str:
+    """Return the text of an input file; InputError in one line where it cannot be read."""
+    with opened(source) as file:
+        return file.text()
