@@ -20,6 +20,7 @@ import complexes
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.state_complexes import StateComplex, f_vector, state_complex
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 ARMS = [f"arm:n={count}" for count in range(12, 19)]
@@ -36,21 +37,23 @@ def floor(built: StateComplex) -> float:
     return max(process_time() - began, 1e-6)
 
 
+def timed(scene: Scene) -> tuple[tuple[float, float, float], tuple[int, ...], StateComplex]:
+    """Return the seconds for states, counts and cells, the counts, and the complex."""
+    began = process_time()
+    explored = explore(scene)
+    walked = process_time()
+    counted = f_vector(explored)
+    after = process_time()
+    built = state_complex(explored)
+    done = process_time()
+    return (walked - began, after - walked, done - after), counted, built
+
+
 def measure(spec: str, repeat: int, *, with_links: bool) -> None:
     """Print one row."""
     scene = scene_from_spec(spec)
-    walks, counts, builds = [], [], []
-    for _ in range(repeat):
-        began = process_time()
-        explored = explore(scene)
-        walked = process_time()
-        counted = f_vector(explored)
-        after = process_time()
-        built = state_complex(explored)
-        done = process_time()
-        walks.append(walked - began)
-        counts.append(after - walked)
-        builds.append(done - after)
+    first, counted, built = timed(scene)
+    walks, counts, builds = zip(first, *(timed(scene)[0] for _ in range(repeat - 1)), strict=True)
     cells = sum(counted)
     least = median(floor(built) for _ in range(5))
     links = "-"

@@ -24,6 +24,7 @@ from pettingzoo.test import (
 
 import cubepath.agents
 from cubepath.agents import CubepathEnv, env, parallel_env
+from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
@@ -88,7 +89,8 @@ def test_the_package_itself_has_both_constructors() -> None:
 @pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "agv:graph=K5,n=3"])
 def test_render(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
     """PettingZoo's render_test passes for human, ansi and rgb_array."""
-    render_test(lambda **keywords: env(spec, **keywords))
+    make: Any = partial(env, spec)  # the environment is PettingZoo's; its own hint says gymnasium's
+    render_test(make)
     assert capsys.readouterr().out.strip()
 
 
@@ -140,7 +142,8 @@ def test_reward_is_shared_progress_and_the_goal_ends_the_episode() -> None:
     """Rewards add up to the fraction of goal places gained; reaching the goal terminates."""
     one = parallel_env("agv:graph=P4,n=1")
     one.reset(seed=0)
-    rewards, done = [], {}
+    rewards: list[float] = []
+    done: dict[str, bool] = {}
     for action in (1, 2, 2):
         _, reward, done, late, _ = one.step({"module_0": action})
         rewards.append(reward["module_0"])
@@ -190,11 +193,13 @@ def test_step_before_reset_is_refused() -> None:
 def test_actions_out_of_range_are_stay(transport: Any) -> None:
     """Negative and too great actions are illegal and change nothing, on the wire as well."""
     one = parallel_env("hex:n=3", transport=transport, processes=0)
+    seed: Any = np.int64(1)  # numpy's numbers do as well as Python's
+    negative: Any = np.int64(-2)
     try:
-        one.reset(seed=np.int64(1))
+        one.reset(seed=seed)
         before = one.state()
         for action in (-1, -5, 13, 10**6):
-            _, _, _, _, infos = one.step({"module_0": action, "module_2": np.int64(-2)})
+            _, _, _, _, infos = one.step({"module_0": action, "module_2": negative})
             assert (one.state() == before).all()
             assert infos["module_0"]["illegal"]
             assert infos["module_2"]["illegal"]
@@ -230,15 +235,21 @@ def test_stepping_after_the_end_changes_nothing() -> None:
 
 
 @pytest.mark.slow
-def test_an_interrupted_step_does_not_reach_into_the_next_episode() -> None:
+def test_an_interrupted_step_does_not_reach_into_the_next_episode(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """After an exception in the middle of a step, reset begins as if nothing had been."""
     here = parallel_env("hex:n=4")
     there = parallel_env("hex:n=4", transport="zenoh", processes=2)
+
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
     try:
         there.reset(seed=1)
         world = there.world
-        fleet = world._fleet
-        fleet.act = lambda _: (_ for _ in ()).throw(KeyboardInterrupt)
+        assert isinstance(world, WireWorld)
+        monkeypatch.setattr(world._running(), "act", interrupted)
         with pytest.raises(KeyboardInterrupt):
             there.step({})
         first, _ = here.reset(seed=2)
@@ -255,8 +266,10 @@ def test_a_dropped_environment_ends_its_processes() -> None:
     """Without close, collecting the environment ends its module processes."""
     one = parallel_env("hex:n=3", transport="zenoh", processes=2)
     one.reset(seed=0)
-    children = list(one.world._fleet._children)
-    del one
+    world = one.world
+    assert isinstance(world, WireWorld)
+    children = list(world._running()._children)
+    del one, world
     gc.collect()
     assert [child.returncode for child in children] == [0, 0]
 

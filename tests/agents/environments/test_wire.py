@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
 
@@ -191,7 +191,7 @@ def test_everyone_sensed_is_heard(spec: str) -> None:
 
 
 @contextmanager
-def eavesdropper(fleet: Fleet) -> Iterator[SimpleQueue[bytes]]:
+def eavesdropper(fleet: Fleet) -> Generator[SimpleQueue[bytes]]:
     """Join a fleet's run with a session of one's own and hear everything."""
     found: SimpleQueue[bytes] = SimpleQueue()
 
@@ -230,14 +230,16 @@ def test_a_coordinator_that_hears_nothing_changes_nothing() -> None:
 def test_a_killed_process_is_named_and_the_others_end() -> None:
     """kill -9 of a module process raises with its modules and the signal; nothing stays."""
     scene = scene_from_spec("hex:n=4")
+    pids: list[int] = []
     with (
         pytest.raises(ProcessDied, match=r"module_1, module_3 \(process 1\) died .*signal 9"),
         Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet,
     ):
-        pids = fleet.pids
+        pids += fleet.pids
         for number in fleet.rounds(10_000):
             if number == 5:
                 os.kill(pids[1], signal.SIGKILL)
+    assert len(pids) == 2
     for pid in pids:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
@@ -306,10 +308,9 @@ def test_the_environment_over_zenoh_is_the_environment(spec: str, processes: int
         told, _ = there.reset(seed=9)
         assert repr(seen) == repr(told)
         random = np.random.default_rng(1)
+        choices = here.scene.system.move_slots + 1
         while here.agents:
-            actions: dict[str, int | None] = {
-                name: int(random.integers(here.action_space(name).n)) for name in here.agents
-            }
+            actions = {name: int(random.integers(choices)) for name in here.agents}
             one, other = here.step(actions), there.step(actions)
             assert repr(one) == repr(other)
             assert (here.state() == there.state()).all()

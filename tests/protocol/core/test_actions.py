@@ -1,6 +1,7 @@
 """Actions: the definition of a generator, equality, admissibility, applying, commuting."""
 
 import pickle
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import given
@@ -16,6 +17,7 @@ from cubepath.protocol.core.actions import (
     why_inadmissible,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 
 STEP = Action({"a", "b"}, {"a", "b"}, {"a"}, {"b"}, label="step")
 
@@ -63,12 +65,12 @@ def test_only_the_support_is_looked_at() -> None:
     """Admissibility and application cost the support, not the state."""
     looked: list[object] = []
 
-    class Watched(set[object]):
+    class Watched(set[Site]):
         def __contains__(self, site: object) -> bool:
             looked.append(site)
             return super().__contains__(site)
 
-        def __iter__(self) -> object:  # type: ignore[override]
+        def __iter__(self) -> Iterator[Site]:
             raise AssertionError("the whole state was read")
 
     state = Watched({"a", *range(1000)})

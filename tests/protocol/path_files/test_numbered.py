@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import (
     NumberedCubes,
@@ -42,8 +43,7 @@ def save(path: Path, lines: list[object]) -> Path:
     return path
 
 
-def told(moves: object) -> list[tuple[Action, object, frozenset[object] | None, str]]:
-    assert hasattr(moves, "__iter__")
+def told(moves: Iterable[PathMove]) -> list[tuple[Action, object, frozenset[Site] | None, str]]:
     return [(move.action, move.name, move.before, move.action.label) for move in moves]
 
 

@@ -285,7 +285,7 @@ def parallel_env(
     note_length: int = 0,
     transport: Literal["local", "zenoh"] = "local",
     processes: int = 2,
-) -> ParallelEnv[str, Observation, int | None]:
+) -> CubepathEnv:
     """Return the parallel environment of a system.
 
     With ``transport="zenoh"`` the modules live in `processes` processes of their own and learn of
