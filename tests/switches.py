@@ -48,7 +48,7 @@ class Ring(System):
     @classmethod
     def from_table(cls, table: Mapping[str, Any]) -> Self:
         """Return the ring of a table."""
-        if table.keys() != {"switches"} or type(table["switches"]) is not int:
+        if set(table) != {"switches"} or type(table["switches"]) is not int:
             raise InputError("a ring has the key switches, a whole number")
         return cls(table["switches"])
 
