@@ -10,12 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, Self
 
-from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Bound, Scene, System, Ways
-from cubepath.protocol.scenes.family import Family
+from cubepath.protocol import (
+    Action,
+    Bound,
+    Family,
+    InputError,
+    Move,
+    Scene,
+    Site,
+    State,
+    System,
+    Ways,
+)
 
 LETTERS = ("off", "on")
 FIRST_CODE = 4

@@ -1,47 +1,54 @@
 """Agents: one module's view and choice, the module process, and the PettingZoo environments.
 
-Room: agents; knows its neighbourhood only, imports the protocol only. Names are loaded when they
-are asked for, so that a module process does not import PettingZoo.
+Room: agents; each module knows its neighbourhood only. It imports the protocol. Here is what a user
+needs of it: to write a rule, to observe, to play in an environment, and to draw a state. Inside the
+project names are imported from the modules that define them.
+
+| room | holds | may import |
+|---|---|---|
+| `local` | what a module senses, and how it and its competitors decide | none |
+| `rules` | what a module chooses from what it sees | `local` |
+| `processes` | module processes and the fleet that starts and paces them | `rules`, `local` |
+| `rendering` | scenes as text, pixels and on axes | none |
+| `environments` | the PettingZoo environments, and playing a rule in them | all of these |
 """
 
-from __future__ import annotations
+from typing import TYPE_CHECKING
 
-from typing import TYPE_CHECKING, Any
+from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
-    from cubepath.agents.local.observation import View
-    from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
-
-_HOME = {
-    "CubepathEnv": "environments.environment",
-    "env": "environments.environment",
-    "parallel_env": "environments.environment",
-    "raw_env": "environments.environment",
-    "InitialKnowledge": "rules.rule",
-    "Choice": "rules.rule",
-    "Rule": "rules.rule",
-    "RuleType": "rules.rule",
-    "View": "local.observation",
-}
+    from cubepath.agents.environments import CubepathEnv, Played, env, parallel_env, play, raw_env
+    from cubepath.agents.local import Note, Observation, View, observe
+    from cubepath.agents.rendering import draw_pixels, draw_text
+    from cubepath.agents.rules import Choice, InitialKnowledge, Rule, RuleType, rule_named
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "environments": "CubepathEnv Played env parallel_env play raw_env",
+            "local": "Note Observation View observe",
+            "rendering": "draw_pixels draw_text",
+            "rules": "Choice InitialKnowledge Rule RuleType rule_named",
+        },
+    )
 
 __all__ = [
     "Choice",
     "CubepathEnv",
     "InitialKnowledge",
+    "Note",
+    "Observation",
+    "Played",
     "Rule",
     "RuleType",
     "View",
+    "draw_pixels",
+    "draw_text",
     "env",
+    "observe",
     "parallel_env",
+    "play",
     "raw_env",
+    "rule_named",
 ]
-
-
-def __getattr__(name: str) -> Any:
-    """Load a public name from its module (PEP 562)."""
-    from importlib import import_module  # noqa: PLC0415 - nothing is imported before it is needed
-
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)

@@ -1,1 +1,23 @@
-"""The PettingZoo environments, in one process and over zenoh."""
+"""The PettingZoo environments, in one process and over zenoh, and playing a rule in them.
+
+Room: agents. It imports all other rooms of the agents, and the protocol. Nobody in the project
+imports it: it is for those outside.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
+    from cubepath.agents.environments.rollout import Played, play
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "environment": "CubepathEnv env parallel_env raw_env",
+            "rollout": "Played play",
+        },
+    )
+
+__all__ = ["CubepathEnv", "Played", "env", "parallel_env", "play", "raw_env"]

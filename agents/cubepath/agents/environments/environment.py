@@ -321,3 +321,4 @@ def env(
 
 
 raw_env = CubepathEnv
+"""The environment without wrappers, by the name that PettingZoo gives it."""

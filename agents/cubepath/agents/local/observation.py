@@ -21,6 +21,7 @@ from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, Scene, System
 Note: TypeAlias = tuple[int, ...]
 """What a rule tells the modules within reach: a fixed number of integers."""
 Observation: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
+"""What PettingZoo gives an agent, array by array; `observe` says which and of what shape."""
 Mask: TypeAlias = Sequence[int] | NDArray[np.int8]
 """Which actions are legal, 1 or 0 each: an `action_mask`, or what was kept of one."""
 

@@ -1,1 +1,23 @@
-"""Module processes and the fleet that starts, paces and ends them."""
+"""Module processes and the fleet that starts, paces and ends them.
+
+Room: agents. Here sessions are opened and processes started. It imports `rules`, `local` and the
+protocol. A run and the environment over zenoh have a `Fleet`.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.agents.processes.fleet import Fleet
+    from cubepath.agents.processes.host import OUTSIDE
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "fleet": "Fleet",
+            "host": "OUTSIDE",
+        },
+    )
+
+__all__ = ["OUTSIDE", "Fleet"]

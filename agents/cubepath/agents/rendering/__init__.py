@@ -1,1 +1,23 @@
-"""Scenes drawn as text, pixels and on axes."""
+"""Scenes drawn as text, pixels and on axes.
+
+Room: agents; of the protocol it imports the core, of the agents nothing. Environments render with
+it, and the coordinator draws runs and complexes.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.agents.rendering.pictures import INK, draw_on, draw_pixels, frame, palette
+    from cubepath.agents.rendering.text import draw_text
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "pictures": "INK draw_on draw_pixels frame palette",
+            "text": "draw_text",
+        },
+    )
+
+__all__ = ["INK", "draw_on", "draw_pixels", "draw_text", "frame", "palette"]

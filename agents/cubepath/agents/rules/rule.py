@@ -58,6 +58,7 @@ def _silent(_modules: int) -> int:
 
 
 Rule: TypeAlias = Callable[[View], "int | Choice"]
+"""What a module asks once a round: from what it sees to an action, alone or with more to say."""
 
 
 @dataclass(frozen=True, slots=True)

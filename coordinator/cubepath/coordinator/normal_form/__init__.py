@@ -1,1 +1,64 @@
-"""Shortening itself: heaps of pieces, the normal cube path, its proof and its timetable."""
+"""Shortening itself: heaps of pieces, the normal cube path, its proof and its timetable.
+
+Room: coordinator. It takes actions and nothing else: no recording, no command, no kind of system.
+Of the protocol it imports `core`, and the forms of `path_files`; of the coordinator nothing.
+Whoever shortens imports it; `verification` does not, but for the definitions that stand by
+themselves.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.normal_form.admissibility import first_misfit
+    from cubepath.coordinator.normal_form.array_heap import NumberedHeap
+    from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
+    from cubepath.coordinator.normal_form.compiled_heap import (
+        FastHeap,
+        Numbering,
+        cancellations,
+        in_cubes,
+    )
+    from cubepath.coordinator.normal_form.definitions import (
+        end_state,
+        is_cube,
+        is_normal,
+        obvious_normal_form,
+    )
+    from cubepath.coordinator.normal_form.heap import Heap, normal_cube_path
+    from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "admissibility": "first_misfit",
+            "array_heap": "NumberedHeap",
+            "certificate": "certificate_of end_of link",
+            "compiled_heap": "FastHeap Numbering cancellations in_cubes",
+            "definitions": "end_state is_cube is_normal obvious_normal_form",
+            "heap": "Heap normal_cube_path",
+            "timetable": "Timetable durations_of earliest",
+        },
+    )
+
+__all__ = [
+    "FastHeap",
+    "Heap",
+    "NumberedHeap",
+    "Numbering",
+    "Timetable",
+    "cancellations",
+    "certificate_of",
+    "durations_of",
+    "earliest",
+    "end_of",
+    "end_state",
+    "first_misfit",
+    "in_cubes",
+    "is_cube",
+    "is_normal",
+    "link",
+    "normal_cube_path",
+    "obvious_normal_form",
+]

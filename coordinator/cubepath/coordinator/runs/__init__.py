@@ -1,1 +1,43 @@
-"""Runs from launch to recording: gathering, schedules, replay, what a recording holds, pictures."""
+"""Runs from launch to recording: gathering, schedules, replay, what a recording holds, pictures.
+
+Room: coordinator. It imports `normal_form` and, for what replay compares, `verification`; of the
+agents `processes`, `rules` and `rendering`. Of all rooms of the coordinator this one alone starts
+modules and listens to them. Shortening takes from it the path of a recording.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.runs.contents import info, render
+    from cubepath.coordinator.runs.drawing import FILM_SUFFIXES, animate, run_picture
+    from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+    from cubepath.coordinator.runs.launch import Outcome, Plan, run
+    from cubepath.coordinator.runs.playback import Replayed, replay
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "contents": "info render",
+            "drawing": "FILM_SUFFIXES animate run_picture",
+            "gatherer": "Gatherer gathered",
+            "launch": "Outcome Plan run",
+            "playback": "Replayed replay",
+        },
+    )
+
+__all__ = [
+    "FILM_SUFFIXES",
+    "Gatherer",
+    "Outcome",
+    "Plan",
+    "Replayed",
+    "animate",
+    "gathered",
+    "info",
+    "render",
+    "replay",
+    "run",
+    "run_picture",
+]

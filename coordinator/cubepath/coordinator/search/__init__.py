@@ -1,1 +1,41 @@
-"""Past the homotopy class: exact optima, lower bounds and shorter paths."""
+"""Past the homotopy class: exact optima, lower bounds and shorter paths.
+
+Room: coordinator. It takes a system, two states and a path between them; it knows no file and no
+message. It imports `complexes`, for whether there is but one class, and `normal_form`. Shortening
+asks it.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.search.anytime import CubePath, Improved, improve
+    from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
+    from cubepath.coordinator.search.lower_bounds import lower_bound
+    from cubepath.coordinator.search.simply_connected import only_class
+    from cubepath.coordinator.search.transitions import Transitions, maskable
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "anytime": "CubePath Improved improve",
+            "exact": "MAX_STATES Optimum optimum",
+            "lower_bounds": "lower_bound",
+            "simply_connected": "only_class",
+            "transitions": "Transitions maskable",
+        },
+    )
+
+__all__ = [
+    "MAX_STATES",
+    "CubePath",
+    "Improved",
+    "Optimum",
+    "Transitions",
+    "improve",
+    "lower_bound",
+    "maskable",
+    "only_class",
+    "optimum",
+]

@@ -1,1 +1,48 @@
-"""Paths from files and recordings, shortened, explained, converted and written."""
+"""Paths from files and recordings, shortened, explained, converted and written.
+
+Room: coordinator. Here a file becomes a path and a path an answer. It imports `normal_form`,
+`search` for what lies beyond the class, `verification` for what is checked before it is said, and
+of `runs` the gathering. The command line is built on it.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.shortening.conversion import Converted, convert
+    from cubepath.coordinator.shortening.explain import (
+        TimedPath,
+        certificate_in_words,
+        certified_path,
+        timed_path,
+    )
+    from cubepath.coordinator.shortening.normal_path import Shortened, shorten
+    from cubepath.coordinator.shortening.optimality import Beyond, beyond, task_of
+    from cubepath.coordinator.shortening.path_input import known_path
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "conversion": "Converted convert",
+            "explain": "TimedPath certificate_in_words certified_path timed_path",
+            "normal_path": "Shortened shorten",
+            "optimality": "Beyond beyond task_of",
+            "path_input": "known_path",
+        },
+    )
+
+__all__ = [
+    "Beyond",
+    "Converted",
+    "Shortened",
+    "TimedPath",
+    "beyond",
+    "certificate_in_words",
+    "certified_path",
+    "convert",
+    "known_path",
+    "shorten",
+    "task_of",
+    "timed_path",
+]

@@ -1,1 +1,141 @@
-"""The formal core: sites, actions, what commutes, catalogues, systems and scenes."""
+"""The formal core: sites, actions, what commutes, catalogues, systems and scenes.
+
+Room: protocol. It has the definitions of the paper and knows no kind of system, no file and no
+message. It imports no other room; every room may import it.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.protocol.core.actions import (
+        Action,
+        State,
+        admissible,
+        apply,
+        apply_in_place,
+        commute,
+        end_at,
+        why_inadmissible,
+    )
+    from cubepath.protocol.core.catalogue import (
+        EDGES,
+        HEX_DIRECTIONS,
+        HEXAGONS,
+        LATTICES,
+        SQUARES,
+        Catalogue,
+        Cell,
+        Generator,
+        Lattice,
+        Move,
+    )
+    from cubepath.protocol.core.errors import (
+        CheckError,
+        CubepathError,
+        ExcludedError,
+        InputError,
+        RuleError,
+    )
+    from cubepath.protocol.core.names import GeneratorPlacement, Json
+    from cubepath.protocol.core.sites import (
+        Site,
+        in_order,
+        pairs_from_json,
+        site_chunk,
+        site_from_json,
+        site_text,
+        sites_from_json,
+        to_json,
+    )
+    from cubepath.protocol.core.system import (
+        CLOSED,
+        EMPTY,
+        FILLED,
+        FIRST_LABEL,
+        KEPT,
+        MODULE,
+        Bound,
+        Scene,
+        System,
+        Ways,
+        local_only,
+        one_to_one,
+        region_of,
+    )
+    from cubepath.protocol.core.vehicle_graph import VehicleGraph
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "actions": (
+                "Action State admissible apply apply_in_place commute end_at why_inadmissible"
+            ),
+            "catalogue": (
+                "Catalogue Cell EDGES Generator HEXAGONS HEX_DIRECTIONS LATTICES Lattice Move "
+                "SQUARES"
+            ),
+            "errors": "CheckError CubepathError ExcludedError InputError RuleError",
+            "names": "GeneratorPlacement Json",
+            "sites": (
+                "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
+                "to_json"
+            ),
+            "system": (
+                "Bound CLOSED EMPTY FILLED FIRST_LABEL KEPT MODULE Scene System Ways local_only "
+                "one_to_one region_of"
+            ),
+            "vehicle_graph": "VehicleGraph",
+        },
+    )
+
+__all__ = [
+    "CLOSED",
+    "EDGES",
+    "EMPTY",
+    "FILLED",
+    "FIRST_LABEL",
+    "HEXAGONS",
+    "HEX_DIRECTIONS",
+    "KEPT",
+    "LATTICES",
+    "MODULE",
+    "SQUARES",
+    "Action",
+    "Bound",
+    "Catalogue",
+    "Cell",
+    "CheckError",
+    "CubepathError",
+    "ExcludedError",
+    "Generator",
+    "GeneratorPlacement",
+    "InputError",
+    "Json",
+    "Lattice",
+    "Move",
+    "RuleError",
+    "Scene",
+    "Site",
+    "State",
+    "System",
+    "VehicleGraph",
+    "Ways",
+    "admissible",
+    "apply",
+    "apply_in_place",
+    "commute",
+    "end_at",
+    "in_order",
+    "local_only",
+    "one_to_one",
+    "pairs_from_json",
+    "region_of",
+    "site_chunk",
+    "site_from_json",
+    "site_text",
+    "sites_from_json",
+    "to_json",
+    "why_inadmissible",
+]

@@ -55,8 +55,11 @@ class Lattice:
 
 
 HEXAGONS = Lattice("hexagons", dimension=2, arity=2, drawing="hexagons")
+"""The triangular lattice of hexagonal cells, in axial coordinates ``(q, r)``."""
 SQUARES = Lattice("squares", dimension=2, arity=2, drawing="squares")
+"""The square lattice, of cells ``(x, y)``."""
 EDGES = Lattice("edges", dimension=2, arity=3, drawing="edges")
+"""The edges ``(x, y, axis)`` of the square lattice: from ``(x, y)`` one step along the axis."""
 LATTICES = {lattice.name: lattice for lattice in (HEXAGONS, SQUARES, EDGES)}
 HEX_DIRECTIONS: tuple[tuple[int, int], ...] = (
     (1, 0),

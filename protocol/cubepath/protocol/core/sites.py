@@ -16,6 +16,7 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 
 Site = Hashable
+"""What can be on or off: a JSON scalar or a tuple of sites."""
 
 _encode = msgspec.json.Encoder().encode
 

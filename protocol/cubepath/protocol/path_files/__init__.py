@@ -1,1 +1,135 @@
-"""Files that hold paths: moves, cubes, schedules, timetables and certificates."""
+"""Files that hold paths: moves, cubes, schedules, timetables and certificates.
+
+Room: protocol. It reads and writes forms and checks them as far as a form can be checked; what a
+path is worth is for the coordinator. It imports `core` alone. Messages carry some of these forms,
+and whoever takes a path from a file reads it here.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.protocol.path_files.certificates import (
+        Certificate,
+        certificate_schema,
+        companion,
+        read_certificate,
+        write_certificate,
+    )
+    from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK
+    from cubepath.protocol.path_files.moves import (
+        MoveName,
+        PathMove,
+        cube_schema,
+        id_of,
+        known_of_named,
+        move_schemas,
+        read_cubes,
+        read_moves,
+        write_cubes,
+        write_moves,
+    )
+    from cubepath.protocol.path_files.npz import (
+        MAGIC,
+        NumberedCubes,
+        holds_cubes,
+        read_cubes_npz,
+        read_moves_npz,
+        write_cubes_npz,
+        write_moves_npz,
+    )
+    from cubepath.protocol.path_files.numbered import (
+        IrregularError,
+        NumberedPath,
+        Progress,
+        number_moves,
+        read_path,
+        write_path,
+    )
+    from cubepath.protocol.path_files.schedules import (
+        Cubes,
+        OwnMoves,
+        by_generator,
+        schedule_from_jsonl,
+        schedule_to_jsonl,
+    )
+    from cubepath.protocol.path_files.timetables import (
+        Durations,
+        TimedLine,
+        duration_from,
+        read_durations,
+        read_timetable,
+        time_text,
+        timetable_schema,
+        write_timetable,
+    )
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "certificates": (
+                "Certificate certificate_schema companion read_certificate write_certificate"
+            ),
+            "jsonl": "BYTE_ORDER_MARK",
+            "moves": (
+                "MoveName PathMove cube_schema id_of known_of_named move_schemas read_cubes "
+                "read_moves write_cubes write_moves"
+            ),
+            "npz": (
+                "MAGIC NumberedCubes holds_cubes read_cubes_npz read_moves_npz write_cubes_npz "
+                "write_moves_npz"
+            ),
+            "numbered": "IrregularError NumberedPath Progress number_moves read_path write_path",
+            "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
+            "timetables": (
+                "Durations TimedLine duration_from read_durations read_timetable time_text "
+                "timetable_schema write_timetable"
+            ),
+        },
+    )
+
+__all__ = [
+    "BYTE_ORDER_MARK",
+    "MAGIC",
+    "Certificate",
+    "Cubes",
+    "Durations",
+    "IrregularError",
+    "MoveName",
+    "NumberedCubes",
+    "NumberedPath",
+    "OwnMoves",
+    "PathMove",
+    "Progress",
+    "TimedLine",
+    "by_generator",
+    "certificate_schema",
+    "companion",
+    "cube_schema",
+    "duration_from",
+    "holds_cubes",
+    "id_of",
+    "known_of_named",
+    "move_schemas",
+    "number_moves",
+    "read_certificate",
+    "read_cubes",
+    "read_cubes_npz",
+    "read_durations",
+    "read_moves",
+    "read_moves_npz",
+    "read_path",
+    "read_timetable",
+    "schedule_from_jsonl",
+    "schedule_to_jsonl",
+    "time_text",
+    "timetable_schema",
+    "write_certificate",
+    "write_cubes",
+    "write_cubes_npz",
+    "write_moves",
+    "write_moves_npz",
+    "write_path",
+    "write_timetable",
+]

@@ -1,1 +1,25 @@
-"""Plans of other planners, read as moves of the systems here."""
+"""Plans of other planners, read as moves of the systems here.
+
+Room: protocol. One file a format; `read_plan` finds out which it is. It imports `path_files`,
+`scenes`, `systems` and `core`. Shortening takes such plans, and nobody else.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
+    from cubepath.protocol.plans.imported import Imported
+    from cubepath.protocol.plans.vehicles import vehicles_scene
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "formats": "NO_HINTS PlanHints read_plan",
+            "imported": "Imported",
+            "vehicles": "vehicles_scene",
+        },
+    )
+
+__all__ = ["NO_HINTS", "Imported", "PlanHints", "read_plan", "vehicles_scene"]

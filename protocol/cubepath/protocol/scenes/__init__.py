@@ -1,1 +1,39 @@
-"""Scenes by name or from TOML files, and the built-in families of scenes."""
+"""Scenes by name or from TOML files, and the families of scenes.
+
+Room: protocol. `scene_from_spec` is the one way from a text to a scene. Families come in by entry
+points, those that stand here too. It imports `systems` and `core`; whoever is told a scene by a
+person, a file or a recording asks here.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.protocol.scenes.families.hexagons import hex_catalogue
+    from cubepath.protocol.scenes.family import Family
+    from cubepath.protocol.scenes.registry import all_families, sound_families
+    from cubepath.protocol.scenes.specs import scene_from_spec
+    from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "families.hexagons": "hex_catalogue",
+            "family": "Family",
+            "registry": "all_families sound_families",
+            "specs": "scene_from_spec",
+            "toml": "read_scene scene_from_toml scene_to_toml",
+        },
+    )
+
+__all__ = [
+    "Family",
+    "all_families",
+    "hex_catalogue",
+    "read_scene",
+    "scene_from_spec",
+    "scene_from_toml",
+    "scene_to_toml",
+    "sound_families",
+]

@@ -1,1 +1,71 @@
-"""Kinds of systems: on a lattice, on a graph, move by move, and flips of diagonals."""
+"""Kinds of systems: on a lattice, on a graph, move by move, and flips of diagonals.
+
+Room: protocol. Each class says all of itself: its moves, what a module senses, how it is written,
+drawn and bounded. Graphs and point sets are what two of them are built of. It imports `core` alone.
+Scenes are made of these, and plans of other planners are read as their moves; others take a
+`System` and ask for no class.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.protocol.systems.flips import FlipSystem, flip_of
+    from cubepath.protocol.systems.graph import COMPASS, GraphSystem
+    from cubepath.protocol.systems.graphs import (
+        Graph,
+        Scenario,
+        graph_from_map,
+        graph_from_name,
+        graph_round,
+        read_text,
+        scenario_from_json,
+    )
+    from cubepath.protocol.systems.lattice import LatticeSystem
+    from cubepath.protocol.systems.listed import TabledSystem
+    from cubepath.protocol.systems.point_sets import (
+        POINTS_MAX,
+        SWEEPS,
+        Edge,
+        Point,
+        Quadrilateral,
+        edge_of,
+    )
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "flips": "FlipSystem flip_of",
+            "graph": "COMPASS GraphSystem",
+            "graphs": (
+                "Graph Scenario graph_from_map graph_from_name graph_round read_text "
+                "scenario_from_json"
+            ),
+            "lattice": "LatticeSystem",
+            "listed": "TabledSystem",
+            "point_sets": "Edge POINTS_MAX Point Quadrilateral SWEEPS edge_of",
+        },
+    )
+
+__all__ = [
+    "COMPASS",
+    "POINTS_MAX",
+    "SWEEPS",
+    "Edge",
+    "FlipSystem",
+    "Graph",
+    "GraphSystem",
+    "LatticeSystem",
+    "Point",
+    "Quadrilateral",
+    "Scenario",
+    "TabledSystem",
+    "edge_of",
+    "flip_of",
+    "graph_from_map",
+    "graph_from_name",
+    "graph_round",
+    "read_text",
+    "scenario_from_json",
+]

@@ -1,1 +1,101 @@
-"""What goes over zenoh: messages, key expressions and session settings."""
+"""What goes over zenoh: messages, key expressions and session settings.
+
+Room: protocol. The bytes of a message are the same on the wire and on record. It imports `core`,
+and `path_files` for the certificate that a recording carries. Modules speak it, recordings hold it,
+and runs and verification read it; what is about states and paths alone does not know it.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.protocol.wire.keys import (
+        everything,
+        heard_at,
+        key_of,
+        topic_in,
+        topic_key,
+        topic_of,
+    )
+    from cubepath.protocol.wire.messages import (
+        Act,
+        Certified,
+        Claim,
+        Cube,
+        Edges,
+        Executed,
+        Go,
+        Heard,
+        Here,
+        Message,
+        Note,
+        Observed,
+        Ready,
+        Report,
+        Reset,
+        Stopped,
+        Summary,
+        Verdict,
+        decode,
+        encode,
+        kind_of,
+        schema_of,
+        site_of,
+    )
+    from cubepath.protocol.wire.sessions import (
+        open_client,
+        open_router,
+        put,
+        subscribe,
+        wait_for_subscriber,
+    )
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "keys": "everything heard_at key_of topic_in topic_key topic_of",
+            "messages": (
+                "Act Certified Claim Cube Edges Executed Go Heard Here Message Note Observed Ready "
+                "Report Reset Stopped Summary Verdict decode encode kind_of schema_of site_of"
+            ),
+            "sessions": "open_client open_router put subscribe wait_for_subscriber",
+        },
+    )
+
+__all__ = [
+    "Act",
+    "Certified",
+    "Claim",
+    "Cube",
+    "Edges",
+    "Executed",
+    "Go",
+    "Heard",
+    "Here",
+    "Message",
+    "Note",
+    "Observed",
+    "Ready",
+    "Report",
+    "Reset",
+    "Stopped",
+    "Summary",
+    "Verdict",
+    "decode",
+    "encode",
+    "everything",
+    "heard_at",
+    "key_of",
+    "kind_of",
+    "open_client",
+    "open_router",
+    "put",
+    "schema_of",
+    "site_of",
+    "subscribe",
+    "topic_in",
+    "topic_key",
+    "topic_of",
+    "wait_for_subscriber",
+]

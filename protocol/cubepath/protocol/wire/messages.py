@@ -204,6 +204,7 @@ Message: TypeAlias = (
     | Certified
     | Summary
 )
+"""Whatever goes over the wire or stands in a recording."""
 KINDS: dict[str, type[Message]] = {
     "here": Here,
     "note": Note,

@@ -1,0 +1,54 @@
+"""Faces: packages that offer names of their modules, each loaded when it is first asked for.
+
+The face of a package is its ``__init__``. It imports the names for type checkers alone, and has
+at run time the two functions of PEP 562 that are made here. So to import a package costs nothing,
+and who asks for one name loads what that needs and no more: a module process never sees PettingZoo,
+nor a shortening matplotlib.
+
+Room: protocol, of none of its inner rooms: every face of every room imports it. It imports nothing.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+
+def lazy_face(
+    package: str, homes: Mapping[str, str]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+    """Return the ``__getattr__`` and the ``__dir__`` of a package that offers names.
+
+    Args:
+        package: the ``__name__`` of the package.
+        homes: for each module, by its name inside the package, the names of it that are offered,
+            with spaces between them. No name is that of a module of the package, which would take
+            its place once it is imported.
+
+    Returns:
+        Two functions of a module, as PEP 562 has them. The first raises AttributeError for what is
+        not offered. A name that was loaded is from then on a plain attribute of the package.
+
+    >>> get, names = lazy_face("cubepath.protocol.core", {"actions": "Action commute"})
+    >>> get("commute").__module__
+    'cubepath.protocol.core.actions'
+    """
+    home_of = {
+        name: f"{package}.{module}" for module, names in homes.items() for name in names.split()
+    }
+
+    def load(name: str) -> Any:
+        face = sys.modules[package]
+        if name not in home_of:
+            message = f"module {package!r} has no attribute {name!r}"
+            raise AttributeError(message, name=name, obj=face)
+        found = getattr(import_module(home_of[name]), name)
+        setattr(face, name, found)
+        return found
+
+    def names() -> list[str]:
+        return sorted({*vars(sys.modules[package]), *home_of})
+
+    return load, names
