@@ -7,8 +7,10 @@ import importlib
 import importlib.metadata
 import pickle
 import pydoc
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import assert_type
 
@@ -20,7 +22,7 @@ import cubepath.protocol
 from cubepath.agents import RuleType
 from cubepath.coordinator import Shortened, StateComplex
 from cubepath.protocol import Action, Scene
-from faces import home, large_faces, offered, rooms, sources
+from faces import ROOT, home, large_faces, offered, rooms, sources
 
 PUBLIC = {
     "cubepath.protocol": """
@@ -212,6 +214,47 @@ def test_types_are_those_of_the_modules(tmp_path: Path) -> None:
     cubepath.protocol.write_moves(moves, [cubepath.protocol.PathMove(action, 1, frozenset({0}))])
     assert_type(cubepath.coordinator.shorten(moves), Shortened)
     assert_type(cubepath.agents.rule_named("tswap", scene.system), RuleType)
+
+
+IMPORT = re.compile(
+    r"\bfrom\s+(cubepath[\w.]*)\s+import\s+(?:\(([^)]*)\)|([\w ,]+))|\bimport\s+(cubepath[\w.]*)"
+)
+
+
+def imported(page: str) -> Iterator[tuple[str, str]]:
+    """Yield what a page imports of the project, in blocks and in lines of the shell."""
+    for module, in_brackets, in_line, alone in IMPORT.findall(page):
+        names = (in_brackets or in_line or "").replace(",", " ").split()
+        yield from [(module, name) for name in names] or [(alone, "")]
+
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_what_is_shown_to_users_is_what_they_may_rely_on(page: Path) -> None:
+    """The README and the docs import nothing but names of the three large faces."""
+    public = {(face, name) for face, names in PUBLIC.items() for name in names.split()}
+    assert not set(imported(page.read_text("utf-8"))) - public
+
+
+def test_every_way_to_import_is_seen() -> None:
+    """The test above would find a module, a name in brackets, and one in a line of the shell."""
+    page = """
+    from cubepath.a import one, two
+    from cubepath.b.c import (
+        three,
+    )
+    import cubepath.d
+    `python -c "from cubepath.e import four; print(four)"`
+    """
+    assert list(imported(page)) == [
+        ("cubepath.a", "one"),
+        ("cubepath.a", "two"),
+        ("cubepath.b.c", "three"),
+        ("cubepath.d", ""),
+        ("cubepath.e", "four"),
+    ]
 
 
 @pytest.mark.parametrize("command", [["-m", "cubepath"], ["-m", "cubepath.coordinator"]])
