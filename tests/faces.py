@@ -27,7 +27,12 @@ class Source:
     @property
     def tree(self) -> ast.Module:
         """Return the syntax tree."""
-        return ast.parse(self.path.read_text("utf-8"))
+        return _tree(self.path)
+
+
+@cache
+def _tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text("utf-8"))
 
 
 @cache

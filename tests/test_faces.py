@@ -62,6 +62,7 @@ def test_what_users_may_rely_on(face: str) -> None:
     assert sorted(importlib.import_module(face).__all__) == sorted(PUBLIC[face].split())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("face", FACES)
 def test_type_checkers_and_python_see_the_same(face: str) -> None:
     """Each name of ``__all__`` is imported for type checkers, and is that very object."""
@@ -109,6 +110,7 @@ def loaded(*faces: str, also: str = "") -> set[str]:
     return set(done.stdout.split())
 
 
+@pytest.mark.slow
 def test_a_face_loads_nothing() -> None:
     """All faces together load nothing but themselves: no zenoh, matplotlib, numba, PettingZoo."""
     found = loaded(*FACES)
@@ -202,6 +204,7 @@ def test_every_public_name_says_what_it_is(face: str) -> None:
     assert not missing
 
 
+@pytest.mark.slow
 def test_types_are_those_of_the_modules(tmp_path: Path) -> None:
     """Type checkers see through the faces, two of them deep; that they do is checked with them."""
     scene = cubepath.protocol.scene_from_spec("agv:graph=P3,n=1")
@@ -257,6 +260,7 @@ def test_every_way_to_import_is_seen() -> None:
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [["-m", "cubepath"], ["-m", "cubepath.coordinator"]])
 def test_python_runs_the_command_line(command: list[str]) -> None:
     """``python -m cubepath --version`` says the version that is installed."""
