@@ -144,6 +144,7 @@ def test_what_is_not_offered_is_an_error() -> None:
         from cubepath.protocol import commut  # type: ignore[attr-defined] # noqa: F401
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("face", large_faces())
 def test_all_names_come_with_a_star(face: str) -> None:
     """``from FACE import *`` gives what is offered."""
@@ -193,6 +194,7 @@ def docstring(module: str, name: str) -> str | None:
     return None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("face", large_faces())
 def test_every_public_name_says_what_it_is(face: str) -> None:
     """Functions, classes, types and constants of the large faces have a docstring of their own."""

@@ -1,0 +1,272 @@
+"""The import contracts of pyproject.toml: all are kept, and each is seen to be broken."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import grimp
+import pytest
+from importlinter import Contract
+from importlinter.api import read_configuration
+from importlinter.contracts.forbidden import ForbiddenContract
+from importlinter.contracts.layers import LayersContract
+
+from faces import LARGE, ROOT, rooms, sources
+
+TYPES: dict[str, type[Contract]] = {"forbidden": ForbiddenContract, "layers": LayersContract}
+
+BREAKS = {
+    "the coordinator may use agents and protocol, agents the protocol, the protocol neither": (
+        "protocol.plans.plain",
+        "agents.rendering.pen",
+    ),
+    "the rooms of the protocol: each may use those below it": (
+        "protocol.path_files.schedules",
+        "protocol.systems.graphs",
+    ),
+    "scenes know no files of paths": (
+        "protocol.scenes.specs",
+        "protocol.path_files.jsonl",
+    ),
+    "messages know no kind of system": (
+        "protocol.wire.sessions",
+        "protocol.systems.graphs",
+    ),
+    "plans of other planners know no messages": (
+        "protocol.plans.plain",
+        "protocol.wire.keys",
+    ),
+    "recordings use messages, scenes and the core": (
+        "protocol.recordings.salvaging",
+        "protocol.systems.graphs",
+    ),
+    "what asks for no class of systems imports none": (
+        "coordinator.search.exact",
+        "protocol.systems.graph",
+    ),
+    "the rooms of the agents: each may use those below it": (
+        "agents.rules.registry",
+        "agents.environments.world",
+    ),
+    "rendering uses no other room of the agents": (
+        "agents.rendering.pen",
+        "agents.local.arbitration",
+    ),
+    "what a module sees and how claims are settled knows no kind of system": (
+        "agents.local.arbitration",
+        "protocol.scenes.specs",
+    ),
+    "agents know no recordings and no plans of other planners": (
+        "agents.rules.registry",
+        "protocol.plans.formats",
+    ),
+    "the rooms of the coordinator: each may use those below it": (
+        "coordinator.runs.contents",
+        "coordinator.commands.console",
+    ),
+    "verification reaches nothing that runs, shortens or searches": (
+        "coordinator.verification.proof",
+        "coordinator.normal_form.heap",
+    ),
+    "shortening itself knows actions and files of paths, and no system": (
+        "coordinator.normal_form.heap",
+        "protocol.systems.graphs",
+    ),
+    "complexes know no paths": (
+        "coordinator.complexes.links",
+        "coordinator.normal_form.heap",
+    ),
+    "complexes, searches and the paper's claims know no messages, recordings and plans": (
+        "coordinator.search.exact",
+        "protocol.wire.keys",
+    ),
+    "searches use complexes and shortening itself": (
+        "coordinator.search.exact",
+        "coordinator.verification.proof",
+    ),
+    "runs use verification and shortening itself": (
+        "coordinator.runs.drawing",
+        "coordinator.complexes.cliques",
+    ),
+    "paths from files use runs, searches, verification and shortening itself": (
+        "coordinator.shortening.conversion",
+        "coordinator.complexes.cliques",
+    ),
+    "the paper's claims use complexes and shortening itself": (
+        "coordinator.paper.envelope",
+        "coordinator.verification.proof",
+    ),
+    "the coordinator knows the agents by their processes, rules and pictures": (
+        "coordinator.runs.gatherer",
+        "agents.local.arbitration",
+    ),
+    "runs alone start modules": (
+        "coordinator.commands.console",
+        "agents.processes.fleet",
+    ),
+    "runs and commands alone name rules": (
+        "coordinator.shortening.conversion",
+        "agents.rules.rule",
+    ),
+    "runs and complexes alone draw": (
+        "coordinator.commands.console",
+        "agents.rendering.pen",
+    ),
+}
+"""For each contract an import, by importer and imported, that breaks this one and no other."""
+
+
+@cache
+def settings() -> dict[str, Any]:
+    """Return the settings of import-linter and, under ``contracts_options``, the contracts."""
+    return dict(read_configuration(str(ROOT / "pyproject.toml")))
+
+
+def contracts() -> list[tuple[Contract, dict[str, Any]]]:
+    """Return the contracts, each with the options that it is written with."""
+    session = settings()["session_options"]
+    return [
+        (TYPES[options["type"]](options["name"], session, options), options)
+        for options in settings()["contracts_options"]
+    ]
+
+
+@cache
+def graph() -> grimp.ImportGraph:
+    """Return who imports whom, as import-linter sees it."""
+    (package,) = settings()["session_options"]["root_packages"]
+    return grimp.build_graph(package, cache_dir=None)
+
+
+def broken(*links: tuple[str, str]) -> set[str]:
+    """Return the names of the contracts that are broken once some modules import others."""
+    changed = deepcopy(graph())
+    for importer, imported in links:
+        for module in (importer, imported):
+            assert f"cubepath.{module}" in changed.modules
+        changed.add_import(importer=f"cubepath.{importer}", imported=f"cubepath.{imported}")
+    return {
+        contract.name
+        for contract, _ in contracts()
+        if not contract.check(deepcopy(changed), verbose=False).kept
+    }
+
+
+def test_all_contracts_are_kept() -> None:
+    """As the project stands no contract is broken, and each has an import below that breaks it."""
+    assert broken() == set()
+    assert [contract.name for contract, _ in contracts()] == list(BREAKS)
+
+
+@pytest.mark.parametrize("contract", BREAKS)
+def test_each_contract_alone_is_broken(contract: str) -> None:
+    """One import that the contract forbids breaks this contract, and no other."""
+    assert broken(BREAKS[contract]) == {contract}
+
+
+VERIFICATION = "verification reaches nothing that runs, shortens or searches"
+
+
+@pytest.mark.parametrize(
+    "link",
+    [
+        ("coordinator.normal_form.definitions", "coordinator.normal_form.heap"),
+        ("coordinator.verification.transcript", "coordinator.normal_form"),
+        ("coordinator.verification.transcript", "coordinator"),
+        ("protocol.recordings.recording", "agents.local.module"),
+        ("protocol.core.actions", "coordinator.runs.gatherer"),
+        *(
+            ("coordinator.verification.rounds", room.removeprefix("cubepath."))
+            for room in rooms()
+            if room.split(".")[1] != "protocol" and room != "cubepath.coordinator.verification"
+        ),
+    ],
+)
+def test_verification_is_broken_however_it_is_reached(link: tuple[str, str]) -> None:
+    """Directly or through what it imports, by a face or a module: every other room is seen."""
+    assert VERIFICATION in broken(link)
+
+
+def test_verification_takes_of_the_core_what_it_cannot_do_without() -> None:
+    """Of the actions `Action` and `commute`, of the definitions those of cubes and of normal."""
+    allowed = {
+        "cubepath.protocol.core.actions": {"Action", "commute"},
+        "cubepath.coordinator.normal_form.definitions": {
+            "is_cube",
+            "is_normal",
+            "obvious_normal_form",
+        },
+    }
+    taken: dict[str, set[str]] = {module: set() for module in allowed}
+    for name, source in sources().items():
+        if name.startswith("cubepath.coordinator.verification."):
+            for node in ast.walk(source.tree):
+                if isinstance(node, ast.ImportFrom) and node.module in taken:
+                    taken[node.module] |= {alias.name for alias in node.names}
+    assert taken == allowed
+
+
+@pytest.mark.parametrize("large", LARGE)
+def test_a_new_room_must_find_its_place(large: str) -> None:
+    """A room that no contract knows breaks the one that has the rooms in their order."""
+    changed = deepcopy(graph())
+    changed.add_module(f"cubepath.{large}.annexe")
+    (order,) = [
+        contract
+        for contract, options in contracts()
+        if options.get("containers") == [f"cubepath.{large}"]
+    ]
+    assert not order.check(changed, verbose=False).kept
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    """Return a folder with a copy of the project, in one package that hides the installed one."""
+    for large in LARGE:
+        shutil.copytree(
+            ROOT / large / "cubepath",
+            tmp_path / "cubepath",
+            dirs_exist_ok=True,
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
+    (tmp_path / "cubepath" / "__init__.py").touch()
+    shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    return tmp_path
+
+
+def lint_imports(folder: Path) -> tuple[int, str]:
+    """Return the exit code of ``lint-imports`` in a folder, and what it prints."""
+    program = "from importlinter.cli import lint_imports_command; lint_imports_command()"
+    done = subprocess.run(
+        [sys.executable, "-c", program, "--no-cache"],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+        cwd=folder,
+        env={**os.environ, "COLUMNS": "300"},
+    )
+    return done.returncode, done.stdout
+
+
+@pytest.mark.slow
+def test_the_command_sees_what_is_written(copied: Path) -> None:
+    """``lint-imports`` keeps all, and breaks all once these imports stand in functions."""
+    code, text = lint_imports(copied)
+    assert code == 0, text
+    assert all(f"{name} KEPT" in text for name in BREAKS)
+    for importer, imported in BREAKS.values():
+        path = copied.joinpath("cubepath", *importer.split(".")).with_suffix(".py")
+        with path.open("a") as stream:
+            stream.write(f"\n\ndef _late() -> None:\n    import cubepath.{imported}\n")
+    code, text = lint_imports(copied)
+    assert code == 1
+    assert all(f"{name} BROKEN" in text for name in BREAKS), text
