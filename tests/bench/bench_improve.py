@@ -65,7 +65,7 @@ def plans(names: tuple[str, ...]) -> Iterator[Case]:
     for name in names:
         path = DATA / f"{name}.json"
         found = shorten(path)
-        yield Case(name, task_of(path, found), found.moves, scenario_from_json(path).planner_rounds)
+        yield Case(name, task_of(found), found.moves, scenario_from_json(path).planner_rounds)
 
 
 def triangulations(sizes: tuple[int, ...]) -> Iterator[Case]:

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from cubepath.coordinator.normal_form import certificate as builder
-from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
+from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.definitions import end_state, obvious_normal_form
 from cubepath.coordinator.verification import proof as checker
 from cubepath.coordinator.verification.proof import check_proof
@@ -142,7 +142,7 @@ def test_the_certificate_of_a_walk_with_detours(data: st.DataObject) -> None:
     word = data.draw(walks(spec, max_size=16))
     path = data.draw(walks_with_detours(spec, word))
     start = scene(spec).start_state
-    found = certificate_of(path, end_of(path, start))
+    found = certificate_of(path, start=start)
     assert not refused(path, found)
     assert found.cancelled
     assert found.end is not None
@@ -465,7 +465,7 @@ def test_a_link_says_what_holds_a_move_up(letters: Word) -> None:
 def test_a_certificate_is_read_back(tmp_path: Path) -> None:
     """Written and read it is the same, and its schema says what its keys are."""
     path = companion(tmp_path / "cubes.jsonl")
-    end = certificate_of(PATH, {(0, 1), "dock", 5})
+    end = replace(GOOD, end=[5, "dock", (0, 1)])
     write_certificate(path, end)
     read = read_certificate(path)
     assert read == replace(end, end=[5, "dock", [0, 1]])

@@ -217,7 +217,7 @@ def test_vehicles_of_a_planner_are_improved_and_keep_their_goals(
     """The planner's own plan gets shorter where it can, and each vehicle ends at its goal."""
     path = DATA / f"{name}.json"
     found = shorten(path)
-    task = task_of(path, found)
+    task = task_of(found)
     known = beyond(task, found, iterations=iterations, seed=1, max_states=1000)
     assert known.improved == len(known.cube_path) == expected
     assert known.lower_bound <= expected <= found.cubes
@@ -304,10 +304,10 @@ def test_moves_that_stand_for_themselves_are_improved_by_one_another(tmp_path: P
     path = loop(tmp_path / "ring.jsonl")
     found = shorten(path)
     assert found.cubes == 5
-    known = beyond(task_of(path, found), found, iterations=30)
+    known = beyond(task_of(found), found, iterations=30)
     assert (known.improved, known.lower_bound, known.optimal) == (1, 1, True)
     assert known.named == ((5,),)
-    assert beyond(task_of(path, found), found).optimal is False
+    assert beyond(task_of(found), found).optimal is False
 
 
 def test_moves_without_contents_cannot_be_looked_beyond(tmp_path: Path) -> None:
@@ -315,11 +315,11 @@ def test_moves_without_contents_cannot_be_looked_beyond(tmp_path: Path) -> None:
     path = tmp_path / "named.jsonl"
     write_lines(path, [{"id": "a", "support": [1, 2], "trace": [1]}])
     with pytest.raises(InputError, match='"before" and "after"'):
-        task_of(path, shorten(path))
+        task_of(shorten(path))
     write_lines(path, [{"id": 1, "support": [0, 3], "trace": [0, 3], "before": [0], "after": [3]}])
     system = "agv:graph=C5,n=1"
     with pytest.raises(InputError, match="is no move of"):
-        task_of(path, shorten(path, system=system), system)
+        task_of(shorten(path, system=system))
 
 
 def test_where_there_is_but_one_class_nothing_is_searched() -> None:

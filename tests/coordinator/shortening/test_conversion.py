@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from msgspec.json import encode
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.normal_form.admissibility import first_misfit
-from cubepath.coordinator.shortening.normal_path import path_of, shorten
+from cubepath.coordinator.normal_form.admissibility import Misfit, carried_out
+from cubepath.coordinator.shortening.normal_path import shorten
+from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.protocol.core.actions import Action, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -147,10 +148,10 @@ def test_the_compiled_check_says_what_the_definition_says(
         except InputError:
             expected = place
             break
-    found = first_misfit(path, where.start_state)
-    assert (None if found is None else found.move) == expected
-    if found is None:
-        for action, end, before in zip(word, path.ends.tolist(), shown, strict=True):
+    found = carried_out(path, where.start_state)
+    assert (found.move if isinstance(found, Misfit) else None) == expected
+    if not isinstance(found, Misfit):
+        for action, end, before in zip(word, found.ends.tolist(), shown, strict=True):
             fixed = action.support - action.free
             assert action.ends[end] == fixed & before
     else:
@@ -170,7 +171,7 @@ def test_what_a_move_without_states_wrote_is_unknown(tmp_path: Path) -> None:
     path.write_text("\n".join(lines))
     assert len(list(read_moves(path))) == 3
     target = tmp_path / "m.npz"
-    write_moves_npz(target, path_of(path))
+    write_moves_npz(target, read_input(path).numbered)
     assert shorten(target).named == shorten(path).named == ((1,), ("x",), (2,))
     path.write_text("\n".join([lines[0], lines[2]]))
     with pytest.raises(InputError, match=r"m\.jsonl:2: move 2 is not admissible"):
@@ -184,7 +185,7 @@ def test_what_a_move_without_states_wrote_is_unknown(tmp_path: Path) -> None:
         np.array([0, 0], np.int8),
     )
     # Of one action two moves always fit, for what is there is known: the second goes back.
-    assert first_misfit(bad, None) is None
+    assert not isinstance(carried_out(bad, None), Misfit)
     other = Action([1, 3], [3], [], [3], label="3")
     bad = NumberedPath(
         [*forced.actions, other],

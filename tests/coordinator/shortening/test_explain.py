@@ -10,7 +10,6 @@ import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.launch import Plan, run
-from cubepath.coordinator.shortening.path_input import known_path
 from cubepath.protocol.path_files.certificates import companion, read_certificate, write_certificate
 from cubepath.protocol.path_files.timetables import read_timetable
 
@@ -288,9 +287,3 @@ def test_what_verify_refuses(
     """One line and exit code 2."""
     (folder / "named.json").write_text("{}")
     assert reason in refusal_of(capsys, "verify", *arguments)
-
-
-def test_moves_are_not_read_twice(folder: Path) -> None:
-    """Moves that have been read already are taken as they are."""
-    moves = known_path(Path("told.jsonl")).moves
-    assert known_path(Path("told.jsonl"), moves=moves[:1]).moves == moves[:1]

@@ -47,7 +47,7 @@ def test_samples(name: str) -> None:
     keys = ("moves", "reduced_moves", "cubes", "planner_rounds")
     assert tuple(document[key] for key in keys) == expected
     assert is_normal(found.cube_path)
-    task = task_of(DATA / source, found, system, hints)
+    task = task_of(found)
     word = [found.path.actions[number] for number in found.path.numbers.tolist()]
     assert end_state(word, task.start) == end_state(found.cube_path, task.start)
     assert all(isinstance(move, GeneratorPlacement) for cube in found.named for move in cube)

@@ -97,20 +97,18 @@ def explain(options: argparse.Namespace, found: Shortened) -> Explained:
         certified_path,
         timed_path,
     )
-    from cubepath.coordinator.shortening.path_input import known_path  # noqa: PLC0415
     from cubepath.protocol.path_files.certificates import write_certificate  # noqa: PLC0415
 
-    path = known_path(options.input, options.system, hints(options), found.path.moves())
-    certificate = certified_path(path)
+    certificate = certified_path(found)
     document: dict[str, Any] = {}
     rows: list[tuple[str, object]] = []
     lines: list[str] = []
     if options.explain:
         document["certificate"] = _document(certificate)
-        lines += ["", *certificate_in_words(path, certificate)]
+        lines += ["", *certificate_in_words(found.given, certificate)]
     timed = None
     if durations is not None:
-        timed = timed_path(path, certificate, durations)
+        timed = timed_path(found.given, certificate, durations)
         document["makespan"] = timed.makespan
         rows.append(("makespan", timed.makespan))
         lines += timed.in_words() if options.explain else []
@@ -202,7 +200,7 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
 
 def verify_certificate(options: argparse.Namespace) -> int:
     """Check a certificate against its path: what ``cubepath verify LOG --of INPUT`` does."""
-    from cubepath.coordinator.shortening.path_input import known_path  # noqa: PLC0415
+    from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
     from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
         check_certificate,
         compare_cubes,
@@ -221,7 +219,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
             raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
         cubes_file, source = source, companion(source)
     certificate = read_certificate(source)
-    path = known_path(options.of, options.system, hints(options))
+    path = read_input(options.of, options.system, hints(options))
     found = check_certificate(certificate, path.actions, path.start)
     if cubes_file is not None:
         cubes = _cubes(cubes_file)
@@ -233,7 +231,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
         "checks": [
             {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
         ],
-        "moves": len(path.moves),
+        "moves": len(path.actions),
         "reduced_moves": left,
         "cubes": len(certificate.cubes),
     }

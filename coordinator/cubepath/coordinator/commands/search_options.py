@@ -10,7 +10,6 @@ import math
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import progress_bar
-from cubepath.coordinator.commands.plan_options import hints
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -59,7 +58,7 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     most: int = MAX_STATES if options.max_states is None else options.max_states
     if most < 0:
         raise InputError(f"--max-states {most}: expected 0 or more")
-    task = task_of(options.input, found, options.system, hints(options))
+    task = task_of(found)
     with progress_bar(None, "improve", " steps") as bar:
 
         def watch(better: Improved) -> None:

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.normal_form.admissibility import first_misfit
-    from cubepath.coordinator.normal_form.array_heap import NumberedHeap
-    from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
+    from cubepath.coordinator.normal_form.admissibility import Misfit, carried_out
+    from cubepath.coordinator.normal_form.array_heap import NormalForm
+    from cubepath.coordinator.normal_form.certificate import certificate_of, link
     from cubepath.coordinator.normal_form.compiled_heap import (
         FastHeap,
-        Numbering,
         cancellations,
-        in_cubes,
+        cubes_of,
+        normal_form_of,
     )
     from cubepath.coordinator.normal_form.definitions import (
         end_state,
@@ -32,10 +32,10 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "admissibility": "first_misfit",
-            "array_heap": "NumberedHeap",
-            "certificate": "certificate_of end_of link",
-            "compiled_heap": "FastHeap Numbering cancellations in_cubes",
+            "admissibility": "Misfit carried_out",
+            "array_heap": "NormalForm",
+            "certificate": "certificate_of link",
+            "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
             "definitions": "end_state is_cube is_normal obvious_normal_form",
             "heap": "Heap normal_cube_path",
             "timetable": "Timetable durations_of earliest",
@@ -45,20 +45,20 @@ else:
 __all__ = [
     "FastHeap",
     "Heap",
-    "NumberedHeap",
-    "Numbering",
+    "Misfit",
+    "NormalForm",
     "Timetable",
     "cancellations",
+    "carried_out",
     "certificate_of",
+    "cubes_of",
     "durations_of",
     "earliest",
-    "end_of",
     "end_state",
-    "first_misfit",
-    "in_cubes",
     "is_cube",
     "is_normal",
     "link",
     "normal_cube_path",
+    "normal_form_of",
     "obvious_normal_form",
 ]

@@ -8,6 +8,7 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -46,13 +47,13 @@ class Misfit(NamedTuple):
     state: frozenset[Site]
 
 
-def first_misfit(path: NumberedPath, start: State | None) -> Misfit | None:
-    """Return the first move that is not admissible, None where all are; linear in the supports.
+def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | Misfit:
+    """Return the path with the local state that each move was made at, or the first misfit.
 
     With a start all of the state is known. Without one a site is what the first move with it in its
     support says; a move that does not say which of its local states it starts from is held against
-    what is known. One whose local states are not stated makes its trace unknown. `path.ends`
-    becomes the local state that each move was made at, -1 where that is not known.
+    what is known. One whose local states are not stated makes its trace unknown. `ends` of the
+    result is -1 where it is not known what a move was made at. Time is linear in the supports.
     """
     supports, sites = _supports(path)
     state = np.full(len(sites), _UNKNOWN if start is None else 0, dtype=np.int8)
@@ -62,8 +63,7 @@ def first_misfit(path: NumberedPath, start: State | None) -> Misfit | None:
     found = int(_walk(supports, path.numbers, ends, state))
     if found >= 0:
         return Misfit(found, frozenset(site for site, number in sites.items() if state[number] & 1))
-    path.ends = ends
-    return None
+    return replace(path, ends=ends)
 
 
 def _supports(path: NumberedPath) -> tuple[_Supports, dict[Site, int]]:

@@ -12,23 +12,31 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from typing import NamedTuple
 
+from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.protocol.core.actions import Action, State, commute
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.certificates import Certificate
 
 
-def certificate_of(path: Sequence[Action], end: State | None = None) -> Certificate:
-    """Return the certificate of an edge path; `end` is the state at its end, where that is known.
+def certificate_of(
+    path: Sequence[Action], *, start: State | None = None, found: NormalForm | None = None
+) -> Certificate:
+    """Return the certificate of an admissible edge path.
 
-    Time is that of the heap, and one question to `commute` for each move that remains.
+    Where `start` is known, the state before the first move, it says what is on at the end. `found`
+    is what becomes of each move, if that is known already; else a heap is built. Time beyond that
+    is one question to `commute` for each move that remains.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> found = certificate_of([step, far, step])
     >>> found.cancelled, found.cubes, found.chain
     ([(1, 3)], [[2]], [2])
+    >>> certificate_of([step], start={1, 7}).end
+    [2, 7]
     """
-    levels, partners = (array.tolist() for array in cancellations(path))
+    found = cancellations(path) if found is None else found
+    levels, partners = (array.tolist() for array in found)
     cubes: list[list[int]] = [[] for _ in range(max(levels, default=0))]
     cancelled: list[tuple[int, int]] = []
     for place, (level, partner) in enumerate(zip(levels, partners, strict=True)):
@@ -41,7 +49,7 @@ def certificate_of(path: Sequence[Action], end: State | None = None) -> Certific
         cancelled=cancelled,
         cubes=cubes,
         chain=_chain(path, cubes),
-        end=None if end is None else list(in_order(end)),
+        end=None if start is None else list(in_order(_end(path, start))),
     )
 
 
@@ -59,6 +67,14 @@ def _chain(path: Sequence[Action], cubes: Sequence[Sequence[int]]) -> list[int]:
         action = path[found[-1] - 1]
         found.append(next(move for move in cube if not commute(path[move - 1], action)))
     return found[::-1]
+
+
+def _end(path: Iterable[Action], start: State) -> set[Site]:
+    state = set(start)
+    for action in path:
+        # One local state goes and the other comes: what differs between them changes.
+        state ^= action.ends[0] ^ action.ends[1]
+    return state
 
 
 class Link(NamedTuple):
@@ -80,16 +96,3 @@ def link(before: Action, action: Action, beside: Collection[Site] = ()) -> Link:
     if not met:
         raise ValueError(f"{before!r} and {action!r} commute")
     return Link(met[0], met[0] in before.trace, met[0] in action.trace)
-
-
-def end_of(path: Iterable[Action], start: State) -> frozenset[Site]:
-    """Return the state at the end of an admissible path.
-
-    >>> sorted(end_of([Action([1, 2], [1, 2], [1], [2])], {1, 7}))
-    [2, 7]
-    """
-    state = set(start)
-    for action in path:
-        # One local state goes and the other comes: what differs between them changes.
-        state ^= action.ends[0] ^ action.ends[1]
-    return frozenset(state)

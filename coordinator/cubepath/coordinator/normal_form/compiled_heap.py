@@ -97,7 +97,26 @@ def cancellations(actions: Iterable[Action]) -> NormalForm:
     """
     numbering = Numbering()
     numbers = np.array([numbering.number(action) for action in actions], dtype=np.int32)
+    return _normal_form(numbers, numbering)
+
+
+def normal_form_of(numbers: Numbers, actions: Iterable[Action]) -> NormalForm:
+    """Return what becomes of each move of a path, given as places in distinct actions."""
+    return _normal_form(numbers, Numbering(actions))
+
+
+def _normal_form(numbers: Numbers, numbering: Numbering) -> NormalForm:
     return normal_form(numbers, numbering.table() or ActionTable(*_rows([]), *_rows([])))
+
+
+def cubes_of(
+    found: NormalForm, numbers: Numbers, actions: Sequence[Action]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return where each cube begins, and the moves that are left, cube by cube; see `in_cubes`."""
+    left = np.flatnonzero(found.levels)
+    pieces = NumberedPieces(found.levels[left], numbers[left], left.astype(np.int32))
+    ordered, starts = in_cubes(pieces, actions)
+    return starts, ordered.moves.astype(np.int64)
 
 
 def in_cubes(

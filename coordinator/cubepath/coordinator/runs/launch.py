@@ -24,7 +24,7 @@ import msgspec
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
-from cubepath.coordinator.normal_form.certificate import certificate_of, end_of
+from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.gatherer import Gatherer, Step
 from cubepath.coordinator.runs.schedule import (
     Assignment,
@@ -341,8 +341,8 @@ class _Run:
         for index, cube in enumerate(gatherer.schedule(), 1):
             self._say(Cube(gatherer.rounds, index, list(cube)))
         path = [action for step in gatherer.steps for action in step.actions]
-        end = end_of(path, self._task.scene.start_state)
-        self._say(Certified(gatherer.rounds, certificate_of(path, end)))
+        start = self._task.scene.start_state
+        self._say(Certified(gatherer.rounds, certificate_of(path, start=start)))
         heap = gatherer.heap
         self._say(
             Summary(

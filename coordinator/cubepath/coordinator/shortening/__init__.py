@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.shortening.normal_path import Shortened, shorten
     from cubepath.coordinator.shortening.optimality import Beyond, beyond, task_of
-    from cubepath.coordinator.shortening.path_input import known_path
+    from cubepath.coordinator.shortening.path_input import read_input
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -28,7 +28,7 @@ else:
             "explain": "TimedPath certificate_in_words certified_path timed_path",
             "normal_path": "Shortened shorten",
             "optimality": "Beyond beyond task_of",
-            "path_input": "known_path",
+            "path_input": "read_input",
         },
     )
 
@@ -41,7 +41,7 @@ __all__ = [
     "certificate_in_words",
     "certified_path",
     "convert",
-    "known_path",
+    "read_input",
     "shorten",
     "task_of",
     "timed_path",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from cubepath.coordinator.shortening.normal_path import path_of
+from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
 from cubepath.protocol.path_files.moves import write_cubes
@@ -47,17 +47,16 @@ def convert(
         raise InputError(f"{target}: is the input, expected another file")
     binary = target.suffix == ".npz"
     with opened(source) as file:
-        of_cubes = is_npz(file) and holds_cubes(file)
-    if of_cubes:
-        if binary:
-            raise InputError(
-                f"{source}: holds cubes already as .npz, expected another name than"
-                f" {target} for JSON Lines"
-            )
-        cubes = read_cubes_npz(source)
-        write_cubes(target, cubes)
-        return Converted("cubes", len(cubes))
-    path = path_of(source, system, progress, hints)
+        if is_npz(file) and holds_cubes(file):
+            if binary:
+                raise InputError(
+                    f"{source}: holds cubes already as .npz, expected another name than"
+                    f" {target} for JSON Lines"
+                )
+            cubes = read_cubes_npz(file)
+            write_cubes(target, cubes)
+            return Converted("cubes", len(cubes))
+        path = read_input(file, system, hints, progress).numbered
     if binary:
         write_moves_npz(target, path)
     else:

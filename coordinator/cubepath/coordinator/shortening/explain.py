@@ -13,47 +13,50 @@ from itertools import pairwise
 
 import msgspec
 
-from cubepath.coordinator.normal_form.certificate import certificate_of, end_of, link
+from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
-from cubepath.coordinator.shortening.path_input import KnownPath
+from cubepath.coordinator.shortening.normal_path import Shortened
+from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove, known_of_named
+from cubepath.protocol.path_files.numbered import NumberedPath
 from cubepath.protocol.path_files.timetables import Durations, TimedLine, time_text
 
 
-def certified_path(path: KnownPath) -> Certificate:
+def certified_path(found: Shortened) -> Certificate:
     """Return the certificate of a path, checked; CheckError where it does not hold, which it must.
 
     It says what is on at the end where the path says what is on at the start.
     """
-    actions = path.actions
-    end = None if path.start is None else end_of(actions, path.start)
-    found = certificate_of(actions, end)
-    for check, why in check_certificate(found, actions, path.start).items():
+    actions, start = found.given.actions, found.given.start
+    certificate = certificate_of(actions, start=start, found=found.normal_form)
+    for check, why in check_certificate(certificate, actions, start).items():
         if why is not None:
             raise CheckError(f"the certificate does not hold: {check}: {why}")
-    return found
+    return certificate
 
 
-def chain_in_words(moves: Sequence[PathMove], chain: Sequence[int]) -> Iterator[str]:
+def chain_in_words(path: NumberedPath, chain: Sequence[int]) -> Iterator[str]:
     """Yield a line for each move of a chain: its cube, its place, its name, why it waits."""
     if not chain:
         return
     width = len(str(max(chain)))
-    names = [name_text(moves[move - 1]) for move in chain]
+    moves = [path.move(move - 1) for move in chain]
+    names = [name_text(move) for move in moves]
     longest = max(map(len, names))
-    why = [""] + [f"  {_why(moves, *each)}" for each in pairwise(chain)]
+    befores = pairwise(zip(chain, moves, strict=True))
+    why = [""] + [f"  {_why(number, one, other)}" for (number, one), (_, other) in befores]
     for number, (move, name, reason) in enumerate(zip(chain, names, why, strict=True), 1):
         head = f"  cube {number:<{len(str(len(chain)))}}  move {move:<{width}}"
         yield f"{head}  {name:<{longest}}{reason}".rstrip()
 
 
-def _why(moves: Sequence[PathMove], before: int, move: int) -> str:
-    one, other = moves[before - 1], moves[move - 1]
+def _why(before: int, one: PathMove, other: PathMove) -> str:
+    """Say why the second of two moves waits for the first, which is move `before`."""
     # What stands for an id, and is no site of the input, is of no interest to anybody.
     support, hidden = other.action.support, frozenset[Site]()
     if not isinstance(other.name, GeneratorPlacement):
@@ -74,7 +77,7 @@ def name_text(move: PathMove) -> str:
     return str(move.name)
 
 
-def certificate_in_words(path: KnownPath, certificate: Certificate) -> list[str]:
+def certificate_in_words(path: PathInput, certificate: Certificate) -> list[str]:
     """Return lines that say what cancelled, what the chain is, and what this proves."""
     pairs, cubes = len(certificate.cancelled), len(certificate.cubes)
     left = _count(certificate.moves - 2 * pairs, "move")
@@ -82,7 +85,7 @@ def certificate_in_words(path: KnownPath, certificate: Certificate) -> list[str]
     if cubes:
         what = "A chain of one move" if cubes == 1 else f"A chain of {cubes} moves"
         lines.append(f"{what}, each of which does not commute with the one before:")
-        lines += chain_in_words(path.moves, certificate.chain)
+        lines += chain_in_words(path.numbered, certificate.chain)
     end = "" if certificate.end is None else " It ends where the input ends."
     lines.append(
         "Checked, so proved: the schedule is in the homotopy class of the input, and as the moves"
@@ -137,7 +140,7 @@ class TimedPath:
         return lines if self.times.critical else []
 
 
-def timed_path(path: KnownPath, certificate: Certificate, durations: Durations) -> TimedPath:
+def timed_path(path: PathInput, certificate: Certificate, durations: Durations) -> TimedPath:
     """Return the shortest timetable of the class; InputError as `durations_of`."""
     times = durations_of(path.moves, durations)
     places = tuple(sorted(move for cube in certificate.cubes for move in cube))

@@ -1,13 +1,13 @@
-"""Shortening a path from a file: a recording, a moves file, a scenario, or another program's plan.
+"""Shortening a path: its normal cube path, from what its file tells and from nothing else.
 
-Room: coordinator. What the file says is checked as far as it can be before anything is made of
-it; the normal cube path itself is `cubepath.coordinator.normal_form.array_heap`.
+Room: coordinator. The heap of pieces is built here, once for a path: cubes, certificate and
+timetable are read off from what became of each move.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -16,29 +16,14 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from cubepath.coordinator.normal_form.admissibility import first_misfit
-from cubepath.coordinator.normal_form.array_heap import NumberedHeap
-from cubepath.coordinator.normal_form.compiled_heap import Numbering, in_cubes
-from cubepath.coordinator.runs.gatherer import gathered
-from cubepath.protocol.core.actions import Action, State, apply_in_place, why_inadmissible
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import opened
-from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.path_files.moves import MoveName, PathMove, read_moves
-from cubepath.protocol.path_files.npz import NumberedCubes, is_npz, read_moves_npz
-from cubepath.protocol.path_files.numbered import (
-    IrregularError,
-    NumberedPath,
-    Progress,
-    number_moves,
-    read_path,
-)
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
-from cubepath.protocol.plans.imported import Imported
-from cubepath.protocol.plans.scenario import is_scenario, read_scenario
-from cubepath.protocol.recordings.recording import is_recording, read_undamaged
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.coordinator.normal_form.array_heap import NormalForm
+from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of
+from cubepath.coordinator.shortening.path_input import PathInput, read_input
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.path_files.moves import MoveName
+from cubepath.protocol.path_files.npz import NumberedCubes
+from cubepath.protocol.path_files.numbered import NumberedPath, Progress
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 
 _T = TypeVar("_T")
 
@@ -47,18 +32,44 @@ _T = TypeVar("_T")
 class Shortened:
     """The normal cube path of a path, and the figures that ``cubepath shorten --json`` gives.
 
-    `path` is the path that came in, and `left` are its moves that are left, cube by cube.
-    `planner_rounds` is how many rounds the planner of a plan counts itself, None where nobody says.
+    `given` is the path that came in, `normal_form` says what became of each of its moves, and
+    `left` has those that are left, cube by cube. `seconds` is how long reading and shortening took.
     """
 
-    moves: int
-    reduced_moves: int
-    cubes: int
-    max_cube_dimension: int
-    seconds: float
-    path: NumberedPath
+    given: PathInput
+    normal_form: NormalForm
     left: NumberedCubes
-    planner_rounds: int | None = None
+    seconds: float
+
+    @property
+    def path(self) -> NumberedPath:
+        """The moves that came in."""
+        return self.given.numbered
+
+    @property
+    def moves(self) -> int:
+        """The number of moves that came in."""
+        return len(self.path.numbers)
+
+    @property
+    def reduced_moves(self) -> int:
+        """The number of moves that are left after cancellation."""
+        return len(self.left.moves)
+
+    @property
+    def cubes(self) -> int:
+        """The number of cubes."""
+        return len(self.left.starts) - 1
+
+    @property
+    def max_cube_dimension(self) -> int:
+        """The greatest dimension of a cube, 0 where there is none."""
+        return int(np.diff(self.left.starts).max(initial=0))
+
+    @property
+    def planner_rounds(self) -> int | None:
+        """How many rounds the planner of a plan counts itself, None where nobody says."""
+        return self.given.planner_rounds
 
     @cached_property
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
@@ -95,173 +106,18 @@ def shorten(
     progress: Progress | None = None,
     hints: PlanHints = NO_HINTS,
 ) -> Shortened:
-    """Return the normal cube path of the path in a file; what the file is, its content tells.
+    """Return the normal cube path of the path in a file; errors as `read_input`.
 
-    A recording begins with the magic of MCAP, a binary moves file with that of .npz, a scenario is
-    a JSON object with "starts"; plans of other programs are told by `said`, or by what
-    `cubepath.protocol.plans.formats` looks for. All else is a moves file, whose generators are
-    those of `system`. An empty file is a path of no moves, and that a path of no cubes.
-
-    InputError where the file cannot be read, is damaged, or holds a move that is not admissible;
-    CheckError where the reports of a recording contradict each other.
+    An empty file is a path of no moves, and that a path of no cubes.
     """
+    return shortened(read_input(path, system, hints, progress))
+
+
+def shortened(given: PathInput) -> Shortened:
+    """Return the normal cube path of a path that has been read."""
     began = time.perf_counter()
-    plan = plan_of(path, system, hints)
-    found = path_of(path, system, progress) if plan is None else number_moves(plan.moves, progress)
-    table = Numbering(found.actions).table()
-    heap = NumberedHeap()
-    if table is not None:
-        heap.add_actions(table)
-        heap.append(found.numbers)
-    pieces, starts = in_cubes(heap.pieces(), found.actions)
-    return Shortened(
-        moves=heap.moves,
-        reduced_moves=heap.reduced_moves,
-        cubes=heap.cubes,
-        max_cube_dimension=heap.max_cube_dimension,
-        seconds=round(time.perf_counter() - began, 3),
-        path=found,
-        left=NumberedCubes(starts, pieces.moves.astype(np.int64)),
-        planner_rounds=None if plan is None else plan.rounds,
-    )
-
-
-def plan_of(path: Path, system: str | None, hints: PlanHints) -> Imported | None:
-    """Return the plan in a file, a scenario's too; None for recordings and moves files.
-
-    InputError as `shorten`; also where a plan's files are named beside what is none.
-    """
-    if (
-        path.suffix.lower() in {".json", ".mcap", ".npz"}
-        and path.is_file()
-        and not path.stat().st_size
-    ):
-        raise InputError(f"{path}: empty file, expected what its name says")
-    kind = _content(path)
-    if kind not in {"recording", "arrays"} or hints.format is not None:
-        found = read_plan(path, hints.format, companions=hints.companions, system=system)
-        if found is not None:
-            return found
-    if hints.companions:
-        what = "binary moves file" if kind == "arrays" else kind.replace("moves", "moves file")
-        raise InputError(f"{path}: a {what}, which needs no other file: expected no --with")
-    if _kind(path, system) != "scenario":
-        return None
-    with opened(path) as file:
-        return read_scenario(file)
-
-
-def path_of(
-    path: Path,
-    system: str | None = None,
-    progress: Progress | None = None,
-    hints: PlanHints = NO_HINTS,
-) -> NumberedPath:
-    """Return the path in a file, every move of it checked; `shorten` says what is refused."""
-    plan = plan_of(path, system, hints)
-    if plan is not None:
-        return number_moves(plan.moves, progress)
-    kind = _kind(path, system)
-    if kind == "recording":
-        return number_moves(_recorded(path), progress)
-    scene = _scene(system)
-    start = None if scene is None else scene.start_state
-    if kind == "arrays":
-        found = _arrays(path, start)
-        if progress is not None:
-            progress(len(found.numbers))
-        return found
-    told = 0
-
-    def tell(count: int) -> None:
-        nonlocal told
-        told += count
-        if progress is not None:
-            progress(count)
-
-    try:
-        found = read_path(path, scene, tell)
-    except IrregularError:
-        pass
-    else:
-        if first_misfit(found, start) is None:
-            return found
-    # Read line by line, it says what is wrong and where; or nothing is, and it is unusual.
-    found = number_moves(read_moves(path, scene))
-    tell(len(found.numbers) - told)
-    return found
-
-
-def moves_of(
-    path: Path, system: str | None = None, hints: PlanHints = NO_HINTS
-) -> tuple[str, Iterator[PathMove]]:
-    """Return what a file is, "recording", "plan" or "moves", and its moves in order.
-
-    Each move is checked when its turn comes; `shorten` says what is refused.
-    """
-    plan = plan_of(path, system, hints)
-    if plan is not None:
-        return "plan", plan.moves
-    kind = _kind(path, system)
-    if kind == "recording":
-        return kind, _recorded(path)
-    scene = _scene(system)
-    if kind == "arrays":
-        return "moves", _arrays(path, None if scene is None else scene.start_state).moves()
-    return kind, read_moves(path, scene)
-
-
-def _scene(system: str | None) -> Scene | None:
-    return None if system is None else local_only(scene_from_spec(system), "shortening")
-
-
-def _arrays(path: Path, start: State | None) -> NumberedPath:
-    """Return the path in a binary moves file; InputError names the first bad move."""
-    found = read_moves_npz(path)
-    wrong = first_misfit(found, start)
-    if wrong is not None:
-        reason = why_inadmissible(found.actions[found.numbers[wrong.move]], wrong.state)
-        raise InputError(f"{path}: moves[{wrong.move}]: {reason}")
-    return found
-
-
-def _kind(path: Path, system: str | None) -> str:
-    """Return what a file is; InputError where it says what its system is and one is given."""
-    kind = _content(path)
-    if system is not None and kind in {"recording", "scenario"}:
-        raise InputError(
-            f"{path}: a {kind}, which says itself what its system is: expected no --system"
-        )
-    return kind
-
-
-def _content(path: Path) -> str:
-    """Return "recording", "arrays", "scenario" or "moves", by content."""
-    with opened(path) as file:
-        if is_npz(file):
-            return "arrays"
-        if is_recording(file):
-            return "recording"
-        return "scenario" if is_scenario(file) else "moves"
-
-
-def _recorded(path: Path) -> Iterator[PathMove]:
-    """Yield the moves of the complete rounds of a recording, from its reports."""
-    recording = read_undamaged(path)
-    gatherer = gathered(recording)
-    if gatherer.begun > gatherer.rounds + 1:
-        raise InputError(
-            f"{path}: round {gatherer.rounds + 1} is not complete, but there are reports of"
-            f" round {gatherer.begun}: expected all rounds up to the last"
-        )
-    state = set(recording.scene.start_state)
-    for step in gatherer.steps:
-        for executed, action in zip(step.executed, step.actions, strict=True):
-            before = action.support & state
-            try:
-                apply_in_place(action, state)
-            except InputError as error:
-                raise InputError(
-                    f"{path}: round {step.round}, module_{executed.module}: {error}"
-                ) from None
-            yield PathMove(action, GeneratorPlacement(executed.generator, executed.at), before)
+    numbered = given.numbered
+    found = normal_form_of(numbered.numbers, numbered.actions)
+    left = NumberedCubes(*cubes_of(found, numbered.numbers, numbered.actions))
+    seconds = given.seconds + time.perf_counter() - began
+    return Shortened(given, found, left, round(seconds, 3))

@@ -4,7 +4,7 @@ Three gaps are told apart. *Shortening*: from the moves to the normal cube path,
 homotopy class; closed by `cubepath.coordinator.normal_form.heap`. *Class*: from there to the best
 that was found in any class. *Proof*: from there to the greatest lower bound that was shown.
 
-Room: coordinator; reads the file that was shortened once more.
+Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
@@ -22,21 +22,19 @@ from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.transitions import Transitions, maskable
-from cubepath.coordinator.shortening.normal_path import Shortened, moves_of, plan_of
+from cubepath.coordinator.shortening.normal_path import Shortened
+from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import System
-from cubepath.protocol.path_files.moves import MoveName, PathMove, id_of
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
-from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.path_files.moves import MoveName, id_of
 
 State = frozenset[Site]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Task:
     """What a path has to do: from which state, by the moves of what, and how its moves are named.
 
@@ -49,9 +47,9 @@ class Task:
     system: System | None
     labelled_goals: bool = False
 
-    @property
+    @cached_property
     def goal(self) -> State:
-        """Return the state at the end."""
+        """The state at the end."""
         return end_state(self.path, self.start)
 
 
@@ -79,50 +77,37 @@ class Beyond:
         return {key: getattr(self, key) for key in keys}
 
 
-def task_of(
-    path: Path, found: Shortened, system: str | None = None, hints: PlanHints = NO_HINTS
-) -> Task:
-    """Return the task of the path in a file that was shortened.
+def task_of(found: Shortened) -> Task:
+    """Return the task of a path that was shortened.
 
     A plan's vehicles have goals of their own, so each is to end where it does. InputError for
     moves of which only support and trace are known, and for moves that the system does not have:
     nobody knows then what else there is to do.
     """
+    given = found.given
+    scene = given.scene
+    if scene is None:
+        return _of_moves_alone(given)
     actions = tuple(action for cube in found.cube_path for action in cube)
-    plan = plan_of(path, system, hints)
-    if plan is not None:
-        scene = plan.scene()
-        return Task(actions, scene.start_state, scene.system, labelled_goals=plan.labelled_goals)
-    kind, moves = moves_of(path, system)
-    if kind == "recording":
-        scene = read_recording(path).scene
-        return Task(actions, scene.start_state, scene.system)
-    if system is None:
-        return _listed(path, moves)
-    scene = scene_from_spec(system)
-    for action in dict.fromkeys(actions):
-        if _placed(scene.system, action) is None:
-            raise InputError(
-                f"{path}: {action!r} is no move of {scene.spec}: expected moves of the system, or"
-                " no --system, to look beyond the class"
-            )
-    return Task(actions, scene.start_state, scene.system)
+    if given.form in {"moves", "binary moves"}:
+        for action in dict.fromkeys(actions):
+            if _placed(scene.system, action) is None:
+                raise InputError(
+                    f"{given.source}: {action!r} is no move of {scene.spec}: expected moves of the"
+                    " system, or no --system, to look beyond the class"
+                )
+    return Task(actions, scene.start_state, scene.system, labelled_goals=given.labelled_goals)
 
 
-def _listed(path: Path, moves: Iterable[PathMove]) -> Task:
-    """Return the task of moves that stand for themselves: a site is as the first one found it."""
-    on: dict[Site, bool] = {}
-    actions: list[Action] = []
-    for move in moves:
-        if move.before is None:
-            raise InputError(
-                f'{path}: move {move.name!r} has no "before" and "after": expected both, or'
-                " --system SYSTEM, to look beyond the class"
-            )
-        actions.append(move.action)
-        for site in move.action.support:
-            on.setdefault(site, site in move.before)
-    return Task(tuple(actions), frozenset(site for site, is_on in on.items() if is_on), None)
+def _of_moves_alone(given: PathInput) -> Task:
+    """Return the task of moves that stand for themselves: what occurs is all that there is."""
+    if given.start is None:
+        name = next(move.name for move in given.moves if move.before is None)
+        raise InputError(
+            f'{given.source}: move {name!r} has no "before" and "after": expected both, or'
+            " --system SYSTEM, to look beyond the class"
+        )
+    return Task(given.actions, given.start, None)
 
 
 def beyond(

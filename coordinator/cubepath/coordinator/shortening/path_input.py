@@ -1,64 +1,239 @@
-"""A whole path from a file, with the state that it starts from where the file tells.
+"""What a path's file tells: a recording, a moves file, a scenario or another program's plan, read.
 
-Room: coordinator. What proves things about a path needs all of its moves at one time.
+Room: coordinator. The file is opened once and checked as far as it can be before anything is made
+of it. Every part of a command takes what is read here, and none goes back to the file.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
-from cubepath.coordinator.shortening.normal_path import moves_of
-from cubepath.protocol.core.actions import Action
+from cubepath.coordinator.normal_form.admissibility import Misfit, carried_out
+from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissible
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
-from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.path_files.moves import PathMove, read_moves
+from cubepath.protocol.path_files.npz import is_npz, read_moves_npz
+from cubepath.protocol.path_files.numbered import (
+    IrregularError,
+    NumberedPath,
+    Progress,
+    number_moves,
+    read_path,
+)
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
+from cubepath.protocol.plans.imported import Imported
+from cubepath.protocol.plans.scenario import is_scenario, read_scenario
+from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.scenes.specs import scene_from_spec
 
+Form = Literal["recording", "moves", "binary moves", "scenario", "plan"]
+"""What a file is."""
+_TOLD_BY_NAME = {".json", ".mcap", ".npz"}
+"""Files with such a name are never empty."""
 
-@dataclass(frozen=True, slots=True)
-class KnownPath:
-    """The moves of a path, and the sites that are on at its start; None where nobody knows.
 
-    Of a plan, or a moves file without a system, only the sites of the moves are known.
+@dataclass(frozen=True, eq=False)
+class PathInput:
+    """A path as its file tells it, every move checked.
+
+    `source` and `form` say where it comes from, and what that is. `numbered` has the moves, the
+    table of their actions and their names. `given_scene` is that of the recording, or of the system
+    that was named beside the file; `plan_scene` builds that of a plan, which can take long.
+    `planner_rounds` is how many rounds the planner of a plan counts itself, None where nobody says;
+    with `labelled_goals` its vehicles bear no labels, but each is to end where it does. `seconds`
+    is how long reading took.
     """
 
-    moves: tuple[PathMove, ...]
-    start: frozenset[Site] | None
+    source: Path
+    form: Form
+    numbered: NumberedPath
+    seconds: float
+    given_scene: Scene | None = None
+    plan_scene: Callable[[], Scene] | None = None
+    planner_rounds: int | None = None
+    labelled_goals: bool = False
 
-    @property
+    @cached_property
+    def scene(self) -> Scene | None:
+        """The system with the start; None where moves stand for themselves. Errors of a plan's."""
+        if self.given_scene is None and self.plan_scene is not None:
+            return self.plan_scene()
+        return self.given_scene
+
+    @cached_property
+    def start(self) -> frozenset[Site] | None:
+        """The sites that are on at the start, None where nobody knows.
+
+        Of a plan, or a moves file without a system, only the sites of the moves are known.
+        """
+        if self.given_scene is None:
+            return self.numbered.told_start()
+        return self.given_scene.start_state
+
+    @cached_property
     def actions(self) -> tuple[Action, ...]:
-        """Return the actions of the moves."""
-        return tuple(move.action for move in self.moves)
+        """The action of each move, in order."""
+        table = self.numbered.actions
+        return tuple([table[number] for number in self.numbered.numbers.tolist()])
+
+    @cached_property
+    def moves(self) -> tuple[PathMove, ...]:
+        """The moves in order."""
+        return tuple(self.numbered.moves())
 
 
-def known_path(
-    path: Path,
+def read_input(
+    source: Source,
     system: str | None = None,
     hints: PlanHints = NO_HINTS,
-    moves: Iterable[PathMove] | None = None,
-) -> KnownPath:
-    """Read a path; errors as `cubepath.coordinator.shortening.normal_path.shorten`.
+    progress: Progress | None = None,
+) -> PathInput:
+    """Read the path in a file; what the file is, its content tells.
 
-    Where its moves have been read already, they are not read again.
+    A recording begins with the magic of MCAP, a binary moves file with that of .npz, a scenario is
+    a JSON object with "starts"; plans of other programs are told by `hints`, or by what
+    `cubepath.protocol.plans.formats` looks for. All else is a moves file, whose generators are
+    those of `system`. An empty file is a path of no moves.
+
+    InputError where the file cannot be read, is damaged, or holds a move that is not admissible,
+    and where a system or files are named beside what has no use for them; CheckError where the
+    reports of a recording contradict each other.
     """
-    kind, unread = moves_of(path, system, hints)
-    found = tuple(unread if moves is None else moves)
-    if kind == "recording":
-        return KnownPath(found, read_recording(path).scene.start_state)
-    if system is not None:
-        return KnownPath(found, scene_from_spec(system).start_state)
-    return KnownPath(found, _told(found))
+    path = source.path if isinstance(source, InputFile) else source
+    if path.suffix.lower() in _TOLD_BY_NAME and path.is_file() and not path.stat().st_size:
+        raise InputError(f"{path}: empty file, expected what its name says")
+    with opened(source) as file:
+        return _Reading(file, system, hints, progress).read()
 
 
-def _told(moves: Sequence[PathMove]) -> frozenset[Site] | None:
-    """Return what is on at the start: each site is as the first move that has it found it."""
-    on: dict[Site, bool] = {}
-    for move in moves:
-        if move.before is None:
-            return None
-        for site in move.action.support:
-            on.setdefault(site, site in move.before)
-    return frozenset(site for site, is_on in on.items() if is_on)
+class _Reading:
+    """One reading of one file."""
+
+    def __init__(
+        self, file: InputFile, system: str | None, hints: PlanHints, progress: Progress | None
+    ) -> None:
+        self._file = file
+        self._system = system
+        self._hints = hints
+        self._progress = progress
+        self._began = time.perf_counter()
+
+    def read(self) -> PathInput:
+        file, system, hints = self._file, self._system, self._hints
+        form = form_of(file)
+        if form not in {"recording", "binary moves"} or hints.format is not None:
+            plan = read_plan(file, hints.format, companions=hints.companions, system=system)
+            if plan is not None:
+                return self._of_plan("plan", plan)
+        if hints.companions:
+            what = f"{form} file" if form.endswith("moves") else form
+            raise InputError(
+                f"{file.path}: a {what}, which needs no other file: expected no --with"
+            )
+        if system is not None and form in {"recording", "scenario"}:
+            raise InputError(
+                f"{file.path}: a {form}, which says itself what its system is: expected no --system"
+            )
+        if form == "scenario":
+            return self._of_plan(form, read_scenario(file))
+        if form == "recording":
+            return self._of_recording()
+        scene = None if system is None else local_only(scene_from_spec(system), "shortening")
+        numbered = self._binary(scene) if form == "binary moves" else self._lines(scene)
+        return PathInput(file.path, form, numbered, self._seconds, scene)
+
+    @property
+    def _seconds(self) -> float:
+        return time.perf_counter() - self._began
+
+    def _of_plan(self, form: Form, plan: Imported) -> PathInput:
+        numbered = number_moves(plan.moves, self._progress)
+        return PathInput(
+            self._file.path,
+            form,
+            numbered,
+            self._seconds,
+            # The system that was named is that of the plan.
+            given_scene=None if self._system is None else plan.scene(),
+            plan_scene=plan.scene,
+            planner_rounds=plan.rounds,
+            labelled_goals=plan.labelled_goals,
+        )
+
+    def _of_recording(self) -> PathInput:
+        recording = read_undamaged(self._file)
+        gatherer = gathered(recording)
+        path = self._file.path
+        if gatherer.begun > gatherer.rounds + 1:
+            raise InputError(
+                f"{path}: round {gatherer.rounds + 1} is not complete, but there are reports of"
+                f" round {gatherer.begun}: expected all rounds up to the last"
+            )
+        numbered = number_moves(_recorded(path, gatherer), self._progress)
+        return PathInput(path, "recording", numbered, self._seconds, recording.scene)
+
+    def _binary(self, scene: Scene | None) -> NumberedPath:
+        found = read_moves_npz(self._file)
+        checked = carried_out(found, None if scene is None else scene.start_state)
+        if isinstance(checked, Misfit):
+            reason = why_inadmissible(found.actions[found.numbers[checked.move]], checked.state)
+            raise InputError(f"{self._file.path}: moves[{checked.move}]: {reason}")
+        if self._progress is not None:
+            self._progress(len(checked.numbers))
+        return checked
+
+    def _lines(self, scene: Scene | None) -> NumberedPath:
+        told = 0
+
+        def tell(count: int) -> None:
+            nonlocal told
+            told += count
+            if self._progress is not None:
+                self._progress(count)
+
+        try:
+            found = read_path(self._file, scene, tell)
+        except IrregularError:
+            pass
+        else:
+            checked = carried_out(found, None if scene is None else scene.start_state)
+            if not isinstance(checked, Misfit):
+                return checked
+        # Read line by line, it says what is wrong and where; or nothing is, and it is unusual.
+        found = number_moves(read_moves(self._file, scene))
+        tell(len(found.numbers) - told)
+        return found
+
+
+def form_of(file: InputFile) -> Form:
+    """Return what a file is by what it holds; plans of other programs are moves files so far."""
+    if is_npz(file):
+        return "binary moves"
+    if is_recording(file):
+        return "recording"
+    return "scenario" if is_scenario(file) else "moves"
+
+
+def _recorded(path: Path, gatherer: Gatherer) -> Iterator[PathMove]:
+    """Yield the moves of the complete rounds of a recording, from its reports."""
+    state = set(gatherer.scene.start_state)
+    for step in gatherer.steps:
+        for executed, action in zip(step.executed, step.actions, strict=True):
+            before = action.support & state
+            try:
+                apply_in_place(action, state)
+            except InputError as error:
+                raise InputError(
+                    f"{path}: round {step.round}, module_{executed.module}: {error}"
+                ) from None
+            yield PathMove(action, GeneratorPlacement(executed.generator, executed.at), before)

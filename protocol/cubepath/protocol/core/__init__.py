@@ -38,7 +38,16 @@ if TYPE_CHECKING:
         InputError,
         RuleError,
     )
+    from cubepath.protocol.core.input_files import (
+        BYTE_ORDER_MARK,
+        InputFile,
+        Source,
+        opened,
+        read_text,
+        readable,
+    )
     from cubepath.protocol.core.names import GeneratorPlacement, Json
+    from cubepath.protocol.core.ordinals import Ordinals
     from cubepath.protocol.core.sites import (
         Site,
         in_order,
@@ -77,7 +86,9 @@ else:
                 "SQUARES"
             ),
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
+            "input_files": "BYTE_ORDER_MARK InputFile Source opened read_text readable",
             "names": "GeneratorPlacement Json",
+            "ordinals": "Ordinals",
             "sites": (
                 "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
                 "to_json"
@@ -91,6 +102,7 @@ else:
     )
 
 __all__ = [
+    "BYTE_ORDER_MARK",
     "CLOSED",
     "EDGES",
     "EMPTY",
@@ -112,12 +124,15 @@ __all__ = [
     "Generator",
     "GeneratorPlacement",
     "InputError",
+    "InputFile",
     "Json",
     "Lattice",
     "Move",
+    "Ordinals",
     "RuleError",
     "Scene",
     "Site",
+    "Source",
     "State",
     "System",
     "VehicleGraph",
@@ -130,7 +145,10 @@ __all__ = [
     "in_order",
     "local_only",
     "one_to_one",
+    "opened",
     "pairs_from_json",
+    "read_text",
+    "readable",
     "region_of",
     "site_chunk",
     "site_from_json",

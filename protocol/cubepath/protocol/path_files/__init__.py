@@ -17,7 +17,6 @@ if TYPE_CHECKING:
         read_certificate,
         write_certificate,
     )
-    from cubepath.protocol.path_files.jsonl import BYTE_ORDER_MARK
     from cubepath.protocol.path_files.moves import (
         MoveName,
         PathMove,
@@ -31,9 +30,9 @@ if TYPE_CHECKING:
         write_moves,
     )
     from cubepath.protocol.path_files.npz import (
-        MAGIC,
         NumberedCubes,
         holds_cubes,
+        is_npz,
         read_cubes_npz,
         read_moves_npz,
         write_cubes_npz,
@@ -71,13 +70,12 @@ else:
             "certificates": (
                 "Certificate certificate_schema companion read_certificate write_certificate"
             ),
-            "jsonl": "BYTE_ORDER_MARK",
             "moves": (
                 "MoveName PathMove cube_schema id_of known_of_named move_schemas read_cubes "
                 "read_moves write_cubes write_moves"
             ),
             "npz": (
-                "MAGIC NumberedCubes holds_cubes read_cubes_npz read_moves_npz write_cubes_npz "
+                "NumberedCubes holds_cubes is_npz read_cubes_npz read_moves_npz write_cubes_npz "
                 "write_moves_npz"
             ),
             "numbered": "IrregularError NumberedPath Progress number_moves read_path write_path",
@@ -90,8 +88,6 @@ else:
     )
 
 __all__ = [
-    "BYTE_ORDER_MARK",
-    "MAGIC",
     "Certificate",
     "Cubes",
     "Durations",
@@ -110,6 +106,7 @@ __all__ = [
     "duration_from",
     "holds_cubes",
     "id_of",
+    "is_npz",
     "known_of_named",
     "move_schemas",
     "number_moves",

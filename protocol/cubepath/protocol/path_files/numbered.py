@@ -44,7 +44,7 @@ _KEPT = 1 << 20
 _encode = msgspec.json.Encoder().encode
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class NumberedPath:
     """A path of moves whose actions are numbers.
 
@@ -69,17 +69,37 @@ class NumberedPath:
             return self.names[move]
         return self.action_names[int(self.numbers[move])]
 
+    def move(self, place: int) -> PathMove:
+        """Return the move at a place, from 0; an id is also its action's label, as JSON text."""
+        return self._move(int(self.numbers[place]), int(self.ends[place]), self.name(place))
+
     def moves(self) -> Iterator[PathMove]:
-        """Yield the moves one by one; an id is also the label of the action, as JSON text."""
-        for move, (number, end) in enumerate(
-            zip(self.numbers.tolist(), self.ends.tolist(), strict=True)
-        ):
-            action, name = self.actions[number], self.name(move)
-            if not isinstance(name, GeneratorPlacement):
-                label = _encode(name).decode()
-                if label != action.label:
-                    action = action.labelled(label)
-            yield PathMove(action, name, action.ends[end] if end >= 0 else None)
+        """Yield the moves one by one, as `move` returns them."""
+        pairs = zip(self.numbers.tolist(), self.ends.tolist(), strict=True)
+        return (self._move(*pair, self.name(place)) for place, pair in enumerate(pairs))
+
+    def _move(self, number: int, end: int, name: MoveName) -> PathMove:
+        action = self.actions[number]
+        if not isinstance(name, GeneratorPlacement):
+            label = _encode(name).decode()
+            if label != action.label:
+                action = action.labelled(label)
+        return PathMove(action, name, action.ends[end] if end >= 0 else None)
+
+    def told_start(self) -> frozenset[Site] | None:
+        """Return what is on at the start: each site is as the first move that has it found it.
+
+        None where a move does not say what it starts from.
+        """
+        if (self.ends < 0).any():
+            return None
+        on: dict[Site, bool] = {}
+        for move in np.sort(np.unique(self.numbers, return_index=True)[1]).tolist():
+            action = self.actions[int(self.numbers[move])]
+            before = action.ends[int(self.ends[move])]
+            for site in action.support:
+                on.setdefault(site, site in before)
+        return frozenset(site for site, is_on in on.items() if is_on)
 
 
 class IrregularError(CubepathError):

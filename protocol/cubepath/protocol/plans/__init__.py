@@ -11,15 +11,22 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
     from cubepath.protocol.plans.imported import Imported
-    from cubepath.protocol.plans.vehicles import vehicles_scene
+    from cubepath.protocol.plans.scenario import is_scenario, read_scenario
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "formats": "NO_HINTS PlanHints read_plan",
             "imported": "Imported",
-            "vehicles": "vehicles_scene",
+            "scenario": "is_scenario read_scenario",
         },
     )
 
-__all__ = ["NO_HINTS", "Imported", "PlanHints", "read_plan", "vehicles_scene"]
+__all__ = [
+    "NO_HINTS",
+    "Imported",
+    "PlanHints",
+    "is_scenario",
+    "read_plan",
+    "read_scenario",
+]

@@ -15,24 +15,28 @@ if TYPE_CHECKING:
         Recording,
         RecordingWriter,
         copy_recording,
+        is_recording,
         read_recording,
+        read_undamaged,
     )
-    from cubepath.protocol.recordings.salvaging import MAGIC
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "recording": "FORMAT Record Recording RecordingWriter copy_recording read_recording",
-            "salvaging": "MAGIC",
+            "recording": (
+                "FORMAT Record Recording RecordingWriter copy_recording is_recording "
+                "read_recording read_undamaged"
+            ),
         },
     )
 
 __all__ = [
     "FORMAT",
-    "MAGIC",
     "Record",
     "Recording",
     "RecordingWriter",
     "copy_recording",
+    "is_recording",
     "read_recording",
+    "read_undamaged",
 ]

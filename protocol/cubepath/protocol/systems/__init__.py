@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         graph_from_map,
         graph_from_name,
         graph_round,
-        read_text,
         scenario_from_json,
     )
     from cubepath.protocol.systems.lattice import LatticeSystem
@@ -39,8 +38,7 @@ else:
             "flips": "FlipSystem flip_of",
             "graph": "COMPASS GraphSystem",
             "graphs": (
-                "Graph Scenario graph_from_map graph_from_name graph_round read_text "
-                "scenario_from_json"
+                "Graph Scenario graph_from_map graph_from_name graph_round scenario_from_json"
             ),
             "lattice": "LatticeSystem",
             "listed": "TabledSystem",
@@ -66,6 +64,5 @@ __all__ = [
     "graph_from_map",
     "graph_from_name",
     "graph_round",
-    "read_text",
     "scenario_from_json",
 ]

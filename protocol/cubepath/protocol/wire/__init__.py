@@ -41,7 +41,6 @@ if TYPE_CHECKING:
         encode,
         kind_of,
         schema_of,
-        site_of,
     )
     from cubepath.protocol.wire.sessions import (
         open_client,
@@ -57,7 +56,7 @@ else:
             "keys": "everything heard_at key_of topic_in topic_key topic_of",
             "messages": (
                 "Act Certified Claim Cube Edges Executed Go Heard Here Message Note Observed Ready "
-                "Report Reset Stopped Summary Verdict decode encode kind_of schema_of site_of"
+                "Report Reset Stopped Summary Verdict decode encode kind_of schema_of"
             ),
             "sessions": "open_client open_router put subscribe wait_for_subscriber",
         },
@@ -92,7 +91,6 @@ __all__ = [
     "open_router",
     "put",
     "schema_of",
-    "site_of",
     "subscribe",
     "topic_in",
     "topic_key",
