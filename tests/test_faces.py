@@ -274,3 +274,15 @@ def test_python_runs_the_command_line(command: list[str]) -> None:
         check=True,
     )
     assert done.stdout == f"cubepath {importlib.metadata.version('cubepath')}\n"
+
+
+def test_the_script_runs_the_command_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """``cubepath --version`` says the version that is installed, and ends well."""
+    (main,) = {
+        entry.load()
+        for entry in importlib.metadata.entry_points(group="console_scripts", name="cubepath")
+    }
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"cubepath {importlib.metadata.version('cubepath')}\n"

@@ -5,6 +5,9 @@ at run time the two functions of PEP 562 that are made here. So to import a pack
 and who asks for one name loads what that needs and no more: a module process never sees PettingZoo,
 nor a shortening matplotlib.
 
+Who adds a name to a face writes it where type checkers look, where Python looks, and in
+``__all__``; tests/test_faces.py holds the three equal.
+
 Room: protocol, of none of its inner rooms: every face of every room imports it. It imports nothing.
 """
 

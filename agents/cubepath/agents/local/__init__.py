@@ -10,15 +10,26 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.local.arbitration import settled
-    from cubepath.agents.local.module import ModuleCore
+    from cubepath.agents.local.arbitration import (
+        RankedClaim,
+        outranked_by,
+        ranked,
+        site_after,
+        verdict,
+    )
+    from cubepath.agents.local.module import ModuleCore, ProtocolError
+    from cubepath.agents.local.notes import LastNote, nothing_said
     from cubepath.agents.local.observation import (
         SILENT,
         STAY,
+        Mask,
         Note,
         Observation,
         View,
         checked_note,
+        chosen_move,
+        goal_sets,
+        is_legal,
         observation_length,
         observe,
         view_of,
@@ -27,10 +38,12 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "arbitration": "settled",
-            "module": "ModuleCore",
+            "arbitration": "RankedClaim outranked_by ranked site_after verdict",
+            "module": "ModuleCore ProtocolError",
+            "notes": "LastNote nothing_said",
             "observation": (
-                "Note Observation SILENT STAY View checked_note observation_length observe view_of"
+                "Mask Note Observation SILENT STAY View checked_note chosen_move goal_sets "
+                "is_legal observation_length observe view_of"
             ),
         },
     )
@@ -38,13 +51,24 @@ else:
 __all__ = [
     "SILENT",
     "STAY",
+    "LastNote",
+    "Mask",
     "ModuleCore",
     "Note",
     "Observation",
+    "ProtocolError",
+    "RankedClaim",
     "View",
     "checked_note",
+    "chosen_move",
+    "goal_sets",
+    "is_legal",
+    "nothing_said",
     "observation_length",
     "observe",
-    "settled",
+    "outranked_by",
+    "ranked",
+    "site_after",
+    "verdict",
     "view_of",
 ]

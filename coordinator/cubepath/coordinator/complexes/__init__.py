@@ -26,7 +26,9 @@ if TYPE_CHECKING:
         ShapeComplex,
         lattice_of,
         normal_place,
+        order_of,
         shape_complex,
+        shifted,
         steps_at,
     )
     from cubepath.coordinator.complexes.state_complexes import StateComplex, f_vector, state_complex
@@ -46,7 +48,9 @@ else:
             "local_link": "actions_at unfilled",
             "macros": "Lift Macro lift macro",
             "report": "ComplexReport complex_report",
-            "shape_complexes": "ShapeComplex lattice_of normal_place shape_complex steps_at",
+            "shape_complexes": (
+                "ShapeComplex lattice_of normal_place order_of shape_complex shifted steps_at"
+            ),
             "state_complexes": "StateComplex f_vector state_complex",
         },
     )
@@ -79,8 +83,10 @@ __all__ = [
     "lift",
     "macro",
     "normal_place",
+    "order_of",
     "pulled_apart",
     "shape_complex",
+    "shifted",
     "state_complex",
     "steps_at",
     "surface",

@@ -22,11 +22,4 @@ else:
         },
     )
 
-__all__ = [
-    "NO_HINTS",
-    "Imported",
-    "PlanHints",
-    "is_scenario",
-    "read_plan",
-    "read_scenario",
-]
+__all__ = ["NO_HINTS", "Imported", "PlanHints", "is_scenario", "read_plan", "read_scenario"]
