@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 import networkx as nx
@@ -15,6 +16,7 @@ from cubepath.coordinator.complexes.export import to_networkx
 from cubepath.coordinator.complexes.report import complex_report
 from cubepath.coordinator.complexes.shape_complexes import shape_complex
 from cubepath.coordinator.complexes.state_complexes import state_complex
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 Capture = pytest.CaptureFixture[str]
@@ -211,6 +213,14 @@ def test_the_skeleton_goes_to_networkx() -> None:
     assert all("move" in data for _, _, data in graph.edges(data=True))
     shapes = to_networkx(shape_complex(scene_from_spec("hex:n=2")))
     assert (shapes.number_of_nodes(), shapes.number_of_edges()) == (3, 6)
+
+
+def test_without_networkx_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is an extra: the message names it."""
+    built = state_complex(explore(scene_from_spec("arm:n=2")))
+    monkeypatch.setitem(sys.modules, "networkx", None)
+    with pytest.raises(InputError, match=r"pip install 'cubepath\[networkx\]'"):
+        to_networkx(built)
 
 
 def test_pieces_lie_apart() -> None:

@@ -6,15 +6,14 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass
 from itertools import pairwise
 
-import networkx as nx
 import numpy as np
 
 from cubepath.coordinator.complexes.connected_components import classes
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.complexes.incidence import Cells
 
 _Side = tuple[int, int, int]
 """A square, a direction, and the end at which it is fixed along this side."""
-_Corner = tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,24 +47,27 @@ def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
     sheet, two_sided = classes(
         complex_.f_vector[2], squares.reshape(-1, 2), np.array(same, dtype=np.bool_)
     )
-    boundary: nx.MultiGraph[int] = nx.MultiGraph()
-    for using in sides.values():
-        if len(using) == 1:
-            boundary.add_edge(*(vertex[_corner(using[0], end)] for end in (0, 1)))
-    below = {number: _place(complex_, corner) for corner, number in vertex.items()}
+    ends = [_ends(using[0]) for using in sides.values() if len(using) == 1]
+    boundary = vertex[np.array(ends, dtype=np.int32).reshape(-1, 2)]
+    below = {number: _place(complex_, corner) for corner, number in enumerate(vertex.tolist())}
     fans = Counter(below.values())
     return PulledApart(
         fans=tuple(fans[place] for place in range(complex_.f_vector[0])),
         components=int(sheet.max(initial=-1)) + 1,
         euler=len(below) - len(sides) + complex_.f_vector[2],
         orientable=bool(two_sided.all()),
-        boundary_components=nx.number_connected_components(boundary),
+        boundary_components=len(np.unique(_joined(len(vertex), boundary)[boundary])),
     )
 
 
-def _place(complex_: CubicalComplex, corner: _Corner) -> int:
+def _joined(count: int, pairs: Cells) -> Cells:
+    """Return the class of each of `count` elements, where those of a pair are in one."""
+    return classes(count, pairs, np.zeros(len(pairs), np.bool_))[0]
+
+
+def _place(complex_: CubicalComplex, corner: int) -> int:
     """Return the vertex of the complex at a corner of a square."""
-    square, number = corner
+    square, number = divmod(corner, 4)
     edge = complex_.faces[2][square, 0, number >> 1]
     return int(complex_.faces[1][edge, 0, number & 1])
 
@@ -80,25 +82,24 @@ def _sides(complex_: CubicalComplex) -> dict[int, list[_Side]]:
     return found
 
 
-def _vertices(complex_: CubicalComplex, sides: dict[int, list[_Side]]) -> dict[_Corner, int]:
-    """Return the vertex of each corner of a square, when they are glued along edges alone."""
-    corners: nx.Graph[_Corner] = nx.Graph()
-    corners.add_nodes_from(
-        (square, corner) for square in range(complex_.f_vector[2]) for corner in range(4)
-    )
-    for using in sides.values():
-        for one, other in pairwise(using):
-            corners.add_edges_from((_corner(one, end), _corner(other, end)) for end in (0, 1))
-    return {
-        corner: number
-        for number, piece in enumerate(nx.connected_components(corners))
-        for corner in piece
-    }
+def _vertices(complex_: CubicalComplex, sides: dict[int, list[_Side]]) -> Cells:
+    """Return the vertex of each corner of a square, when they are glued along edges alone.
+
+    Corner c of square s has the number 4 * s + c, where bit d of c, counted from the left, says at
+    which end of direction d it lies.
+    """
+    glued = [
+        pair
+        for using in sides.values()
+        for one, other in pairwise(using)
+        for pair in zip(_ends(one), _ends(other), strict=True)
+    ]
+    pairs = np.array(glued, dtype=np.int32).reshape(-1, 2)
+    return _joined(4 * complex_.f_vector[2], pairs)
 
 
-def _corner(side: _Side, end: int) -> _Corner:
-    """Return the corner of a square at an end of one of its sides."""
+def _ends(side: _Side) -> tuple[int, int]:
+    """Return the corners at the two ends of a side."""
     square, direction, fixed = side
-    at = [0, 0]
-    at[direction], at[1 - direction] = fixed, end
-    return square, 2 * at[0] + at[1]
+    first = 4 * square + (2 - direction) * fixed
+    return first, first + 1 + direction

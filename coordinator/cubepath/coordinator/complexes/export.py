@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
-import networkx as nx
 
 from cubepath.coordinator.complexes.shape_complexes import ShapeComplex
 from cubepath.coordinator.complexes.state_complexes import StateComplex
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 FORMAT = "cubepath-complex-1"
 
@@ -24,9 +26,16 @@ def to_networkx(built: Complex) -> nx.MultiGraph[int]:
 
     Each node has `sites`, the sites that are on in canonical order; each edge has `move`, the label
     of its action (or, of a shape complex, generator and translation), and `number`. Two states may
-    be joined by several edges, and in a shape complex a node to itself.
+    be joined by several edges, and in a shape complex a node to itself. InputError where networkx
+    is not installed, which nothing else here needs.
     """
-    graph: nx.MultiGraph[int] = nx.MultiGraph()
+    try:
+        from networkx import MultiGraph  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError:
+        raise InputError(
+            "to_networkx needs networkx, which is not installed: pip install 'cubepath[networkx]'"
+        ) from None
+    graph: nx.MultiGraph[int] = MultiGraph()
     for number, sites in enumerate(_states(built)):
         graph.add_node(number, sites=in_order(sites))
     if built.complex.dimension > 0:
