@@ -26,6 +26,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 ARMS = [f"arm:n={count}" for count in range(12, 19)]
 HEXAGONS = [f"hex:n={count},base=1" for count in (4, 5, 6, 7, 8)]
 VEHICLES = ["agv:graph=grid4x4,n=4", "agv:graph=grid5x5,n=4", "agv:graph=grid6x6,n=4"]
+SPECS = [*ARMS, *HEXAGONS, *VEHICLES]
 OBVIOUS_MOST = 3_000
 
 
@@ -79,8 +80,10 @@ def measure(spec: str, repeat: int, *, with_links: bool) -> None:
 def main() -> None:
     """Measure every system at growing sizes."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="small sizes, each once")
     parser.add_argument("--repeat", type=int, default=3)
     options = parser.parse_args()
+    specs = [*ARMS[:2], *HEXAGONS[:2], VEHICLES[0]] if options.quick else SPECS
     measured = explore(scene_from_spec("arm:n=6"))  # compiles
     check_links(state_complex(measured).complex)
     f_vector(measured)
@@ -88,8 +91,8 @@ def main() -> None:
         f"{'system':<24} {'states':>9} {'cells':>11} {'dim':>4} {'states/s':>12} {'cubes/s':>12}"
         f" {'B/cell':>7} {'cpu s':>8} {'x floor':>7} {'links s':>7} {'obvious':>8}"
     )
-    for spec in (*ARMS, *HEXAGONS, *VEHICLES):
-        measure(spec, options.repeat, with_links=spec not in ARMS[-2:])
+    for spec in specs:
+        measure(spec, 1 if options.quick else options.repeat, with_links=spec not in ARMS[-2:])
 
 
 if __name__ == "__main__":
