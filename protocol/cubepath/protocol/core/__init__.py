@@ -46,6 +46,7 @@ if TYPE_CHECKING:
         read_text,
         readable,
     )
+    from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
     from cubepath.protocol.core.names import GeneratorPlacement, Json
     from cubepath.protocol.core.ordinals import Ordinals
     from cubepath.protocol.core.sites import (
@@ -87,6 +88,7 @@ else:
             ),
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "input_files": "BYTE_ORDER_MARK InputFile Source opened read_text readable",
+            "keyed_values": "Keys all_values given_values",
             "names": "GeneratorPlacement Json",
             "ordinals": "Ordinals",
             "sites": (
@@ -126,6 +128,7 @@ __all__ = [
     "InputError",
     "InputFile",
     "Json",
+    "Keys",
     "Lattice",
     "Move",
     "Ordinals",
@@ -138,10 +141,12 @@ __all__ = [
     "VehicleGraph",
     "Ways",
     "admissible",
+    "all_values",
     "apply",
     "apply_in_place",
     "commute",
     "end_at",
+    "given_values",
     "in_order",
     "local_only",
     "one_to_one",

@@ -6,12 +6,13 @@ Room: protocol.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
+from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
 from cubepath.protocol.plans.cgshop2021 import looks_like_cgshop2021, read_cgshop2021
 from cubepath.protocol.plans.cgshop2026 import looks_like_cgshop2026, read_cgshop2026
 from cubepath.protocol.plans.imported import Imported, Request
@@ -47,7 +48,7 @@ class Format:
 
     name: str
     summary: str
-    keys: Mapping[str, tuple[str, str]]
+    keys: Keys
     looks_like: Callable[[bytes], bool]
     read: Callable[[Request], Imported]
 
@@ -131,18 +132,8 @@ def _chosen(told: str) -> tuple[Format, dict[str, str]]:
     known = FORMATS.get(name)
     if known is None:
         raise InputError(f"unknown format {name!r}, expected one of {', '.join(FORMATS)}")
-    values = {key: default for key, (default, _) in known.keys.items()}
-    given: set[str] = set()
-    for part in rest.split(",") if rest else []:
-        key, equals, value = part.partition("=")
-        if not equals or key not in values:
-            keys = f"KEY=VALUE with a key of {', '.join(values)}" if values else "no keys"
-            raise InputError(f"--format {told}: cannot read {part!r}, expected {keys}")
-        if key in given:
-            raise InputError(f"--format {told}: key {key!r} stands twice")
-        given.add(key)
-        values[key] = value
-    return known, values
+    given = given_values(rest, known.keys, f"--format {told}")
+    return known, all_values(given, known.keys)
 
 
 def _looks(file: InputFile) -> str | None:

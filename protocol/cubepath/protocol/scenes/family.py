@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.keyed_values import Keys
 from cubepath.protocol.core.system import Scene, System
 
 Values = Mapping[str, str]
@@ -29,7 +30,7 @@ class Family:
 
     name: str
     summary: str
-    keys: Mapping[str, tuple[str, str]]
+    keys: Keys
     build: Callable[[str, Values], Scene]
     """Make the scene of a name and the values of all keys."""
     system: type[System]

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.keyed_values import all_values, given_values
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families, family_named, sound_families
 from cubepath.protocol.scenes.toml import read_scene
@@ -21,18 +22,7 @@ def scene_from_spec(spec: str) -> Scene:
     if family is None:
         names = ", ".join(all_families())
         raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
-    values = {key: default for key, (default, _) in family.keys.items()}
-    given: dict[str, str] = {}
-    for part in rest.split(",") if rest else []:
-        key, equals, value = part.partition("=")
-        if not equals or key not in values:
-            keys = ", ".join(values)
-            raise InputError(
-                f"{spec}: cannot read {part!r}, expected KEY=VALUE with a key of {keys}"
-            )
-        if key in given:
-            raise InputError(f"{spec}: key {key!r} stands twice")
-        values[key] = given[key] = value
-    shown = ",".join(f"{key}={given[key]}" for key in values if key in given)
-    scene = family.build(name, values)
+    given = given_values(rest, family.keys, spec)
+    shown = ",".join(f"{key}={given[key]}" for key in family.keys if key in given)
+    scene = family.build(name, all_values(given, family.keys))
     return replace(scene, spec=f"{name}:{shown}" if shown else name)

@@ -1,0 +1,32 @@
+"""Names with keys, `name:key=value,...`: how scenes, and formats of plans, are told on one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cubepath.protocol.core.errors import InputError
+
+Keys = Mapping[str, tuple[str, str]]
+"""The keys that a name may have, each with its default and one line on it."""
+
+
+def given_values(text: str, keys: Keys, where: str) -> dict[str, str]:
+    """Return what stands behind the colon of a name, by key and in its order.
+
+    InputError, with `where`, for what is no KEY=VALUE with one of the keys, or stands twice.
+    """
+    given: dict[str, str] = {}
+    for part in text.split(",") if text else []:
+        key, equals, value = part.partition("=")
+        if not equals or key not in keys:
+            known = f"KEY=VALUE with a key of {', '.join(keys)}" if keys else "no keys"
+            raise InputError(f"{where}: cannot read {part!r}, expected {known}")
+        if key in given:
+            raise InputError(f"{where}: key {key!r} stands twice")
+        given[key] = value
+    return given
+
+
+def all_values(given: Mapping[str, str], keys: Keys) -> dict[str, str]:
+    """Return the values of all keys, in their order: those that were given, else the defaults."""
+    return {key: given.get(key, default) for key, (default, _) in keys.items()}
