@@ -8,6 +8,7 @@ is off; so neighbours never flip at one time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import cos, pi, sin
 from typing import Any, ClassVar, Self
 
 from cubepath.protocol import (
@@ -32,7 +33,7 @@ class Ring(System):
 
     table: ClassVar[str] = "ring"
     filled = frozenset()
-    drawing = "graph"
+    drawing = "letters"
     letters = LETTERS
     site_size = 2
     move_slots = 1
@@ -46,6 +47,10 @@ class Ring(System):
             raise InputError(f"switches={size}: expected at least 3")
         self.size = size
         self.places = tuple(range(size))
+        turns = [2 * pi * place / size for place in range(size)]
+        self.positions = {
+            place: (size / 4 * sin(turn), size / 4 * cos(turn)) for place, turn in enumerate(turns)
+        }
 
     def to_table(self) -> dict[str, Any]:
         """Return the size."""
@@ -123,10 +128,6 @@ class Ring(System):
     def code_of(self, site: Site) -> int:
         """Return the code of the letter."""
         return FIRST_CODE + LETTERS.index(self._split(site)[1])
-
-    def lines(self) -> Iterable[tuple[Site, Site]]:
-        """Return the ring."""
-        return [(place, (place + 1) % self.size) for place in range(self.size)]
 
     def ways(self) -> Ways:
         """Return the other letter of the switch."""
