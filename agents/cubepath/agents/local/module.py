@@ -49,7 +49,7 @@ _COUNTS_IN = {
 
 
 class ProtocolError(CubepathError):
-    """A message came when it could no longer count: the order that barriers promise is broken."""
+    """A message that breaks the protocol: late, so that barriers are broken, or of no move."""
 
 
 class ModuleCore:
