@@ -103,7 +103,8 @@ def test_the_stream_agrees_with_the_reference_at_every_question(
     word: Word, data: st.DataObject
 ) -> None:
     """Counts, cubes and changes, asked at any moments: the changes add up to the cube path."""
-    heap, reference = FastHeap(), Heap()
+    telling = data.draw(st.booleans())
+    heap, reference = FastHeap(telling=telling), Heap()
     standing: Counter[tuple[int, Action]] = Counter()
     begin = 0
     while begin < len(word):
@@ -129,7 +130,16 @@ def test_the_stream_agrees_with_the_reference_at_every_question(
         assert len(removed) <= before.total()
         assert [piece.level for piece in added] == sorted(piece.level for piece in added)
         assert heap.cube_path() == cubes
+        if telling:
+            for told, found in zip(heap.normal_form(), cancellations(word[:end]), strict=True):
+                assert told.tolist() == found.tolist()
     assert heap.changes() == ((), ())
+
+
+def test_a_heap_that_was_not_to_tell_does_not() -> None:
+    """What became of moves is kept only where that was asked for beforehand."""
+    with pytest.raises(ValueError, match="not asked to tell"):
+        FastHeap().normal_form()
 
 
 @settings(max_examples=50)

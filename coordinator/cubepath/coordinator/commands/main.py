@@ -399,7 +399,8 @@ def _view(options: argparse.Namespace) -> int:
 
             animate(recording.scene, rounds, path, progress=progress)
     else:
-        run_picture(recording.scene, rounds, gatherer.heap.cube_path(), path)
+        heap = gatherer.heap
+        run_picture(recording.scene, rounds, heap.cube_path(), path, found=heap.normal_form())
     answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
     return DONE
 
@@ -421,7 +422,7 @@ def _verify(options: argparse.Namespace) -> int:
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
     answer(options, found.document(), "\n".join(lines))
     if options.recover is not None:
-        saved = recover(options.log, options.recover)
+        saved = recover(recording, options.recover)
         complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
     if not found.ok:
         wrong = ", ".join(check.name for check in found.checks if not check.ok)

@@ -87,11 +87,12 @@ def normal_form(numbers: Numbers, table: ActionTable) -> NormalForm:
 class NumberedHeap:
     """A heap of pieces over numbered sites and actions, to which all may be added at any time.
 
-    Space is that of the pieces that are left, of the sites, and of the actions.
+    Space is that of the pieces that are left, of the sites, and of the actions; and 12 bytes for
+    each move where it is to tell what became of all of them.
     """
 
-    def __init__(self, table: ActionTable | None = None) -> None:
-        """Make an empty heap; InputError where the table does not fit together."""
+    def __init__(self, table: ActionTable | None = None, *, telling: bool = False) -> None:
+        """Make an empty heap, `telling` for `normal_form`; InputError where the table is none."""
         self._heap = Arrays(
             columns=np.zeros((0, kernel.FIELDS), dtype=np.int32),
             actions=np.zeros((0, kernel.FIELDS), dtype=np.int32),
@@ -105,7 +106,10 @@ class NumberedHeap:
         self._sites = 0
         self._actions = 0
         self._incidences = 0
-        self._journal: _Journal | None = None
+        self._telling = telling
+        self._journal: _Journal | None = _Journal(0) if telling else None
+        # How many moves there were when `changes` was asked last.
+        self._asked: int | None = None
         if table is not None:
             self.add_actions(table)
 
@@ -265,14 +269,23 @@ class NumberedHeap:
         away. Pieces that came and went in between are left out. The cost is that of the moves
         appended since, whatever the length of the path.
         """
-        journal, self._journal = self._journal, _Journal(self.moves)
-        if journal is None:
+        journal, since = self._journal, self._asked
+        self._asked = self.moves
+        if not self._telling:
+            self._journal = _Journal(self.moves)
+        if journal is None or since is None:
             return NumberedChanges(self.pieces(), _in_order(_NONE, _NONE, _NONE))
-        return journal.changes()
+        return journal.changes(since)
+
+    def normal_form(self) -> NormalForm:
+        """Return what became of each move so far; ValueError for a heap that is not `telling`."""
+        if not self._telling or self._journal is None:
+            raise ValueError("the heap was not asked to tell what becomes of all moves")
+        return self._journal.normal_form()
 
 
 class _Journal:
-    """What became of the moves since a given one: the kernel writes it, a question empties it."""
+    """What became of the moves since a given one, as the kernel writes it."""
 
     def __init__(self, first: int) -> None:
         self._first = first
@@ -289,15 +302,24 @@ class _Journal:
         self._size = size
         return self._levels[:size], self._partners[:size]
 
-    def changes(self) -> NumberedChanges:
-        levels, partners = self._levels[: self._size], self._partners[: self._size]
-        actions = self._actions[: self._size]
+    def changes(self, since: int) -> NumberedChanges:
+        """Return what came and what went by the moves from this one on."""
+        part = slice(since - self._first, self._size)
+        levels, partners, actions = (
+            each[part] for each in (self._levels, self._partners, self._actions)
+        )
         added = np.flatnonzero(levels > 0)
-        removed = np.flatnonzero((levels < 0) & (partners < self._first))
+        removed = np.flatnonzero((levels < 0) & (partners < since))
         return NumberedChanges(
-            _in_order(levels[added], actions[added], (added + self._first).astype(np.int32)),
+            _in_order(levels[added], actions[added], (added + since).astype(np.int32)),
             _in_order(-levels[removed], actions[removed], partners[removed]),
         )
+
+    def normal_form(self) -> NormalForm:
+        """Return what became of each move, in arrays that no further move changes."""
+        # The kernel says with a minus which of the two came later; here both are simply gone.
+        levels = np.maximum(self._levels[: self._size], 0)
+        return NormalForm(levels, self._partners[: self._size].copy())
 
 
 _NONE = np.empty(0, dtype=np.int32)

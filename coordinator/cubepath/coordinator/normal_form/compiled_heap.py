@@ -159,9 +159,9 @@ class FastHeap:
 
     __slots__ = ("_heap", "_labelled", "_numbering", "_queue")
 
-    def __init__(self) -> None:
-        """Make an empty heap: the path that stays where it is."""
-        self._heap = NumberedHeap()
+    def __init__(self, *, telling: bool = False) -> None:
+        """Make an empty heap, the path that stays where it is; `telling` for `normal_form`."""
+        self._heap = NumberedHeap(telling=telling)
         self._numbering = Numbering()
         self._queue: list[int] = []
         # Moves in the heap whose label is not that of the first action that they equal.
@@ -257,6 +257,16 @@ class FastHeap:
         """
         added, removed = self._all().changes()
         return Changes(self._pieces(added), self._pieces(removed))
+
+    def normal_form(self) -> NormalForm:
+        """Return what became of each move so far; ValueError for a heap that is not `telling`.
+
+        >>> heap, step = FastHeap(telling=True), Action([1, 2], [1, 2], [1], [2])
+        >>> heap.extend([step] * 3)
+        >>> heap.normal_form().levels.tolist(), heap.normal_form().partners.tolist()
+        ([0, 0, 1], [1, 0, -1])
+        """
+        return self._all().normal_form()
 
     def _pieces(self, found: NumberedPieces) -> tuple[Piece, ...]:
         actions, labelled = self._numbering.actions, self._labelled

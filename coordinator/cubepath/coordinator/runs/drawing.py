@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from cubepath.agents.rendering.pictures import INK, draw_on, frame, palette
+from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
@@ -89,11 +90,14 @@ def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Si
     return list(zip(before, after, strict=True))
 
 
-def run_picture(scene: Scene, rounds: Steps, cubes: Steps, path: Path) -> None:
+def run_picture(
+    scene: Scene, rounds: Steps, cubes: Steps, path: Path, *, found: NormalForm | None = None
+) -> None:
     """Write a picture of a run and of its normal cube path as .png, .svg or .pdf.
 
     `rounds` holds the actions that each round of the run executed, rounds without a move included;
-    `cubes` is the normal cube path of the same moves (`cubepath.coordinator.normal_form.heap`).
+    `cubes` is the normal cube path of the same moves (`cubepath.coordinator.normal_form.heap`), and
+    `found` what becomes of each of them, where that is known already.
     Above are some states of the run, modules coloured by number, with what the last round moved.
     Below is the schedule: a lane for each module, in its upper half the rounds in which the module
     moved (pale, hollow where the move cancels with another one), in its lower half the cubes.
@@ -105,7 +109,8 @@ def run_picture(scene: Scene, rounds: Steps, cubes: Steps, path: Path) -> None:
     normal = [list(actions) for actions in cubes]
     run = list(snapshots(scene, executed))
     shortest = list(snapshots(scene, normal))
-    figure = _figure(scene, run, shortest, _counts(executed, normal), _cancelled(executed))
+    gone = _cancelled(executed, found)
+    figure = _figure(scene, run, shortest, _counts(executed, normal), gone)
     _save(figure, path)
 
 
@@ -127,14 +132,17 @@ def _plural(count: int, what: str) -> str:
     return f"{count} {what}" if count == 1 else f"{count} {what}s"
 
 
-def _cancelled(rounds: Iterable[Iterable[Action]]) -> set[tuple[int, Action]]:
+def _cancelled(
+    rounds: Iterable[Iterable[Action]], found: NormalForm | None = None
+) -> set[tuple[int, Action]]:
     """Return the moves, by step and action, that are not in the normal cube path.
 
     A move that cancels does so with the last one that equals it and is still there.
     """
     path = [(number, action) for number, actions in enumerate(rounds, 1) for action in actions]
-    levels = cancellations(action for _, action in path).levels
-    return {path[place] for place in np.flatnonzero(levels == 0).tolist()}
+    if found is None:
+        found = cancellations(action for _, action in path)
+    return {path[place] for place in np.flatnonzero(found.levels == 0).tolist()}
 
 
 def _title(spec: str) -> str:

@@ -69,13 +69,21 @@ class Gatherer:
     def __init__(self, scene: Scene, watch: Callable[[Step], None] | None = None) -> None:
         """Start at the start of the scene."""
         self.scene = scene
-        self.heap = FastHeap()
-        self.heap.prepare()  # not in the middle of a run
+        self._heap = FastHeap(telling=True)
+        self._fallen = 0
         self.sites: list[Site] = list(scene.start)
         self.steps: list[Step] = []
         self._digest = PathDigest()
         self._watch = watch
         self._waiting: dict[int, dict[int, Report]] = {}
+
+    @property
+    def heap(self) -> FastHeap:
+        """Return the heap of the moves so far; they fall onto it when it is asked for."""
+        for step in self.steps[self._fallen :]:
+            self._heap.extend(step.actions)
+        self._fallen = len(self.steps)
+        return self._heap
 
     @property
     def rounds(self) -> int:
@@ -142,7 +150,6 @@ class Gatherer:
             placed = report.move
             executed.append(Executed(module, placed.generator, placed.at))
             actions.append(self.scene.system.action(placed.generator, site_from_json(placed.at)))
-        self.heap.extend(actions)
         self._digest.add(number, executed)
         step = Step(number, tuple(executed), tuple(actions), tuple(failures))
         self.steps.append(step)

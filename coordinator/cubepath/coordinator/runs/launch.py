@@ -25,6 +25,7 @@ from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.normal_form.certificate import certificate_of
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gatherer import Gatherer, Step
 from cubepath.coordinator.runs.schedule import (
     Assignment,
@@ -241,6 +242,7 @@ class _Run:
         self._task = task
         self._writer = writer
         self._gatherer = Gatherer(task.scene, self._step)
+        FastHeap.prepare()  # not in the middle of the run
         self._execution = None if task.assignment is None else ScheduleExecution(task.assignment)
         self._began = time.monotonic()
 
@@ -340,10 +342,11 @@ class _Run:
         gatherer = self._gatherer
         for index, cube in enumerate(gatherer.schedule(), 1):
             self._say(Cube(gatherer.rounds, index, list(cube)))
+        heap = gatherer.heap
         path = [action for step in gatherer.steps for action in step.actions]
         start = self._task.scene.start_state
-        self._say(Certified(gatherer.rounds, certificate_of(path, start=start)))
-        heap = gatherer.heap
+        proof = certificate_of(path, start=start, found=heap.normal_form())
+        self._say(Certified(gatherer.rounds, proof))
         self._say(
             Summary(
                 round=gatherer.rounds,

@@ -62,6 +62,7 @@ def improve(
     enough: int = 0,
     watch: Callable[[Improved], object] | None = None,
     tick: Callable[[int], object] | None = None,
+    normal: CubePath | None = None,
 ) -> Improved:
     """Return the best path from `start` to where `path` ends that is found in the given time.
 
@@ -74,6 +75,7 @@ def improve(
     The search ends after `seconds` or `iterations`, whichever comes first, and with at most
     `enough` cubes. Bounded by iterations alone, the result depends on the input and `seed` only.
     `watch` is told of every better path as it is found, `tick` after each step how many there were.
+    `normal` is the normal cube path of the path, where that is known already.
 
     InputError where neither bound is given, or `labelled_goals` is asked of what is no graph.
     """
@@ -82,7 +84,7 @@ def improve(
     if labelled_goals and (system is None or system.graph is None):
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
     actions = list(path)
-    best = _normal(actions, 0, 0)
+    best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
     search = _Search(system, start, actions, best, labelled_goals=labelled_goals)
     deadline = None if seconds is None else time.monotonic() + seconds
     random = Random(seed)  # noqa: S311 - nothing secret

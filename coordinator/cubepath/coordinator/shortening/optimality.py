@@ -169,6 +169,7 @@ def beyond(
                 enough=least,
                 watch=keep,
                 tick=tick,
+                normal=normal,
             )
         best = min(kept, key=lambda path: (len(path), sum(map(len, path))))
     if asked:

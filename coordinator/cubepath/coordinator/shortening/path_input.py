@@ -130,7 +130,7 @@ class _Reading:
 
     def read(self) -> PathInput:
         file, system, hints = self._file, self._system, self._hints
-        form = form_of(file)
+        form = _form_of(file)
         if form not in {"recording", "binary moves"} or hints.format is not None:
             plan = read_plan(file, hints.format, companions=hints.companions, system=system)
             if plan is not None:
@@ -215,7 +215,7 @@ class _Reading:
         return found
 
 
-def form_of(file: InputFile) -> Form:
+def _form_of(file: InputFile) -> Form:
     """Return what a file is by what it holds; plans of other programs are moves files so far."""
     if is_npz(file):
         return "binary moves"

@@ -160,17 +160,17 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
     )
 
 
-def recover(path: Path, out: Path) -> Recovered:
-    """Write what can be read of the recording at `path` as a proper recording to `out`.
+def recover(source: Path | Recording, out: Path) -> Recovered:
+    """Write what can be read of a recording, or was read, as a proper recording to `out`.
 
     It says in its parameter `recovered` what it comes from. InputError where nothing can be read,
     where `out` is the recording itself, or where it cannot be written.
     """
-    recording = read_recording(path)
+    recording = source if isinstance(source, Recording) else read_recording(source)
     transcript = transcript_of(recording, _Failures())
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
-    note = f"{count} messages of {path.name}: {problems}"
+    note = f"{count} messages of {recording.path.name}: {problems}"
     messages = copy_recording(recording, out, {"recovered": note})
     return Recovered(out, messages, transcript.complete_rounds, recording.problems)
 
