@@ -14,13 +14,9 @@ from hypothesis import strategies as st
 import cubepath.agents
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.arbitration import (
-    RankedClaim,
-    conflict,
+    contest,
     outcome,
-    outranked_by,
-    outranks,
     priority,
-    ranked,
     site_after,
     taking_along,
     verdict,
@@ -105,14 +101,13 @@ def test_rank_is_a_fixed_function() -> None:
     assert len(values) == 8
 
 
-def claims_of(parts: list[tuple[set[int], set[int], int]]) -> list[RankedClaim]:
+def claims_of(parts: list[tuple[set[int], set[int], int]]) -> dict[int, Move]:
     """Return claims of abstract moves: what each writes, what it reads too, and how many go."""
-    found = []
+    found = {}
     for module, (trace, reads, along) in enumerate(parts):
-        written = sorted(trace)
         action = Action(trace | reads, trace, trace, ())
-        motion = tuple((site, -1 - site) for site in written[: 1 + along])
-        found.append(ranked(module, Move(action, "g", module, motion), seed=0, round_number=1))
+        motion = tuple((site, -1 - site) for site in sorted(trace)[: 1 + along])
+        found[module] = Move(action, "g", module, motion)
     return found
 
 
@@ -125,21 +120,27 @@ parts = st.lists(
 def test_each_pair_that_conflicts_knows_who_goes_before(
     drawn: list[tuple[set[int], set[int], int]],
 ) -> None:
-    """Of two claims that conflict one goes before the other, which is waited for; else neither."""
+    """Of two claims that conflict one goes before the other, which waits for it; else neither."""
     claims = claims_of(drawn)
-    for one in claims:
-        others = [other for other in claims if other is not one]
-        before = outranked_by(one, others)
-        waiting = waiting_for(one, others)
-        assert {source for source, _ in one.move.motion[1:]} <= waiting
-        for other in others:
-            clash = not commute(one.move.action, other.move.action)
-            assert conflict(one, other) == conflict(other, one) == clash
-            assert outranks(one, other) != outranks(other, one)
-            assert (other.module in before) == (clash and outranks(other, one))
-            assert (one.module in outranked_by(other, [one])) == (clash and outranks(one, other))
-            if clash and outranks(one, other):
-                assert other.move.source in waiting
+    contests = {}
+    for module, claim in claims.items():
+        others = {other: move for other, move in claims.items() if other != module}
+        contests[module] = contest(module, claim, others, seed=0, round_number=1)
+    for one, mine in claims.items():
+        before, after = contests[one].before, contests[one].after
+        assert before | after == {
+            other
+            for other, theirs in claims.items()
+            if other != one and not commute(mine.action, theirs.action)
+        }
+        assert before == {other for other in before | after if rank(0, 1, other) > rank(0, 1, one)}
+        assert not before & after
+        for other in before:
+            assert one in contests[other].after
+        waiting = waiting_for(mine, [claims[other] for other in after])
+        assert waiting == {claims[other].source for other in after} | {
+            source for source, _ in mine.motion[1:]
+        }
 
 
 @given(parts)
@@ -147,15 +148,15 @@ def test_who_is_taken_along_waits_and_is_taken(
     drawn: list[tuple[set[int], set[int], int]],
 ) -> None:
     """Whom a claim takes along is told its verdict, and goes where its motion says."""
-    for claim in claims_of(drawn):
-        (source, target), *along = claim.move.motion
-        assert site_after(source, [claim.move]) == target
-        assert not taking_along(source, [claim])
+    for module, claim in claims_of(drawn).items():
+        (source, target), *along = claim.motion
+        assert site_after(source, [claim]) == target
+        assert not taking_along(source, {module: claim})
         for site, there in along:
-            assert taking_along(site, [claim]) == {claim.module}
+            assert taking_along(site, {module: claim}) == {module}
             assert site in waiting_for(claim, [])
-            assert site_after(site, [claim.move]) == there
-        assert site_after("elsewhere", [claim.move]) == "elsewhere"
+            assert site_after(site, [claim]) == there
+        assert site_after("elsewhere", [claim]) == "elsewhere"
         assert site_after(source, []) == source
 
 

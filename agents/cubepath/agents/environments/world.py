@@ -7,17 +7,11 @@ then stands and what it says is asked of the same functions that `ModuleCore` as
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from operator import attrgetter
+from itertools import chain
 
-from cubepath.agents.local.arbitration import (
-    RankedClaim,
-    outranked_by,
-    ranked,
-    site_after,
-    verdict,
-)
+from cubepath.agents.local.arbitration import contest, site_after, verdict
 from cubepath.agents.local.notes import LastNote, nothing_said
 from cubepath.agents.local.observation import (
     STAY,
@@ -90,18 +84,18 @@ class World:
         """
         self.round += 1
         claims = self._claims(actions)
-        verdicts = _verdicts(claims)
-        executed = {claim.module: claim.move for claim in claims if verdicts[claim.module]}
+        verdicts = _verdicts(claims, seed=self.seed, round_number=self.round)
+        executed = {module: move for module, move in claims.items() if verdicts[module]}
         for move in executed.values():
             self._execute(move)
         self._masks.clear()
         self._speak(notes or {})
-        lost = tuple(claim.module for claim in claims if not verdicts[claim.module])
+        lost = tuple(module for module in claims if not verdicts[module])
         return Round(self.round, executed, lost)
 
-    def _claims(self, actions: Mapping[int, int]) -> list[RankedClaim]:
-        """Return the claims that the actions make, in increasing order of modules."""
-        found = []
+    def _claims(self, actions: Mapping[int, int]) -> dict[int, Move]:
+        """Return the moves that the actions claim, by module in increasing order."""
+        found: dict[int, Move] = {}
         for module in sorted(actions):
             action = actions[module]
             if action == STAY:
@@ -110,7 +104,7 @@ class World:
                 self.observe(module)
             move = chosen_move(self.scene.system, self.sites[module], self._masks[module], action)
             if move is not None:
-                found.append(ranked(module, move, seed=self.seed, round_number=self.round))
+                found[module] = move
         return found
 
     def _execute(self, move: Move) -> None:
@@ -137,23 +131,30 @@ class World:
         self._notes = {place: said for place, said in heard if said is not None}
 
 
-def _verdicts(claims: Iterable[RankedClaim]) -> dict[int, bool]:
+def _verdicts(claims: Mapping[int, Move], *, seed: int, round_number: int) -> dict[int, bool]:
     """Return the verdict on every claim, by module.
 
-    Only claims that share a site can conflict, so only those are put before `outranked_by`: the
-    cost is that of the neighbourhoods.
+    Claims that conflict share a site, so each module is told only of the claims that share one with
+    its own: the cost is that of the neighbourhoods. A module is asked for its verdict at first, and
+    again when one that goes before it has given its own, as on the wire.
     """
-    over: dict[Site, list[RankedClaim]] = {}
-    for claim in claims:
-        for site in claim.move.action.support:
-            over.setdefault(site, []).append(claim)
+    over: dict[Site, list[int]] = {}
+    for module, move in claims.items():
+        for site in move.action.support:
+            over.setdefault(site, []).append(module)
+    contests = {}
+    for module, move in claims.items():
+        near = set(chain.from_iterable([over[site] for site in move.action.support]))
+        heard = {other: claims[other] for other in near if other != module}
+        contests[module] = contest(module, move, heard, seed=seed, round_number=round_number)
     verdicts: dict[int, bool] = {}
-    # By descending rank: when a claim's turn comes, all that go before it have their verdicts.
-    for claim in sorted(claims, key=attrgetter("priority"), reverse=True):
-        near = {other.module: other for site in claim.move.action.support for other in over[site]}
-        del near[claim.module]
-        granted = verdict(outranked_by(claim, near.values()), verdicts)
-        if granted is None:
-            raise AssertionError(f"module_{claim.module} waits for a claim that it outranks")
-        verdicts[claim.module] = granted
+    asked = list(contests)
+    while asked:
+        module = asked.pop()
+        granted = None if module in verdicts else verdict(contests[module].before, verdicts)
+        if granted is not None:
+            verdicts[module] = granted
+            asked += contests[module].after
+    if len(verdicts) < len(claims):
+        raise AssertionError(f"no verdict on the claims of {sorted(claims.keys() - verdicts)}")
     return verdicts

@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.local.arbitration import (
-        RankedClaim,
-        outranked_by,
-        ranked,
-        site_after,
-        verdict,
-    )
+    from cubepath.agents.local.arbitration import contest, site_after, verdict
     from cubepath.agents.local.module import ModuleCore, ProtocolError
     from cubepath.agents.local.notes import LastNote, nothing_said
     from cubepath.agents.local.observation import (
@@ -38,7 +32,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "arbitration": "RankedClaim outranked_by ranked site_after verdict",
+            "arbitration": "contest site_after verdict",
             "module": "ModuleCore ProtocolError",
             "notes": "LastNote nothing_said",
             "observation": (
@@ -57,17 +51,15 @@ __all__ = [
     "Note",
     "Observation",
     "ProtocolError",
-    "RankedClaim",
     "View",
     "checked_note",
     "chosen_move",
+    "contest",
     "goal_sets",
     "is_legal",
     "nothing_said",
     "observation_length",
     "observe",
-    "outranked_by",
-    "ranked",
     "site_after",
     "verdict",
     "view_of",

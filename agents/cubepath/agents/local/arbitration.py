@@ -2,15 +2,16 @@
 
 Room: agents. Pure functions from what a module knows to what follows for it: data in, data out.
 `ModuleCore` asks them as messages come in, `World` for every module at once; there is no second
-rule. A claim is executed iff every claim that outranks it and does not commute with it is lost.
-Ranks are a total order, so this defines one set, the greedy one in order of rank: what is executed
-commutes pairwise, and no claim could be added to it.
+rule. Claims conflict where their actions do not commute, and a claim is executed iff every claim
+that conflicts with it and outranks it is lost. Ranks are a total order, so this defines one set,
+the greedy one in order of rank: what is executed commutes pairwise, and no claim could be added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from hashlib import blake2b
 from typing import Literal, TypeAlias
 
@@ -18,21 +19,26 @@ from cubepath.protocol.core.actions import commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 
-Priority: TypeAlias = tuple[int, int]
 Outcome: TypeAlias = Literal["none", "granted", "lost"]
 """What came of a module's claim in a round; "none" where it made none."""
 
 
 @dataclass(frozen=True, slots=True)
-class RankedClaim:
-    """The move that a module claims in a round, with the rank of its claim."""
+class Contest:
+    """The modules whose claims conflict with a module's own: who goes before it, and who after.
 
-    module: int
-    move: Move
-    priority: Priority
+    It waits for the verdicts of those before it, and those after it wait for its own.
+    """
+
+    before: frozenset[int] = frozenset()
+    after: frozenset[int] = frozenset()
 
 
-def priority(seed: int, round_number: int, module: int) -> Priority:
+UNCONTESTED = Contest()
+
+
+@lru_cache(maxsize=1 << 12)
+def priority(seed: int, round_number: int, module: int) -> tuple[int, int]:
     """Return the rank of a module's claim in a round; the greater outranks.
 
     A keyed hash, so that it favours no module over a run and is the same in every process.
@@ -41,68 +47,48 @@ def priority(seed: int, round_number: int, module: int) -> Priority:
     return int.from_bytes(digest), module
 
 
-def ranked(module: int, move: Move, *, seed: int, round_number: int) -> RankedClaim:
-    """Return a module's claim in a round with its rank."""
-    return RankedClaim(module, move, priority(seed, round_number, module))
+def contest(
+    module: int, claim: Move, heard: Mapping[int, Move], *, seed: int, round_number: int
+) -> Contest:
+    """Return whom a module's claim conflicts with among the claims that it `heard`, by module."""
+    action = claim.action
+    rivals = [other for other, move in heard.items() if not commute(action, move.action)]
+    if not rivals:
+        return UNCONTESTED
+    mine = priority(seed, round_number, module)
+    before = frozenset(other for other in rivals if priority(seed, round_number, other) > mine)
+    return Contest(before, frozenset(rivals) - before)
 
 
-def conflict(one: RankedClaim, other: RankedClaim) -> bool:
-    """Tell whether two claims cannot both be executed: their actions do not commute."""
-    return not commute(one.move.action, other.move.action)
-
-
-def outranks(one: RankedClaim, other: RankedClaim) -> bool:
-    """Tell whether the first claim goes before the second where they conflict."""
-    return one.priority > other.priority
-
-
-def outranked_by(claim: RankedClaim, heard: Iterable[RankedClaim]) -> frozenset[int]:
-    """Return the modules that go before a claim: they conflict with it and outrank it."""
-    return frozenset(
-        other.module for other in heard if outranks(other, claim) and conflict(claim, other)
-    )
-
-
-def waiting_for(claim: RankedClaim, heard: Iterable[RankedClaim]) -> frozenset[Site]:
-    """Return the sites of the modules that wait for the verdict on a claim.
-
-    Those who conflict with it and do not outrank it, and those whom its move would take along.
-    """
-    rivals = {
-        other.move.source
-        for other in heard
-        if not outranks(other, claim) and conflict(claim, other)
-    }
-    return frozenset(rivals | {source for source, _ in claim.move.motion[1:]})
-
-
-def taking_along(site: Site, heard: Iterable[RankedClaim]) -> frozenset[int]:
-    """Return the modules whose claimed moves would take along the module at `site`."""
-    return frozenset(
-        other.module
-        for other in heard
-        if any(source == site for source, _ in other.move.motion[1:])
-    )
-
-
-def verdict(outranking: Iterable[int], verdicts: Mapping[int, bool]) -> bool | None:
+def verdict(before: Iterable[int], verdicts: Mapping[int, bool]) -> bool | None:
     """Return whether a claim is granted; None while that is open.
 
-    `outranking` are the modules that go before it, `verdicts` what is known of claims by module:
-    True for granted, False for lost. It is granted when all that go before it are lost, and lost as
-    soon as one of them is granted.
+    `before` are the modules that go before it, `verdicts` what is known of claims by module: True
+    for granted, False for lost. It is granted when all that go before it are lost, and lost as soon
+    as one of them is granted.
     """
-    known = [verdicts.get(module) for module in outranking]
+    known = [verdicts.get(module) for module in before]
     if any(known):
         return False
     return None if None in known else True
 
 
-def outcome(granted: bool | None) -> Outcome:  # noqa: FBT001 - a verdict, as `verdict` returns it
-    """Return the word for a verdict, or for none, in a report."""
-    if granted is None:
-        return "none"
-    return "granted" if granted else "lost"
+def waiting_for(claim: Move, outranked: Iterable[Move]) -> frozenset[Site]:
+    """Return the sites of the modules that wait for the verdict on a claim.
+
+    The movers of the claims that come after it, and those whom it would take along.
+    """
+    along = frozenset(source for source, _ in claim.motion[1:])
+    return along.union(move.source for move in outranked)
+
+
+def taking_along(site: Site, heard: Mapping[int, Move]) -> frozenset[int]:
+    """Return the modules whose claimed moves would take along the module at `site`."""
+    return frozenset(
+        other
+        for other, move in heard.items()
+        if any(source == site for source, _ in move.motion[1:])
+    )
 
 
 def site_after(site: Site, executed: Iterable[Move]) -> Site:
@@ -116,3 +102,10 @@ def site_after(site: Site, executed: Iterable[Move]) -> Site:
             if source == site:
                 return target
     return site
+
+
+def outcome(granted: bool | None) -> Outcome:  # noqa: FBT001 - a verdict, as `verdict` returns it
+    """Return the word for a verdict, or for none, in a report."""
+    if granted is None:
+        return "none"
+    return "granted" if granted else "lost"

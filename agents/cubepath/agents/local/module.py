@@ -11,10 +11,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from cubepath.agents.local.arbitration import (
-    RankedClaim,
+    UNCONTESTED,
+    contest,
     outcome,
-    outranked_by,
-    ranked,
     site_after,
     taking_along,
     verdict,
@@ -86,12 +85,12 @@ class ModuleCore:
         self._heard: list[Heard] = []
         self._occupants: dict[Site, Site] = {}
         self._notes: dict[Site, NoteNumbers] = {}
-        self._claims: dict[int, RankedClaim] = {}
+        self._claims: dict[int, Move] = {}
         self._verdicts: dict[int, bool] = {}
         self._mask: list[int] = [1]
-        self._claim: RankedClaim | None = None
+        self._claim: Move | None = None
         self._granted: bool | None = None
-        self._before_me: frozenset[int] = frozenset()
+        self._contest = UNCONTESTED
         self._takes_me: frozenset[int] = frozenset()
         self._wait_for_me: list[Site] = []
         self._failed: str | None = None
@@ -136,9 +135,7 @@ class ModuleCore:
             case Note():
                 self._notes[self._system.place_of(sender)] = tuple(message.note)
             case Claim():
-                self._claims[message.module] = self._ranked(
-                    message.module, self._move(sender, message)
-                )
+                self._claims[message.module] = self._move(sender, message)
             case Verdict():
                 self._verdicts[message.module] = message.granted
                 if self._phase == "settle":
@@ -154,9 +151,6 @@ class ModuleCore:
                 f" {claim.generator} at {at!r}, which is no move from there"
             )
         return move
-
-    def _ranked(self, module: int, move: Move) -> RankedClaim:
-        return ranked(module, move, seed=self._seed, round_number=self.round)
 
     def observation(self) -> Observation:
         """Return the PettingZoo observation; from here on the round hears of no more neighbours."""
@@ -180,27 +174,28 @@ class ModuleCore:
         self._failed = failed
         if not is_legal(self._mask, action):
             raise ProtocolError(f"module_{self.module}: action {action} is not in its mask")
-        move = chosen_move(self._system, self.site, self._mask, action)
+        move = self._claim = chosen_move(self._system, self.site, self._mask, action)
         if move is None:
             return []
-        self._claim = self._ranked(self.module, move)
         return [Claim(self.round, self.module, self.site, move.generator, move.at)]
 
     def arbitrate(self) -> list[Message]:
         """All claims are in: find whose verdicts count here, and decide if none is open."""
         self._phase = "settle"
-        heard = self._claims.values()
-        self._takes_me = taking_along(self.site, heard)
+        self._takes_me = taking_along(self.site, self._claims)
         if self._claim is not None:
-            self._before_me = outranked_by(self._claim, heard)
-            waiting = waiting_for(self._claim, heard)
+            self._contest = contest(
+                self.module, self._claim, self._claims, seed=self._seed, round_number=self.round
+            )
+            outranked = [self._claims[other] for other in self._contest.after]
+            waiting = waiting_for(self._claim, outranked)
             self._wait_for_me = list(in_order({self._system.place_of(site) for site in waiting}))
         return self._decide()
 
     def _decide(self) -> list[Message]:
         if self._claim is None or self._granted is not None:
             return []
-        self._granted = verdict(self._before_me, self._verdicts)
+        self._granted = verdict(self._contest.before, self._verdicts)
         if self._granted is None or not self._wait_for_me:
             return []
         return [Verdict(self.round, self.module, self.site, self._granted, list(self._wait_for_me))]
@@ -211,14 +206,14 @@ class ModuleCore:
         return (
             self._phase == "settle"
             and (self._claim is None or self._granted is not None)
-            and self._before_me | self._takes_me <= self._verdicts.keys()
+            and self._contest.before | self._takes_me <= self._verdicts.keys()
         )
 
     def report(self) -> Report:
         """Execute what was granted, to the module itself or to one that takes it along."""
         before = self.site
-        own = self._claim.move if self._claim is not None and self._granted else None
-        taken = [self._claims[other].move for other in self._takes_me if self._verdicts[other]]
+        own = self._claim if self._granted else None
+        taken = [self._claims[other] for other in self._takes_me if self._verdicts[other]]
         self.site = site_after(before, taken if own is None else [own, *taken])
         self._phase = "report"
         return Report(
