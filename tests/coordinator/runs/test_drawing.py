@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from itertools import chain
 from pathlib import Path
 
@@ -201,3 +204,21 @@ def test_a_film_that_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
     assert [(found.name, found.read_bytes()) for found in tmp_path.iterdir()] == [
         ("film.gif", b"old")
     ]
+
+
+@pytest.mark.slow
+def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
+    """Where matplotlib can keep nothing, a picture is drawn all the same, and silently."""
+    golden = Path(__file__).parents[3] / "logs" / "golden" / "arm-6.mcap"
+    known = {"MPLCONFIGDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME", "NUMBA_CACHE_DIR"}
+    done = subprocess.run(
+        [sys.executable, "-m", "cubepath", "view", str(golden), "-o", str(tmp_path / "arm.png")],
+        env={name: text for name, text in os.environ.items() if name not in known}
+        | {"HOME": os.devnull},
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "arm.png").exists()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import logging
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -53,6 +54,8 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
     options = _parser().parse_args(arguments)
+    # Where matplotlib keeps its caches when it cannot keep them at home is no answer to anybody.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with Interrupts() as interrupts:
         code = _guarded(options, interrupts)
     if interrupts.came and code != INTERRUPTED:
