@@ -56,6 +56,18 @@ def test_links_lead_somewhere() -> None:
             assert (page.parent / target).exists(), f"{page.name}: {target}"
 
 
+def test_what_contributors_are_sent_to_is_there() -> None:
+    """Every file and folder that CONTRIBUTING and the page of the architecture name exists."""
+    large = [ROOT / room / "cubepath" for room in ("protocol", "agents", "coordinator")]
+    rooms = [room for top in large for room in top.glob("*") if room.is_dir()]
+    known = [ROOT, ROOT / "docs", *large, *rooms]
+    for page in (ROOT / "CONTRIBUTING.md", ROOT / "docs" / "architecture.md"):
+        named = re.findall(r"`([\w/.*-]+(?:\.py|\.toml|/[\w*-]+))`", page.read_text())
+        assert len(named) > 3
+        for name in named:
+            assert any(list(place.glob(name)) for place in known), f"{page.name}: {name}"
+
+
 def test_the_readme_names_every_system_and_command(capsys: pytest.CaptureFixture[str]) -> None:
     """The README's table has all systems, and all of its commands are there."""
     text = (ROOT / "README.md").read_text()
