@@ -14,6 +14,33 @@ import pytest
 pytestmark = pytest.mark.slow
 
 
+FLAWED = """
+from dataclasses import replace
+
+from cubepath.protocol import System
+from switches_on_a_ring import RING, Ring, ring
+
+
+class Bare(System):
+    pass
+
+
+class Taken(Ring):
+    pass
+
+
+class Start(Ring):
+    table = "start"
+
+
+NO_CLASS = replace(RING, name="no-class", system=int)
+NO_TABLE = replace(RING, name="no-table", system=Bare)
+TAKEN = replace(RING, name="taken", system=Taken)
+START = replace(RING, name="start", system=Start)
+"""
+"""What a distribution may get wrong."""
+
+
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """Install a distribution with a system into a folder; return an environment that has it."""
@@ -203,5 +230,15 @@ def test_a_broken_distribution_hurts_only_who_asks_for_it(
     for arguments in (("systems",), ("run", "nothing")):
         said = commands(*arguments, code=2)
         assert "entry point broken of cubepath.systems (broken): ModuleNotFoundError" in said
-    (info / "entry_points.txt").write_text("[cubepath.systems]\nbroken = switches_on_a_ring:ring\n")
-    assert "is no Family" in commands("systems", code=2)
+    (tmp_path / "flawed.py").write_text(FLAWED)
+    for name, flaw in (
+        ("ring", "is no Family"),
+        ("NO_CLASS", "<class 'int'> of 'no-class' is no class of System"),
+        ("NO_TABLE", "Bare of 'no-table' does not define action, decode_site"),
+        ("TAKEN", "table [ring] of Ring is that of Taken"),
+        ("START", "table [start] of Start is a key that every scene has"),
+    ):
+        entry = f"[cubepath.systems]\nbroken = flawed:{name}\n"
+        (info / "entry_points.txt").write_text(entry)
+        assert flaw in commands("systems", code=2)
+        assert commands.json("run", "ring:n=3", "--processes=0", "--max-rounds=1")["rounds"] == 1

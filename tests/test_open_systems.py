@@ -21,7 +21,7 @@ NAMES = {"drawing", "family", "spec", "table"}
 
 
 def systems() -> set[str]:
-    """Return the names of the classes that are systems, found by their bases."""
+    """Return the names of the kinds of systems, found by their bases; `System` itself is none."""
     bases = {
         node.name: {ast.unparse(base) for base in node.bases}
         for path in SOURCES
@@ -31,7 +31,7 @@ def systems() -> set[str]:
     found = {"System"}
     while more := {name for name, above in bases.items() if above & found} - found:
         found |= more
-    return found
+    return found - {"System"}
 
 
 def asked(tree: ast.AST, classes: set[str]) -> Iterator[tuple[int, str]]:

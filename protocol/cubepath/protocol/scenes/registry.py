@@ -6,6 +6,7 @@ Every family comes in by this door, those of the project too: its own entry poin
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -14,6 +15,8 @@ from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.family import Family
 
 GROUP = "cubepath.systems"
+SCENE_KEYS = ("format", "start", "name", "family", "goal", "goals")
+"""The keys of a scene's file that are no table of a system."""
 _OWN = "cubepath"
 
 
@@ -40,20 +43,32 @@ def _loaded(entry: EntryPoint) -> tuple[Family, ...]:
         raise InputError(f"{_where(entry)}: {type(error).__name__}: {error}") from error
     several = found if isinstance(found, tuple) else (found,)
     for each in several:
-        if not isinstance(each, Family):
-            raise InputError(f"{_where(entry)}: {each!r} is no Family")
+        flaw = _flaw(each)
+        if flaw is not None:
+            raise InputError(f"{_where(entry)}: {flaw}")
     return several
 
 
-def _sound() -> Iterator[tuple[EntryPoint, Family]]:
+def _flaw(found: object) -> str | None:
+    """Return what keeps an entry from being a family of systems, None where nothing does."""
+    if not isinstance(found, Family):
+        return f"{found!r} is no Family"
+    system: object = found.system
+    if not (isinstance(system, type) and issubclass(system, System)):
+        return f"{system!r} of {found.name!r} is no class of System"
+    lacking = sorted(system.__abstractmethods__ | ({"table"} - {*dir(system)}))
+    if lacking:
+        return f"{system.__name__} of {found.name!r} does not define {', '.join(lacking)}"
+    if system.table in SCENE_KEYS:
+        return f"table [{system.table}] of {system.__name__} is a key that every scene has"
+    return None
+
+
+def _sound() -> Iterator[Family]:
     """Yield the families that can be loaded; what else is installed is left alone."""
     for entry in _entries():
-        try:
-            several = _loaded(entry)
-        except InputError:
-            continue
-        for family in several:
-            yield entry, family
+        with suppress(InputError):
+            yield from _loaded(entry)
 
 
 @cache
@@ -82,7 +97,7 @@ def all_families() -> dict[str, Family]:
 def sound_families() -> dict[str, Family]:
     """Return the families that can be loaded, by name; of two of one name the first."""
     found: dict[str, Family] = {}
-    for _, family in _sound():
+    for family in _sound():
         found.setdefault(family.name, family)
     return found
 
