@@ -83,7 +83,10 @@ class GraphSystem(System):
             found = self._compass(vertex, near[vertex]) if compass else in_order(near[vertex])
             self._slots[vertex] = found + (None,) * (self.move_slots - len(found))
         self._near = {vertex: in_order(found) for vertex, found in near.items()}
-        self.graph = VehicleGraph(self.vertices, self.index, self._near, self.edges)
+        # Narrower than in any system, and set here alone.
+        self.graph = VehicleGraph(  # pyright: ignore[reportIncompatibleVariableOverride]
+            self.vertices, self.index, self._near, self.edges
+        )
         # On a grid twelve cells lie at distance one or two; elsewhere it has to be counted.
         self.reach_slots = (
             12 if compass else max(1, *(len(self._within_two(vertex)) for vertex in self.vertices))

@@ -53,7 +53,8 @@ class LatticeSystem(System):
         lattice = catalogue.lattice
         if connected and lattice != HEXAGONS:
             raise InputError(f"connected: expected lattice 'hexagons', found {lattice.name!r}")
-        self.catalogue = catalogue
+        # Narrower than in any system, and set here alone.
+        self.catalogue = catalogue  # pyright: ignore[reportIncompatibleVariableOverride]
         self.local = not connected
         self.bounded = workspace is not None
         self.workspace = (
