@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
+from typing import cast
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
@@ -53,7 +54,7 @@ def _flaw(found: object) -> str | None:
     """Return what keeps an entry from being a family of systems, None where nothing does."""
     if not isinstance(found, Family):
         return f"{found!r} is no Family"
-    system: object = found.system
+    system = cast("object", found.system)  # an annotation binds nobody elsewhere
     if not (isinstance(system, type) and issubclass(system, System)):
         return f"{system!r} of {found.name!r} is no class of System"
     lacking = sorted(system.__abstractmethods__ | ({"table"} - {*dir(system)}))
