@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import doctest
 import importlib
 import importlib.metadata
 import pickle
@@ -19,6 +20,7 @@ import pytest
 import cubepath.agents
 import cubepath.coordinator
 import cubepath.protocol
+import cubepath.protocol.faces
 from cubepath.agents import RuleType
 from cubepath.coordinator import Shortened, StateComplex
 from cubepath.protocol import Action, Scene
@@ -42,9 +44,9 @@ PUBLIC = {
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift
-        Links Macro Optimum Outcome Plan Recovered Replayed Row ShapeComplex Shortened StateComplex
-        Surface Timetable Transitions Verification actions_at all_claims animate beyond
-        certificate_of check_certificate check_links check_proof collapse complex_from_faces
+        Links Macro Optimum Outcome PathInput Plan Recovered Replayed Row ShapeComplex Shortened
+        StateComplex Surface Task Timetable Transitions Verification actions_at all_claims animate
+        beyond certificate_of check_certificate check_links check_proof collapse complex_from_faces
         compute_claims contractibility convert draw_complex durations_of earliest end_state explore
         f_vector gathered homology improve info is_cube is_normal lift lower_bound macro
         normal_cube_path only_class optimum recover replay run run_picture shape_complex shorten
@@ -134,6 +136,11 @@ def test_a_name_loads_what_it_needs_and_no_more(name: str, absent: set[str]) -> 
     face, _, offer = name.partition(".")
     found = loaded(also=f"from cubepath.{face} import {offer}")
     assert not absent & found
+
+
+def test_the_example_of_a_face_holds() -> None:
+    """What stands in the docstring of the one function that makes faces comes out so."""
+    assert not doctest.testmod(cubepath.protocol.faces).failed
 
 
 def test_what_is_not_offered_is_an_error() -> None:

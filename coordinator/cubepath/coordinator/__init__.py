@@ -87,7 +87,9 @@ if TYPE_CHECKING:
     from cubepath.coordinator.shortening import (
         Beyond,
         Converted,
+        PathInput,
         Shortened,
+        Task,
         beyond,
         convert,
         shorten,
@@ -118,7 +120,9 @@ else:
             "paper": "Claim Row all_claims compute_claims",
             "runs": "Gatherer Outcome Plan Replayed animate gathered info replay run run_picture",
             "search": "Improved Optimum Transitions improve lower_bound only_class optimum",
-            "shortening": "Beyond Converted Shortened beyond convert shorten task_of",
+            "shortening": (
+                "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
+            ),
             "verification": "Recovered Verification check_certificate check_proof recover verify",
         },
     )
@@ -138,6 +142,7 @@ __all__ = [
     "Macro",
     "Optimum",
     "Outcome",
+    "PathInput",
     "Plan",
     "Recovered",
     "Replayed",
@@ -146,6 +151,7 @@ __all__ = [
     "Shortened",
     "StateComplex",
     "Surface",
+    "Task",
     "Timetable",
     "Transitions",
     "Verification",

@@ -34,6 +34,7 @@ def lazy_face(
         Two functions of a module, as PEP 562 has them. The first raises AttributeError for what is
         not offered. A name that was loaded is from then on a plain attribute of the package.
 
+    >>> import cubepath.protocol.core
     >>> get, names = lazy_face("cubepath.protocol.core", {"actions": "Action commute"})
     >>> get("commute").__module__
     'cubepath.protocol.core.actions'

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
         timed_path,
     )
     from cubepath.coordinator.shortening.normal_path import Shortened, shorten
-    from cubepath.coordinator.shortening.optimality import Beyond, beyond, task_of
-    from cubepath.coordinator.shortening.path_input import read_input
+    from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, task_of
+    from cubepath.coordinator.shortening.path_input import PathInput, read_input
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -27,15 +27,17 @@ else:
             "conversion": "Converted convert",
             "explain": "TimedPath certificate_in_words certified_path timed_path",
             "normal_path": "Shortened shorten",
-            "optimality": "Beyond beyond task_of",
-            "path_input": "read_input",
+            "optimality": "Beyond Task beyond task_of",
+            "path_input": "PathInput read_input",
         },
     )
 
 __all__ = [
     "Beyond",
     "Converted",
+    "PathInput",
     "Shortened",
+    "Task",
     "TimedPath",
     "beyond",
     "certificate_in_words",
