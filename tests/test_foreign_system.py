@@ -235,10 +235,13 @@ def test_a_broken_distribution_hurts_only_who_asks_for_it(
         ("ring", "is no Family"),
         ("NO_CLASS", "<class 'int'> of 'no-class' is no class of System"),
         ("NO_TABLE", "Bare of 'no-table' does not define action, decode_site"),
-        ("TAKEN", "table [ring] of Ring is that of Taken"),
         ("START", "table [start] of Start is a key that every scene has"),
     ):
         entry = f"[cubepath.systems]\nbroken = flawed:{name}\n"
         (info / "entry_points.txt").write_text(entry)
         assert flaw in commands("systems", code=2)
         assert commands.json("run", "ring:n=3", "--processes=0", "--max-rounds=1")["rounds"] == 1
+    (info / "entry_points.txt").write_text("[cubepath.systems]\nbroken = flawed:TAKEN\n")
+    assert "table [ring] of Ring is that of Taken" in commands("systems", code=2)
+    said = commands("run", "ring:n=3", code=2)
+    assert "ring:n=3: its system is of Ring, whose table [ring] is read by Taken" in said

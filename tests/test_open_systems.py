@@ -14,8 +14,12 @@ SOURCES = sorted(
     for room in ("protocol", "agents", "coordinator")
     for path in (ROOT / room / "cubepath").rglob("*.py")
 )
-OWN = ("protocol/cubepath/protocol/systems", "protocol/cubepath/protocol/scenes/families")
-"""The files of the systems, and of the families whose systems they are."""
+OWN = (
+    "protocol/cubepath/protocol/systems",
+    "protocol/cubepath/protocol/scenes/families",
+    "protocol/cubepath/protocol/scenes/registry.py",
+)
+"""The files of the systems, of the families whose systems they are, and the door for all."""
 NAMES = {"drawing", "family", "spec", "table"}
 """What a system or its scene is called."""
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from msgspec.json import encode
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.normal_form.admissibility import Misfit, carried_out
+from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.coordinator.shortening.normal_path import shorten
 from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.protocol.core.actions import Action, apply
@@ -149,8 +149,8 @@ def test_the_compiled_check_says_what_the_definition_says(
             expected = place
             break
     found = carried_out(path, where.start_state)
-    assert (found.move if isinstance(found, Misfit) else None) == expected
-    if not isinstance(found, Misfit):
+    assert (found.move if isinstance(found, InadmissibleMove) else None) == expected
+    if not isinstance(found, InadmissibleMove):
         for action, end, before in zip(word, found.ends.tolist(), shown, strict=True):
             fixed = action.support - action.free
             assert action.ends[end] == fixed & before
@@ -185,7 +185,7 @@ def test_what_a_move_without_states_wrote_is_unknown(tmp_path: Path) -> None:
         np.array([0, 0], np.int8),
     )
     # Of one action two moves always fit, for what is there is known: the second goes back.
-    assert not isinstance(carried_out(bad, None), Misfit)
+    assert not isinstance(carried_out(bad, None), InadmissibleMove)
     other = Action([1, 3], [3], [], [3], label="3")
     bad = NumberedPath(
         [*forced.actions, other],

@@ -6,7 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
 
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.pibt import PIBT
@@ -17,6 +17,9 @@ from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
 
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
 GROUP = "cubepath.rules"
 
 
@@ -26,6 +29,8 @@ BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
 @cache
 def rules() -> dict[str, RuleType]:
     """Return all rules by name; InputError names an entry point that gives none, or one twice."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - takes long, and is rarely asked
+
     found = dict(BUILT_IN)
     for entry in entry_points(group=GROUP):
         rule = _loaded(entry)
@@ -52,6 +57,8 @@ def _loaded(entry: EntryPoint) -> RuleType:
 
 def _by_entry(name: str) -> RuleType | None:
     """Return the rule of the entry point of this name; what else is installed is left alone."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - as above
+
     for entry in entry_points(group=GROUP, name=name):
         rule = _loaded(entry)
         if rule.name == name:

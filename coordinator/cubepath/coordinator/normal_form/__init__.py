@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.normal_form.admissibility import Misfit, carried_out
+    from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
     from cubepath.coordinator.normal_form.array_heap import NormalForm
     from cubepath.coordinator.normal_form.certificate import certificate_of, link
     from cubepath.coordinator.normal_form.compiled_heap import (
@@ -32,7 +32,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "admissibility": "Misfit carried_out",
+            "admissibility": "InadmissibleMove carried_out",
             "array_heap": "NormalForm",
             "certificate": "certificate_of link",
             "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
@@ -45,7 +45,7 @@ else:
 __all__ = [
     "FastHeap",
     "Heap",
-    "Misfit",
+    "InadmissibleMove",
     "NormalForm",
     "Timetable",
     "cancellations",

@@ -40,14 +40,14 @@ class _Supports(NamedTuple):
     stated: NDArray[np.bool_]
 
 
-class Misfit(NamedTuple):
+class InadmissibleMove(NamedTuple):
     """A move that is not admissible, as its place from 0, and the state there as far as known."""
 
     move: int
     state: frozenset[Site]
 
 
-def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | Misfit:
+def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | InadmissibleMove:
     """Return the path with the local state that each move was made at, or the first misfit.
 
     With a start all of the state is known. Without one a site is what the first move with it in its
@@ -62,7 +62,9 @@ def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | Misfi
     ends = path.ends.copy()
     found = int(_walk(supports, path.numbers, ends, state))
     if found >= 0:
-        return Misfit(found, frozenset(site for site, number in sites.items() if state[number] & 1))
+        return InadmissibleMove(
+            found, frozenset(site for site, number in sites.items() if state[number] & 1)
+        )
     return replace(path, ends=ends)
 
 

@@ -39,7 +39,7 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import RecordingWriter
-from cubepath.protocol.scenes.registry import sound_families
+from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
@@ -146,7 +146,8 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
 class Task:
     """A plan, checked: what is run where, under which rule, and for how many rounds at most.
 
-    With a `course` the modules follow that first, and the rule only where a schedule is repaired.
+    With an `assignment` the modules follow that first, and the rule only where a schedule is
+    repaired.
     """
 
     scene: Scene
@@ -197,7 +198,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
 
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
-    family = sound_families().get(scene.family)
+    family = sound_family(scene.family)
     rule = plan.rule or (family.rule if family is not None else "random")
     rule_named(rule, scene.system)
     return rule

@@ -160,6 +160,8 @@ def _nobody(action: Action, on: frozenset[Site]) -> str:
     if len(missing) == len(ends):
         return f"nobody stands at {' or '.join(map(site_text, dict.fromkeys(missing)))}"
     taken = in_order({site for end in ends if end <= on for site in on - end})
+    if not taken:
+        return "no module there makes it, or takes all along whom it moves"
     return f"somebody stands at {' and '.join(map(site_text, taken))}"
 
 
@@ -181,7 +183,7 @@ def with_end(scene: Scene, schedule: Schedule, assignment: Assignment) -> Scene:
     """Return the scene with the end of the schedule as its goal.
 
     That is where those modules of the recording ended that are there; of a cubes file where the
-    course ends. Where that is not known, or is no state of this scene, the scene keeps its own.
+    schedule ends. Where that is not known, or is no state of this scene, the scene keeps its own.
     """
     ends = _ends_of(schedule, scene, assignment)
     if ends is None or (frozenset(ends) == scene.goal and scene.goals):

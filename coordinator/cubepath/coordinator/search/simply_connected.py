@@ -17,7 +17,7 @@ from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.registry import sound_families
+from cubepath.protocol.scenes.registry import families_of
 
 STATES_MAX = 2_000
 """A larger complex is not computed."""
@@ -31,7 +31,7 @@ def only_class(system: System, start: State) -> bool | None:
     computed if it has at most `STATES_MAX` states: True where it collapses to a point, False where
     its homology is not that of a point. None where neither was found.
     """
-    if any(family.one_class(system, start) for family in sound_families().values()):
+    if any(family.one_class(system, start) for family in families_of(system)):
         return True
     steps = Transitions(system)
     widest = len(steps.greedy(steps.possible(steps.encode(start))))

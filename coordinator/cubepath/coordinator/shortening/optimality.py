@@ -136,6 +136,11 @@ def beyond(
     small = maskable(system)
     only = only_class(system, start) if system is not None and normal and small else None
     bound = lower_bound(system, start, goal, within=len(normal))
+    if bound.cubes > len(normal):
+        raise CheckError(
+            f"the system claims that no path has fewer than {bound.cubes} cubes ({bound.why}),"
+            f" but one of {len(normal)} is known"
+        )
     least, why = (len(normal), "the only class") if only else (bound.cubes, bound.why)
     best, shorter = normal, False
     if least < len(normal) and small:

@@ -13,7 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
-from cubepath.coordinator.normal_form.admissibility import Misfit, carried_out
+from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.coordinator.runs.gatherer import Gatherer, gathered
 from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
@@ -185,7 +185,7 @@ class _Reading:
     def _binary(self, scene: Scene | None) -> NumberedPath:
         found = read_moves_npz(self._file)
         checked = carried_out(found, None if scene is None else scene.start_state)
-        if isinstance(checked, Misfit):
+        if isinstance(checked, InadmissibleMove):
             reason = why_inadmissible(found.actions[found.numbers[checked.move]], checked.state)
             raise InputError(f"{self._file.path}: moves[{checked.move}]: {reason}")
         if self._progress is not None:
@@ -207,7 +207,7 @@ class _Reading:
             pass
         else:
             checked = carried_out(found, None if scene is None else scene.start_state)
-            if not isinstance(checked, Misfit):
+            if not isinstance(checked, InadmissibleMove):
                 return checked
         # Read line by line, it says what is wrong and where; or nothing is, and it is unusual.
         found = number_moves(read_moves(self._file, scene))

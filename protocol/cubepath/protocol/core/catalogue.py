@@ -76,7 +76,7 @@ HEX_DIRECTIONS: tuple[tuple[int, int], ...] = (
 class Generator:
     """A generator at the origin of a lattice.
 
-    `goes` lists where each module of the trace goes, from `before` to `after`; the first is the
+    `motion` lists where each module of the trace goes, from `before` to `after`; the first is the
     mover, the module that proposes. Read the other way round it serves the reverse.
     """
 

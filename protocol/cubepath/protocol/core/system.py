@@ -120,7 +120,10 @@ class System(ABC):
 
     @abstractmethod
     def moves(self, site: Site) -> tuple[Move | None, ...]:
-        """Return the moves whose mover is a module at `site`; None pads and marks excluded ones."""
+        """Return the moves whose mover is a module at `site`; None pads and marks excluded ones.
+
+        Each takes every module of its trace to a site of it, one to one: none comes or goes.
+        """
 
     @abstractmethod
     def action(self, generator: str, at: Site) -> Action:

@@ -12,7 +12,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.protocol.scenes.families.hexagons import hex_catalogue
     from cubepath.protocol.scenes.family import Family
-    from cubepath.protocol.scenes.registry import all_families, sound_families
+    from cubepath.protocol.scenes.registry import all_families, families_of, sound_family
     from cubepath.protocol.scenes.specs import scene_from_spec
     from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 else:
@@ -21,7 +21,7 @@ else:
         {
             "families.hexagons": "hex_catalogue",
             "family": "Family",
-            "registry": "all_families sound_families",
+            "registry": "all_families families_of sound_family",
             "specs": "scene_from_spec",
             "toml": "read_scene scene_from_toml scene_to_toml",
         },
@@ -30,10 +30,11 @@ else:
 __all__ = [
     "Family",
     "all_families",
+    "families_of",
     "hex_catalogue",
     "read_scene",
     "scene_from_spec",
     "scene_from_toml",
     "scene_to_toml",
-    "sound_families",
+    "sound_family",
 ]

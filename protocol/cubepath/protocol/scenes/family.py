@@ -39,8 +39,8 @@ class Family:
     """The rule that reaches the default goal; random where there is none, empty without runs."""
     one_class: Callable[[System, State], bool] = _not_known
     """Tell whether it is known that all paths between two states which the given one reaches are
-    homotopic, by an argument that stands beside it. It is asked of systems of other families too,
-    so it looks at what the system is, not at how it is called."""
+    homotopic, by an argument that stands beside it. It is asked of every system of the class, so it
+    looks at what the system is, not at how it is called."""
 
 
 def whole(values: Values, key: str, *, least: int, most: int = MODULES_MAX) -> int:

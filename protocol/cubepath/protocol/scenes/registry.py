@@ -1,28 +1,37 @@
-"""The families of scenes by name, found by entry points.
+"""The families of scenes by name: those of the project, and those of other distributions.
 
-Every family comes in by this door, those of the project too: its own entry point names them.
+All come in by the entry points of one group and are held to the same. Those of the project are at
+hand besides: to ask what is installed takes longer than all else at the start of a process, and a
+distribution that is broken must not be in the way of who asks for something else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import System
+from cubepath.protocol.scenes.families.own import FAMILIES
 from cubepath.protocol.scenes.family import Family
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "cubepath.systems"
 SCENE_KEYS = ("format", "start", "name", "family", "goal", "goals")
 """The keys of a scene's file that are no table of a system."""
 _OWN = "cubepath"
+_OWN_FAMILIES = {family.name: family for family in FAMILIES}
+OWN_KINDS: Mapping[str, type[System]] = {family.system.table: family.system for family in FAMILIES}
+"""The project's own classes of systems, by the name of their TOML table."""
 
 
 def _entries() -> list[EntryPoint]:
     """Return the entry points: the project's own first, then by distribution and name."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - takes long, see above
 
     def order(entry: EntryPoint) -> tuple[bool, str, str]:
         by = entry.dist.name if entry.dist is not None else ""
@@ -40,7 +49,7 @@ def _where(entry: EntryPoint) -> str:
 def _loaded(entry: EntryPoint) -> tuple[Family, ...]:
     try:
         found = entry.load()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InputError(f"{_where(entry)}: {type(error).__name__}: {error}") from error
     several = found if isinstance(found, tuple) else (found,)
     for each in several:
@@ -54,22 +63,28 @@ def _flaw(found: object) -> str | None:
     """Return what keeps an entry from being a family of systems, None where nothing does."""
     if not isinstance(found, Family):
         return f"{found!r} is no Family"
-    system = cast("object", found.system)  # an annotation binds nobody elsewhere
+    # An annotation binds nobody elsewhere.
+    name, keys = cast("object", found.name), cast("object", found.keys)
+    system = cast("object", found.system)
+    if not isinstance(name, str) or not name or ":" in name or name.endswith(".toml"):
+        return f"{name!r} is no name of a system"
+    if not isinstance(keys, Mapping):
+        return f"the keys of {name!r} are {keys!r}, expected a mapping"
+    return _flaw_of_class(name, system)
+
+
+def _flaw_of_class(name: str, system: object) -> str | None:
     if not (isinstance(system, type) and issubclass(system, System)):
-        return f"{system!r} of {found.name!r} is no class of System"
+        return f"{system!r} of {name!r} is no class of System"
     lacking = sorted(system.__abstractmethods__ | ({"table"} - {*dir(system)}))
     if lacking:
-        return f"{system.__name__} of {found.name!r} does not define {', '.join(lacking)}"
-    if system.table in SCENE_KEYS:
-        return f"table [{system.table}] of {system.__name__} is a key that every scene has"
+        return f"{system.__name__} of {name!r} does not define {', '.join(lacking)}"
+    table = system.table
+    if table in SCENE_KEYS:
+        return f"table [{table}] of {system.__name__} is a key that every scene has"
+    if OWN_KINDS.get(table, system) is not system:
+        return f"table [{table}] of {system.__name__} is that of {OWN_KINDS[table].__name__}"
     return None
-
-
-def _sound() -> Iterator[Family]:
-    """Yield the families that can be loaded; what else is installed is left alone."""
-    for entry in _entries():
-        with suppress(InputError):
-            yield from _loaded(entry)
 
 
 @cache
@@ -79,12 +94,13 @@ def all_families() -> dict[str, Family]:
     Those of the project come first, the others by distribution and entry point.
     """
     found: dict[str, Family] = {}
+    tables: dict[str, type[System]] = {}
     for entry in _entries():
         for family in _loaded(entry):
             if family.name in found:
                 raise InputError(f"{_where(entry)}: system {family.name!r} exists")
             table = family.system.table
-            other = kinds()[table]
+            other = tables.setdefault(table, family.system)
             if family.system is not other:
                 raise InputError(
                     f"{_where(entry)}: table [{table}] of {family.system.__name__} is that of"
@@ -95,7 +111,7 @@ def all_families() -> dict[str, Family]:
 
 
 @cache
-def sound_families() -> dict[str, Family]:
+def _sound_families() -> dict[str, Family]:
     """Return the families that can be loaded, by name; of two of one name the first."""
     found: dict[str, Family] = {}
     for family in _sound():
@@ -103,20 +119,59 @@ def sound_families() -> dict[str, Family]:
     return found
 
 
-def family_named(name: str) -> Family | None:
+def _sound() -> Iterator[Family]:
+    for entry in _entries():
+        with suppress(InputError):
+            yield from _loaded(entry)
+
+
+def sound_family(name: str) -> Family | None:
+    """Return the family of that name, None where there is none that can be loaded."""
+    if name in _OWN_FAMILIES or not name:
+        return _OWN_FAMILIES.get(name)
+    return _sound_families().get(name)
+
+
+def family_named(name: str) -> Family:
     """Return the family of that name; a broken entry point hurts only who asks for what it has.
 
-    InputError where there is none of that name and an entry point cannot be loaded, which may be
-    the one that has it.
+    InputError where there is none, or where there is none but an entry point cannot be loaded,
+    which may be the one that has it.
     """
-    found = sound_families().get(name)
-    return all_families().get(name) if found is None else found
+    found = sound_family(name) or all_families().get(name)
+    if found is None:
+        names = ", ".join(all_families())
+        raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
+    return found
+
+
+def families_of(system: System) -> list[Family]:
+    """Return the families whose systems are of this very class.
+
+    Of the project's own classes those of the project, so that what another distribution says is
+    believed of its own systems alone.
+    """
+    own = type(system) in OWN_KINDS.values()
+    known = _OWN_FAMILIES if own else _sound_families()
+    return [family for family in known.values() if family.system is type(system)]
+
+
+def contradiction(family: Family, system: System) -> str | None:
+    """Return what keeps a system that a family has made from being read back, None if nothing."""
+    made = type(system)
+    if made is not family.system:
+        return f"its system is of {made.__name__}, {family.name!r} says {family.system.__name__}"
+    reader = OWN_KINDS.get(made.table) or kinds().get(made.table)
+    if reader is not made:
+        by = "nobody" if reader is None else reader.__name__
+        return f"its system is of {made.__name__}, whose table [{made.table}] is read by {by}"
+    return None
 
 
 @cache
 def kinds() -> dict[str, type[System]]:
-    """Return the classes of systems by the name of their TOML table."""
-    found: dict[str, type[System]] = {}
-    for family in sound_families().values():
+    """Return all classes of systems by the name of their TOML table; of two the first."""
+    found = dict(OWN_KINDS)
+    for family in _sound_families().values():
         found.setdefault(family.system.table, family.system)
     return found

@@ -17,7 +17,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.sites import in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.registry import kinds
+from cubepath.protocol.scenes.registry import OWN_KINDS, SCENE_KEYS, kinds
 
 FORMAT = "cubepath-system-1"
 
@@ -53,7 +53,8 @@ def scene_from_toml(text: str, where: str) -> Scene:
 
 
 def _scene(table: dict[str, Any], where: str) -> Scene:
-    known = kinds()
+    own = all(key in OWN_KINDS for key in table.keys() - set(SCENE_KEYS))
+    known = OWN_KINDS if own else kinds()
     found = msgspec.convert(
         {key: value for key, value in table.items() if key not in known}, _SceneFile
     )

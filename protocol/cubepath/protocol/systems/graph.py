@@ -99,7 +99,7 @@ class GraphSystem(System):
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
         build = partial(
-            GraphSystem, self.vertices, self.edges, labels=self.labels, compass=self.compass
+            type(self), self.vertices, self.edges, labels=self.labels, compass=self.compass
         )
         return build, ()
 
@@ -256,14 +256,14 @@ class GraphSystem(System):
 
     def with_labels(self, count: int) -> System:
         """Return the same graph with labelled vehicles."""
-        return GraphSystem(self.vertices, self.edges, labels=count, compass=self.compass)
+        return type(self)(self.vertices, self.edges, labels=count, compass=self.compass)
 
     def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
         """Return the graph with the edges, and their ends, that it lacks."""
         more = [(at[0], at[1]) for _, at in placed if isinstance(at, tuple) and len(at) >= 2]
         edges = dict.fromkeys((*self.edges, *more))
         vertices = dict.fromkeys((*self.vertices, *chain.from_iterable(edges)))
-        return GraphSystem(vertices, edges, labels=self.labels, compass=self.compass)
+        return type(self)(vertices, edges, labels=self.labels, compass=self.compass)
 
     def ways(self) -> Ways:
         """Return the sites along the edges."""

@@ -206,7 +206,7 @@ class LatticeSystem(System):
     def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
         """Return the catalogue on the whole lattice, without obstacles."""
         del placed
-        return LatticeSystem(self.catalogue)
+        return type(self)(self.catalogue)
 
     def ways(self) -> Ways:
         """Return where modules go under all placings, also those whose support does not fit."""

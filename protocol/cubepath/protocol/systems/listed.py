@@ -138,7 +138,7 @@ class TabledSystem(System):
     def __reduce__(self) -> tuple[object, ...]:
         # What is remembered by place cannot be pickled, and need not be.
         build = partial(
-            TabledSystem,
+            type(self),
             self.listed,
             letters=self.letters,
             fixed=self.filled,

@@ -1,0 +1,34 @@
+"""The families of scenes that come with the project, in the order in which they are listed.
+
+They are named by the entry point ``cubepath`` of the group ``cubepath.systems``.
+"""
+
+from __future__ import annotations
+
+from cubepath.protocol.scenes.families import (
+    arm,
+    arms,
+    assembly,
+    connected_hexagons,
+    free_arm,
+    hexagons,
+    sliding,
+    triangulations,
+    tunnel,
+    vehicles,
+    words,
+)
+
+FAMILIES = (
+    *hexagons.FAMILIES,
+    *connected_hexagons.FAMILIES,
+    *tunnel.FAMILIES,
+    *sliding.FAMILIES,
+    *vehicles.FAMILIES,
+    *arm.FAMILIES,
+    *free_arm.FAMILIES,
+    *arms.FAMILIES,
+    *triangulations.FAMILIES,
+    *words.FAMILIES,
+    *assembly.FAMILIES,
+)
