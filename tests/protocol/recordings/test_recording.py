@@ -138,3 +138,15 @@ def test_schemas_describe_the_messages() -> None:
         schema = schema_of(kind)
         assert schema["properties"]["kind"] == {"enum": [kind]}
         assert msgspec.json.encode(schema)
+
+
+@pytest.mark.parametrize("kind", ["report", "cube", "summary"])
+def test_the_schema_of_a_placed_generator_reads_as_it_always_has(kind: str) -> None:
+    """Under its first name, with its two keys, and without a word of others."""
+    assert schema_of(kind)["$defs"]["Placed"] == {
+        "title": "Placed",
+        "description": "An action by the name of its generator and where it is placed.",
+        "type": "object",
+        "properties": {"generator": {"type": "string"}, "at": {}},
+        "required": ["generator", "at"],
+    }
