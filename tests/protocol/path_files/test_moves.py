@@ -22,6 +22,7 @@ from cubepath.protocol.path_files.moves import (
     write_cubes,
     write_moves,
 )
+from cubepath.protocol.path_files.numbered import IrregularError, read_path
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 SYSTEM = "agv:graph=P4,n=1"
@@ -440,3 +441,26 @@ def test_schemas_say_what_lines_look_like() -> None:
         assert schema["type"] == "object"
         assert schema["additionalProperties"] is False
         assert msgspec.json.decode(msgspec.json.encode(schema)) == schema
+
+
+def test_a_key_more_is_refused_in_moves_and_left_alone_in_cubes(tmp_path: Path) -> None:
+    """A line of a moves file says no more than it may; a cube's move may carry a remark."""
+    move = '{"generator": "edge", "at": [0, 1], "remark": "first"}'
+    moves, cubes = tmp_path / "moves.jsonl", tmp_path / "cubes.jsonl"
+    moves.write_text(f"{move}\n")
+    with pytest.raises(InputError, match="unknown field `remark`"):
+        list(read_moves(moves, scene_from_spec(SYSTEM)))
+    with pytest.raises(IrregularError, match="unknown field `remark`"):
+        read_path(moves, scene_from_spec(SYSTEM))
+    cubes.write_text(f'{{"moves": [{move}]}}\n')
+    assert list(read_cubes(cubes)) == [(GeneratorPlacement("edge", [0, 1]),)]
+
+
+def test_schemas_refuse_what_is_refused_and_name_definitions_as_ever() -> None:
+    """Further keys are refused in lines by generator alone; other programs know "Placed"."""
+    by_generator = move_schemas()["generator"]
+    assert by_generator["title"] == "GeneratorLine"
+    assert by_generator["additionalProperties"] is False
+    ((name, placed),) = cube_schema()["$defs"].items()
+    assert name == placed["title"] == "Placed"
+    assert "additionalProperties" not in placed

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.recording import (
     FORMAT,
     SCENE,
@@ -23,7 +24,7 @@ from cubepath.protocol.recordings.recording import (
     read_recording,
 )
 from cubepath.protocol.recordings.salvaging import MAGIC
-from cubepath.protocol.wire.messages import schema_of
+from cubepath.protocol.wire.messages import Report, decode, schema_of
 from damaged import (
     PARAMETERS,
     ROUNDS,
@@ -150,3 +151,12 @@ def test_the_schema_of_a_placed_generator_reads_as_it_always_has(kind: str) -> N
         "properties": {"generator": {"type": "string"}, "at": {}},
         "required": ["generator", "at"],
     }
+
+
+def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
+    """A report of a later version is read, also where its move has a key more."""
+    told = '"kind":"report","round":1,"module":0,"before":0,"site":1,"claim":"granted","heard":[]'
+    move = '"move":{"generator":"edge","at":[0,1],"cost":3}'
+    found = decode(f'{{{told},{move},"later":true}}'.encode())
+    assert isinstance(found, Report)
+    assert found.move == GeneratorPlacement("edge", [0, 1])

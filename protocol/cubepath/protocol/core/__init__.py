@@ -47,7 +47,7 @@ if TYPE_CHECKING:
         readable,
     )
     from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
-    from cubepath.protocol.core.names import GeneratorPlacement, Json
+    from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
     from cubepath.protocol.core.ordinals import Ordinals
     from cubepath.protocol.core.sites import (
         Site,
@@ -89,7 +89,7 @@ else:
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "input_files": "BYTE_ORDER_MARK InputFile Source opened read_text readable",
             "keyed_values": "Keys all_values given_values",
-            "names": "GeneratorPlacement Json",
+            "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
             "sites": (
                 "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
@@ -155,6 +155,7 @@ __all__ = [
     "read_text",
     "readable",
     "region_of",
+    "schema_with_definitions",
     "site_chunk",
     "site_from_json",
     "site_text",

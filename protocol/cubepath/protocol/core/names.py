@@ -14,8 +14,20 @@ Json: TypeAlias = Any
 """A site as decoded from JSON; `site_from_json` makes it a site again."""
 
 
-class GeneratorPlacement(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class GeneratorPlacement(msgspec.Struct, frozen=True):
     """An action by the name of its generator and where it is placed."""
 
     generator: str
     at: Json
+
+
+def schema_with_definitions(kind: type[msgspec.Struct]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the JSON Schema (2020-12) of an object, and those that it refers to by name.
+
+    A `GeneratorPlacement` is "Placed" there, as in all schemas since the first version.
+    """
+    text = msgspec.json.encode(msgspec.json.schema(kind))
+    schema = msgspec.json.decode(text.replace(b"GeneratorPlacement", b"Placed"))
+    definitions: dict[str, Any] = schema.pop("$defs", {})
+    name = str(schema.pop("$ref", "")).rpartition("/")[2]
+    return definitions.pop(name, schema), definitions

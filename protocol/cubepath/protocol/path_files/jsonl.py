@@ -14,6 +14,7 @@ from typing import Any, BinaryIO, TypeVar
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import schema_with_definitions
 
 _Line = TypeVar("_Line")
 _encode = msgspec.json.Encoder().encode
@@ -31,9 +32,7 @@ def decode_line(decode: Callable[[bytes], _Line], line: bytes, keys: str) -> _Li
 
 def line_schema(line: type[msgspec.Struct]) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of a kind of line, with the object itself on top."""
-    schema = msgspec.json.schema(line)
-    definitions = schema["$defs"]
-    top: dict[str, Any] = definitions.pop(line.__name__)
+    top, definitions = schema_with_definitions(line)
     return {**top, "$defs": definitions} if definitions else top
 
 

@@ -32,6 +32,7 @@ from cubepath.protocol.path_files.moves import (
     contents_line,
     known_of_named,
     named_action,
+    placement_in,
 )
 
 Progress = Callable[[int], object]
@@ -199,7 +200,6 @@ class _RawLine(msgspec.Struct, forbid_unknown_fields=True):
 
 _raw = msgspec.json.Decoder(_RawLine).decode
 _contents = msgspec.json.Decoder(ContentsLine).decode
-_generator = msgspec.json.Decoder(GeneratorPlacement).decode
 
 
 @dataclass(slots=True)
@@ -292,7 +292,7 @@ class _Numberer:
     def _by_generator(self, line: bytes) -> int:
         if self._scene is None:
             raise IrregularError("a generator without a system")
-        found = _generator(line)
+        found = placement_in(line)
         action = self._scene.system.action(found.generator, site_from_json(found.at))
         number = self._kept.add(action, found)
         if len(self._lines) >= _KEPT:

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement, Json
+from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
 from cubepath.protocol.path_files.certificates import Certificate
 
 
@@ -242,13 +242,6 @@ def kind_of(message: Message) -> str:
 
 def schema_of(kind: str) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of a kind of message, as it stands in recordings."""
-    # Recordings have named this definition "Placed" since their first version, without a word of
-    # other keys, and go on doing so.
-    text = msgspec.json.encode(msgspec.json.schema(KINDS[kind]))
-    schema = msgspec.json.decode(text.replace(b"GeneratorPlacement", b"Placed"))
     # Viewers want the top object itself, not a reference to it.
-    definitions = schema.pop("$defs", {})
-    definitions.get("Placed", {}).pop("additionalProperties", None)
-    name = str(schema.pop("$ref", "")).rpartition("/")[2]
-    top = definitions.pop(name, schema)
-    return {**top, "$defs": definitions} if definitions else dict(top)
+    top, definitions = schema_with_definitions(KINDS[kind])
+    return {**top, "$defs": definitions} if definitions else top
