@@ -17,7 +17,7 @@ from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.systems.listed import TabledSystem
+from cubepath.protocol.systems.flips import FlipSystem
 
 
 def pixels(
@@ -37,7 +37,7 @@ def test_a_table_of_chords(spec: str) -> None:
     """Read back, the marks are the modules, the goal and the fixed edges."""
     scene = scene_from_spec(spec)
     goal = scene.goal or frozenset()
-    assert isinstance(scene.system, TabledSystem)
+    assert isinstance(scene.system, FlipSystem)
     lines = draw_text(scene, scene.start).splitlines()
     assert len(lines) == len(scene.system.positions)
     wide = len(lines[0].split()[-1])
@@ -74,7 +74,7 @@ def test_many_points_are_told_by_their_chords() -> None:
 def spot(scene: Scene, point: int) -> tuple[float, float]:
     """Return the column and row of a point in the picture of 600 pixels."""
     system = scene.system
-    assert isinstance(system, TabledSystem)
+    assert isinstance(system, FlipSystem)
     known = np.array([system.positions[k] for k in range(len(system.positions))])
     left, right, low, high = frame(scene)
     size = known.max(axis=0) - known.min(axis=0)

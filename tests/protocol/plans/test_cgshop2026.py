@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ from cells import Cell, cell_of
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.plans.formats import read_plan
-from cubepath.protocol.plans.triangles import Triangles
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import PointSet
+from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
+from cubepath.protocol.systems.triangles import Triangles
 from plans import DATA, actions_read, flips_2026, moves_read, save
 from strategies import random_walk, scene
 
@@ -209,7 +211,7 @@ def test_triangles_agree_with_the_obvious(count: int, seed: int, direction: str)
         flips[edge] = tuple(sorted((a, b, c, d)))
     obvious = {
         diagonal: each.corners
-        for each in points.quadrilaterals
+        for each in all_quadrilaterals(points)
         for diagonal in each.diagonals
         if diagonal in edges and each.sides <= edges
     }
@@ -223,22 +225,24 @@ def subsets(edges: Sequence[Cell], seed: int) -> list[Cell]:
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**12 - 1), st.integers(0, 50))
 def test_what_is_no_triangulation_is_found(seed: int, points_seed: int) -> None:
-    """Of all sets of edges among six points, those are taken that the system's own check takes."""
+    """Of all sets of edges those are taken that do not cross and are as many as can be."""
     system = FlipSystem(random_points(6, points_seed))
     plane = system.plane
     moving = sorted({cell_of(site) for move in system.listed for site in move.action.trace})
     edges = subsets(moving, seed)
-    try:
-        system.check_state(edges)
-        expected = True
-    except InputError:
-        expected = False
-    try:
-        Triangles(plane.points, [*edges, *system.kept])
-        found = True
-    except InputError:
-        found = False
-    assert found == expected
+    known = [*edges, *system.kept]
+    crossed = any(plane.cross(one, other) for one, other in combinations(known, 2))
+    expected = not crossed and len(known) == len(plane.sweep("right"))
+
+    def taken(check: Callable[[list[Cell]], object]) -> bool:
+        try:
+            check(edges)
+        except InputError:
+            return False
+        return True
+
+    assert taken(system.check_state) == expected
+    assert taken(lambda edges: Triangles(plane.points, [*edges, *system.kept])) == expected
 
 
 def test_the_sample_is_as_published() -> None:

@@ -7,6 +7,7 @@ from fractions import Fraction
 from itertools import combinations
 from math import comb, factorial
 from pathlib import Path
+from random import Random
 
 import numpy as np
 import pytest
@@ -15,9 +16,9 @@ from hypothesis import strategies as st
 
 from complexes import actions_at, f_vector, states_of
 from cubepath.agents.environments.world import World
-from cubepath.protocol.core.actions import commute
+from cubepath.protocol.core.actions import Action, commute, end_at
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.triangulations import (
     polygon_points,
@@ -28,6 +29,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, PointSet
+from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
 
 GRID: list[Point] = [(x, y) for y in range(3) for x in range(3)]
 DOUBLE_6: list[Point] = [(0, 0), (60, 0), (30, 60), (30, 1), (44, 30), (16, 30)]
@@ -202,12 +204,73 @@ def test_quadrilaterals_by_their_definition(points: list[Point]) -> None:
             ]
             if not inside:
                 expected.add(four)
-    found = [each.corners for each in PointSet(points).quadrilaterals]
+    found = [each.corners for each in all_quadrilaterals(PointSet(points))]
     assert set(found) == expected
     assert len(found) == len(expected)
     plane = PointSet(points)
     for four in combinations(range(len(points)), 4):
         assert (plane.why_no_flip(four) is None) == (four in expected)
+
+
+@given(on_grid(10))
+def test_flips_that_are_found_are_those_of_the_list(points: list[Point]) -> None:
+    """What is found for one edge, and which edges can be modules, the whole list says too."""
+    try:
+        system = FlipSystem(points)
+    except InputError:
+        assert all_quadrilaterals(PointSet(points)) == ()
+        return
+    for edge in combinations(range(len(points)), 2):
+        listed = [move for move in system.moves(edge) if move is not None]
+        assert list(system.moves_at(edge)) == listed
+        assert system.has_place(edge) == system.whole.has_place(edge) == bool(listed)
+        ways = system.whole.ways().near(edge)
+        assert sorted(system.ways().near(edge)) == sorted(ways)
+        for move in listed:
+            assert system.action("flip", move.at) is move.action
+            assert set(system.moves_of(move.action)) == set(system.whole.moves_of(move.action))
+
+
+@pytest.mark.slow
+@given(on_grid(9), st.randoms(use_true_random=False))
+def test_discovery_finds_what_is_admissible_where_it_was(
+    points: list[Point], random: Random
+) -> None:
+    """Told of each edge once along a walk, it has found all that the list allows."""
+    try:
+        scene = scene_of(points)
+    except InputError:
+        return
+    discover = scene.system.discovery()
+    assert discover is not None
+    state, known = scene.start_state, set[Site]()
+    found: set[tuple[Action, Site]] = set()
+    for _ in range(8):
+        fresh = sorted(state - known)
+        random.shuffle(fresh)
+        known |= state
+        for site in fresh:
+            found |= {(move.action, move.source) for move in discover(site)}
+        here = {(action, source) for action, source in found if end_at(action, state) is not None}
+        expected = {
+            (move.action, site)
+            for site in state
+            for move in scene.system.moves(site)
+            if move is not None and move.possible(state)
+        }
+        assert {(action, site) for action, site in here if site in state} == expected
+        action, _ = random.choice(sorted(expected, key=lambda each: site_text(each[1])))
+        state ^= action.trace
+
+
+@given(on_grid(10))
+def test_crossings_of_many_edges_at_once(points: list[Point]) -> None:
+    """They are those of each pair; the test of two sides alone would find lines that meet."""
+    plane = PointSet(points)
+    edges = list(combinations(range(len(points)), 2))
+    for edge in edges:
+        expected = [plane.cross(edge, other) for other in edges]
+        assert plane.crossings(edge, np.array(edges)).tolist() == expected
 
 
 @given(on_grid(9), st.sampled_from(sorted(SWEEPS)))
@@ -240,9 +303,9 @@ def test_no_rounding() -> None:
     """Beside a line by one unit in 10^30 is not on it, at any size."""
     far = 10**30
     points = [(0, 0), (far, far), (2 * far, 2 * far - 1), (far, -far)]
-    assert [each.corners for each in PointSet(points).quadrilaterals] == [(0, 1, 2, 3)]
+    assert [each.corners for each in all_quadrilaterals(PointSet(points))] == [(0, 1, 2, 3)]
     straight = [*points[:2], (2 * far, 2 * far), points[3]]
-    assert PointSet(straight).quadrilaterals == ()
+    assert all_quadrilaterals(PointSet(straight)) == ()
 
 
 def test_polygons_are_convex() -> None:
@@ -250,7 +313,7 @@ def test_polygons_are_convex() -> None:
     for count in (*range(4, 12), 40):
         p = polygon_points(count)
         assert all(turn(p[k - 2], p[k - 1], p[k]) > 0 for k in range(count))
-    assert len(PointSet(polygon_points(12)).quadrilaterals) == comb(12, 4)
+    assert len(all_quadrilaterals(PointSet(polygon_points(12)))) == comb(12, 4)
 
 
 def test_modules_are_the_diagonals_that_can_move() -> None:
@@ -317,7 +380,7 @@ def test_triangulations_from_a_file(tmp_path: Path) -> None:
     [
         ("p.txt", "0 0\n1 1\n0.0 0\n", "points 0 and 2 are the same"),
         ("p.txt", "0 0\n1 1\n2 2\n5 5\n", "all 4 points lie on one line"),
-        ("p.txt", "0 0\n1 1\n", "2 points, expected 3 to"),
+        ("p.txt", "0 0\n1 1\n", "2 points, expected at least 3"),
         ("p.txt", "0 0\n1 x\n", "p.txt:2: 'x' is not a decimal number"),
         ("p.txt", "0 0\n1 inf\n", "p.txt:2: 'inf' is not a decimal number"),
         ("p.txt", "0 0\n1 1e999999999\n", "is not a decimal number"),
@@ -418,7 +481,7 @@ def test_a_file_holds_the_points_alone(spec: str) -> None:
     for again in (scene_from_toml(text, "text"), pickle.loads(pickle.dumps(scene))):  # noqa: S301
         assert isinstance(again.system, FlipSystem)
         assert isinstance(scene.system, FlipSystem)
-        assert again.system.by_name == scene.system.by_name
+        assert again.system.listed == scene.system.listed
         assert again.start_state == scene.start_state
 
 
@@ -440,7 +503,23 @@ def test_specs_that_are_refused(spec: str, message: str) -> None:
 
 
 @pytest.mark.slow
+def test_a_thousand_points_are_a_system() -> None:
+    """Flips are found where they are asked for; only the list of all of them has its bounds."""
+    scene = scene_from_spec("triangulation:n=1000")
+    system = scene.system
+    assert isinstance(system, FlipSystem)
+    system.check_state(scene.goal or ())
+    discover = system.discovery()
+    assert discover is not None
+    found = [move for site in sorted(scene.start_state) for move in discover(site)]
+    assert len(found) > 800
+    assert all(move.possible(scene.start_state) for move in found)
+    with pytest.raises(InputError, match="1000 points have too many flips to list them all"):
+        system.moves(scene.start[0])
+
+
+@pytest.mark.slow
 def test_too_many_flips_are_refused() -> None:
     """Many points in convex position have more flips than a list should hold."""
     with pytest.raises(InputError, match="more than 200000 flips among 60 points"):
-        _ = PointSet(polygon_points(60)).quadrilaterals
+        _ = all_quadrilaterals(PointSet(polygon_points(60)))

@@ -22,6 +22,7 @@ from cubepath.protocol.core.system import FIRST_LABEL, Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.listed import TabledSystem
 
 
@@ -51,6 +52,8 @@ BUILD: dict[str, Callable[[], TabledSystem]] = {"train": train}
 
 def tabled(spec: str) -> TabledSystem:
     system = BUILD[spec]() if spec in BUILD else scene_from_spec(spec).system
+    if isinstance(system, FlipSystem):
+        return system.whole
     assert isinstance(system, TabledSystem)
     return system
 

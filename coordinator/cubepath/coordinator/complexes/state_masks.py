@@ -83,9 +83,7 @@ class Bits:
         """Learn the moves of a module at the site of this bit."""
         self.met.add(bit)
         site = self.sites[bit]
-        for move in self.scene.system.moves(site):
-            if move is None:
-                continue
+        for move in self.scene.system.moves_at(site):
             number = self._number_of(move.action)
             if number is not None:
                 sources = frozenset(source for source, _ in move.motion)

@@ -51,9 +51,12 @@ class Transitions:
         self.trace: list[int] = []
         self.support: list[int] = []
         self.sites: list[Site] = []
+        self._discover = None if system is None else system.discovery()
+        # Of whom moves are known; where they are discovered, whoever was told of.
+        self._met = 0
         self._bits = Ordinals[Site]()
         self._numbers: dict[Action, int] = {}
-        self._rows: list[tuple[_Row, ...] | None] = []
+        self._rows: list[list[_Row]] = []
         # Sites at which nothing moves need not be looked at.
         self._still = 0
         # Moves that are proposed by no site that is on: only a list has such.
@@ -75,7 +78,7 @@ class Transitions:
         found = self._bits[site]
         if found == len(self.sites):
             self.sites.append(site)
-            self._rows.append(None)
+            self._rows.append([])
         return found
 
     def encode(self, sites: Iterable[Site]) -> int:
@@ -108,15 +111,14 @@ class Transitions:
         nothing is asked, so what is still costs nothing.
         """
         found: dict[int, None] = {}
+        for bit in bits_of(state & ~self._met & (-1 if self._discover else ~still)):
+            self._meet(bit)
         left = state & ~self._still & ~still
         while left:
             low = left & -left
             left ^= low
             bit = low.bit_length() - 1
-            rows = self._rows[bit]
-            if rows is None:
-                rows = self._meet(bit)
-            for number, need, shown, guards in rows:
+            for number, need, shown, guards in self._rows[bit]:
                 if state & need == shown and not (guards and _unheld(guards, state)):
                     found[number] = None
         for number, need, shown, guards in self._anywhere:
@@ -126,22 +128,27 @@ class Transitions:
             return [number for number in found if not self.trace[number] & still]
         return list(found)
 
-    def _meet(self, bit: int) -> tuple[_Row, ...]:
+    def _meet(self, bit: int) -> None:
+        """Learn the moves of a site that is on for the first time."""
         site = self.sites[bit]
+        self._met |= 1 << bit
         if self.system is None:
-            found = [self._row(action, end) for action, end in self._listed.get(site, ())]
-        else:
-            found = [
-                self._row(move.action, end)
-                for move in self.system.moves(site)
-                if move is not None
-                for end in (0, 1)
-                if all(source in move.action.ends[end] for source, _ in move.motion)
+            self._rows[bit] += [
+                self._row(action, end) for action, end in self._listed.get(site, ())
             ]
-        rows = self._rows[bit] = tuple(found)
-        if not rows:
+        else:
+            ask = self._discover or self.system.moves_at
+            for move in ask(site):
+                rows = self._rows[self.bit(move.source)]
+                rows += [
+                    self._row(move.action, end)
+                    for end in (0, 1)
+                    if all(source in move.action.ends[end] for source, _ in move.motion)
+                ]
+                # What was still may be told later of a move.
+                self._still &= ~(1 << self.bit(move.source))
+        if not self._rows[bit]:
             self._still |= 1 << bit
-        return rows
 
     def _row(self, action: Action, end: int) -> _Row:
         number = self.number(action)

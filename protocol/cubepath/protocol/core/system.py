@@ -125,6 +125,23 @@ class System(ABC):
         Each takes every module of its trace to a site of it, one to one: none comes or goes.
         """
 
+    def moves_at(self, site: Site) -> Iterable[Move]:
+        """Return the moves of `moves` that there are, in their order, without slots.
+
+        A system that lists its moves only for runs and environments finds them here.
+        """
+        return (move for move in self.moves(site) if move is not None)
+
+    def discovery(self) -> Callable[[Site], Iterable[Move]] | None:
+        """Return what finds moves for a search that visits few of very many sites.
+
+        A function that is told once of each site that is on in some state, in any order. When it
+        was told of all that are on in a state, it has returned every move that is admissible
+        there, with the mover that is on; it may have returned others. None where `moves_at` of the
+        sites does for that.
+        """
+        return None
+
     @abstractmethod
     def action(self, generator: str, at: Site) -> Action:
         """Return the action of the named generator at the given place; InputError if unknown.
@@ -137,8 +154,8 @@ class System(ABC):
 
         None where there is none: that it is no move at all, or nobody's at `site`.
         """
-        for move in self.moves(site):
-            if move is not None and move.generator == generator and move.at == at:
+        for move in self.moves_at(site):
+            if move.generator == generator and move.at == at:
                 return move
         return None
 
@@ -152,8 +169,8 @@ class System(ABC):
             move
             for site in in_order(action.trace & (action.ends[0] | action.ends[1]))
             if self.has_place(self.place_of(site))
-            for move in self.moves(site)
-            if move is not None and move.action == action
+            for move in self.moves_at(site)
+            if move.action == action
         )
 
     @abstractmethod

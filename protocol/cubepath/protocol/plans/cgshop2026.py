@@ -32,9 +32,9 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only
-from cubepath.protocol.plans.triangles import Triangles
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
-from cubepath.protocol.systems.point_sets import Edge, Point, Quadrilateral, edge_of
+from cubepath.protocol.systems.point_sets import Edge, Point, edge_of, quadrilateral
+from cubepath.protocol.systems.triangles import Triangles
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
 
@@ -183,8 +183,6 @@ def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:
 
 
 def _move(edge: Edge, corners: tuple[int, int, int, int]) -> PathMove:
-    a, d, b, c = corners
-    sides = frozenset((edge_of(a, d), edge_of(d, b), edge_of(b, c), edge_of(c, a)))
-    first, second = sorted((edge, edge_of(c, d)))
-    move = flip_of(Quadrilateral((first, second), sides))
+    move = flip_of(quadrilateral(*corners))
+    sides = move.action.support - move.action.trace
     return PathMove(move.action, GeneratorPlacement("flip", move.at), sides | {edge})

@@ -147,8 +147,8 @@ def _named(line: _Line, system: System, state: set[Site], sites: Iterable[Site])
         move
         for site in sites
         if site not in system.filled and site in state
-        for move in system.moves(site)
-        if move is not None and line.names(move)
+        for move in system.moves_at(site)
+        if line.names(move)
     ]
 
 

@@ -23,14 +23,8 @@ if TYPE_CHECKING:
     )
     from cubepath.protocol.systems.lattice import LatticeSystem
     from cubepath.protocol.systems.listed import TabledSystem
-    from cubepath.protocol.systems.point_sets import (
-        POINTS_MAX,
-        SWEEPS,
-        Edge,
-        Point,
-        Quadrilateral,
-        edge_of,
-    )
+    from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, edge_of, quadrilateral
+    from cubepath.protocol.systems.triangles import Triangles
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -42,13 +36,13 @@ else:
             ),
             "lattice": "LatticeSystem",
             "listed": "TabledSystem",
-            "point_sets": "Edge POINTS_MAX Point Quadrilateral SWEEPS edge_of",
+            "point_sets": "Edge Point SWEEPS edge_of quadrilateral",
+            "triangles": "Triangles",
         },
     )
 
 __all__ = [
     "COMPASS",
-    "POINTS_MAX",
     "SWEEPS",
     "Edge",
     "FlipSystem",
@@ -56,13 +50,14 @@ __all__ = [
     "GraphSystem",
     "LatticeSystem",
     "Point",
-    "Quadrilateral",
     "Scenario",
     "TabledSystem",
+    "Triangles",
     "edge_of",
     "flip_of",
     "graph_from_map",
     "graph_from_name",
     "graph_round",
+    "quadrilateral",
     "scenario_from_json",
 ]

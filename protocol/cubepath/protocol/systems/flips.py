@@ -2,53 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from functools import partial
-from itertools import combinations
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, partial
 from typing import Any, ClassVar, Self
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
-from cubepath.protocol.core.system import Bound
+from cubepath.protocol.core.system import Bound, System, Ways
 from cubepath.protocol.systems.listed import TabledSystem
-from cubepath.protocol.systems.point_sets import Edge, Point, PointSet, Quadrilateral
+from cubepath.protocol.systems.point_sets import (
+    SWEEPS,
+    Edge,
+    Point,
+    PointSet,
+    Quadrilateral,
+    edge_of,
+    quadrilateral,
+)
+from cubepath.protocol.systems.quadrilaterals import FLIPS_MAX, all_quadrilaterals
+from cubepath.protocol.systems.triangles import Triangles
 
 
-class FlipSystem(TabledSystem):
+class FlipSystem(System):
     """A site is an edge ``(a, b)`` between points a < b, a module a diagonal of a triangulation.
 
     Source: the paper's "triangulations of polygons with edge-flipping as the generator". A flip is
     named by the corners of its quadrilateral, which is strictly convex and holds no other point;
-    its support is the four sides, on, and both diagonals, which are its trace. `fixed` are the
+    its support is the four sides, on, and both diagonals, which are its trace. `filled` are the
     edges of the hull and any others that are in every triangulation. All triangulations of the
     points can be reached from one (Lawson 1972).
+
+    Flips are found where they are needed, so there may be many thousand points. What needs the
+    whole list, since it numbers all that could ever happen (a module's slots, the places that it
+    senses), builds it when it is first asked for: `whole`, with its bounds.
     """
 
     table: ClassVar[str] = "triangulation"
+    drawing = "chords"
 
     def __init__(self, points: Iterable[Point]) -> None:
-        """Find all flips; InputError says what is wrong with the points."""
+        """Check the points; InputError says what is wrong with them."""
         self.plane = PointSet(points)
-        moves = [flip_of(quadrilateral) for quadrilateral in self.plane.quadrilaterals]
-        if not moves:
-            raise InputError("no quadrilateral is convex and empty, so no diagonal can flip")
-        moving = {site for move in moves for site in move.action.trace}
-        self.kept = self.plane.sweep("right") - moving
-        super().__init__(
-            moves,
-            fixed=self.kept,
-            drawing="chords",
-            positions={
-                number: (float(x), float(y)) for number, (x, y) in enumerate(self.plane.points)
-            },
-        )
+        self.positions = {
+            number: (float(x), float(y)) for number, (x, y) in enumerate(self.plane.points)
+        }
+        self.site_size = 1
+        self.kept = _kept(self.plane)
+        """The edges that no other can cross: they are in every triangulation."""
+        self.filled = self.kept
+        self._flips: dict[tuple[int, ...], Move] = {}
 
     def __reduce__(self) -> tuple[object, ...]:
-        # The points say all, and are far fewer than the flips.
         return partial(FlipSystem, self.plane.points), ()
 
     def to_table(self) -> dict[str, Any]:
@@ -70,35 +80,142 @@ class FlipSystem(TabledSystem):
 
         Some flip lessens the sum as long as there is any (Hanke, Ottmann and Schuierer 1996).
         """
-        cross = self.plane.cross
-        edges = _edges(goal)
-        return lambda site: sum(cross(one, edge) for one in _edges((site,)) for edge in edges)
+        edges = _rows(_edges(goal))
+        return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
+
+    def ways(self) -> Ways:
+        """Return which diagonals a flip exchanges."""
+        return Ways(lambda site: [move.target for move in self.moves_at(site)], one_to_one=True)
 
     def modules_of(self, edges: Iterable[Edge]) -> tuple[Edge, ...]:
         """Return the edges of a triangulation that are modules, in order."""
         return tuple(sorted(edge for edge in edges if edge not in self.kept))
+
+    # What is asked of one edge or one flip is found from the points around it.
 
     def action(self, generator: str, at: Site) -> Action:
         """Return the flip in the quadrilateral with the corners `at`, in any order.
 
         InputError where there is none: which point is in it, or why it is not convex.
         """
-        if generator == "flip" and (generator, at) not in self.by_name:
-            corners = self._corners(at)
+        if generator != "flip":
+            raise InputError(f"unknown generator {generator!r}, expected one of flip")
+        corners = self._corners(at)
+        if corners not in self._flips:
             why = self.plane.why_no_flip(corners)
             if why is not None:
                 raise ExcludedError(f"generator 'flip': quadrilateral {list(corners)} is {why}")
-            at = corners
-        return super().action(generator, at)
+            return self._flip(quadrilateral(*self.plane.ring(corners))).action
+        return self._flips[corners].action
 
-    def _corners(self, at: Site) -> tuple[int, ...]:
+    def _flip(self, each: Quadrilateral) -> Move:
+        """Return the flip in a quadrilateral, the same object as long as it is remembered."""
+        found = self._flips.get(each.corners)
+        if found is None:
+            if len(self._flips) >= FLIPS_MAX:
+                self._flips.clear()
+            found = self._flips[each.corners] = flip_of(each)
+        return found
+
+    def moves_at(self, site: Site) -> Iterable[Move]:
+        """Return the flips of a diagonal, whatever the triangulation."""
+        for edge in _edges((site,)) if self.has_place(site) else ():
+            for each in self.plane.around(edge):
+                yield self._from(edge, each)
+
+    def _from(self, edge: Edge, each: Quadrilateral) -> Move:
+        """Return the flip in a quadrilateral that begins with this one of its diagonals."""
+        move = self._flip(each)
+        if move.source == edge:
+            return move
+        return Move(move.action, move.generator, move.at, ((move.target, move.source),))
+
+    def discovery(self) -> Callable[[Site], Iterable[Move]]:
+        """Return what finds the flips among the edges that it was told of, and no others."""
+        return _Discovery(self.plane, self._from).meet
+
+    def has_place(self, place: Site) -> bool:
+        """Tell whether an edge is in some triangulations and not in all of them."""
+        match place:
+            case (int(one), int(other)) if 0 <= one < other < len(self.plane.points):
+                return (one, other) not in self.kept and not self.plane.on_the_way(one, other)
+            case _:
+                return False
+
+    # What numbers all that could ever happen needs the whole list.
+
+    @cached_property
+    def whole(self) -> TabledSystem:
+        """Return the system with its flips listed; InputError where there are too many."""
+        return TabledSystem(
+            map(self._flip, all_quadrilaterals(self.plane)),
+            fixed=self.filled,
+            drawing=self.drawing,
+            positions=self.positions,
+        )
+
+    @property
+    def listed(self) -> tuple[Move, ...]:
+        """Return all flips, by the corners of their quadrilaterals, each with one direction."""
+        return self.whole.listed
+
+    @cached_property
+    def places(self) -> tuple[Site, ...]:  # type: ignore[override]
+        """Return all edges that some flip concerns."""
+        return self.whole.places
+
+    @cached_property
+    def move_slots(self) -> int:  # type: ignore[override]
+        """Return the most flips that one diagonal has."""
+        return self.whole.move_slots
+
+    @cached_property
+    def sense_slots(self) -> int:  # type: ignore[override]
+        """Return the greatest number of edges that a diagonal senses."""
+        return self.whole.sense_slots
+
+    @cached_property
+    def reach_slots(self) -> int:  # type: ignore[override]
+        """Return the greatest number of edges within reach of a diagonal."""
+        return self.whole.reach_slots
+
+    def moves(self, site: Site) -> tuple[Move | None, ...]:
+        """Return the flips of the diagonal at `site`, by the corners of their quadrilaterals."""
+        return self.whole.moves(site)
+
+    def sensed(self, place: Site) -> tuple[Site | None, ...]:
+        """Return the edges of all quadrilaterals with this diagonal."""
+        return self.whole.sensed(place)
+
+    def listeners(self, place: Site) -> tuple[Site, ...]:
+        """Return the edges from which a module senses `place`."""
+        return self.whole.listeners(place)
+
+    def reach(self, place: Site) -> tuple[Site, ...]:
+        """Return the edges of possible competitors of a module at `place`."""
+        return self.whole.reach(place)
+
+    def encode_site(self, site: Site) -> tuple[int, ...]:
+        """Return the number of the edge among `places`."""
+        return self.whole.encode_site(site)
+
+    def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
+        """Return the edge."""
+        return self.whole.decode_site(numbers, label)
+
+    def lines(self) -> Iterable[tuple[Site, Site]]:
+        """Return which edges a flip exchanges."""
+        return self.whole.lines()
+
+    def _corners(self, at: Site) -> tuple[int, int, int, int]:
         last = len(self.plane.points) - 1
         if not (isinstance(at, tuple) and len(set(at)) == len(at) == 4):
             raise InputError(f"generator 'flip': 'at' is four points, found {at!r}")
         for corner in at:
             if not (type(corner) is int and 0 <= corner <= last):
                 raise InputError(f"generator 'flip': {corner!r} is no point, expected 0 to {last}")
-        return tuple(sorted(at))
+        a, b, c, d = sorted(at)
+        return a, b, c, d
 
     def check_state(self, sites: Iterable[Site]) -> None:
         """Check that the edges make a triangulation together with those that are fixed."""
@@ -115,18 +232,83 @@ class FlipSystem(TabledSystem):
                 raise InputError(f"edge {[one, other]} passes through point {between[0]}")
             if (one, other) in self.kept:
                 raise InputError(f"edge {[one, other]} is in every triangulation and no module")
-        for edge, other_edge in combinations((*edges, *self.kept), 2):
-            if self.plane.cross(edge, other_edge):
-                raise InputError(f"edges {list(edge)} and {list(other_edge)} cross")
-        due = len(self.modules_of(self.plane.sweep("right")))
+        if len(set(edges)) < len(edges):
+            return  # Scene names the one that stands twice.
+        due = 3 * len(self.plane.points) - 3 - len(self.plane.hull) - len(self.kept)
         if len(edges) != due:
+            self._name_crossing(edges)
             raise InputError(f"{len(edges)} diagonals, a triangulation of these points has {due}")
+        try:
+            Triangles(self.plane.points, (*edges, *self.kept))
+        except InputError:
+            self._name_crossing(edges)
+            raise
+
+    def _name_crossing(self, edges: Sequence[Edge]) -> None:
+        """Raise InputError for two edges that cross; there may be none."""
+        known = [*edges, *in_order(self.kept)]
+        for place, edge in enumerate(known):
+            crossed = self.plane.crossings(edge, _rows(known[place + 1 :])).nonzero()[0]
+            if len(crossed):
+                other = known[place + 1 + int(crossed[0])]
+                raise InputError(f"edges {list(edge)} and {list(other)} cross")
 
 
-def flip_of(quadrilateral: Quadrilateral) -> Move:
+class _Discovery:
+    """Flips whose four sides and one diagonal have been on, each found when the last of them is.
+
+    What was never on is not looked at, so the cost is that of the triangulations that are visited:
+    an empty triangle is found with its last side, a quadrilateral with the second of its triangles.
+    """
+
+    def __init__(self, plane: PointSet, move: Callable[[Edge, Quadrilateral], Move]) -> None:
+        self._plane = plane
+        self._move = move
+        self._near: dict[int, set[int]] = {}
+        # By directed edge: the corners of the empty triangles on its left.
+        self._apexes: dict[Edge, list[int]] = {}
+
+    def meet(self, site: Site) -> Iterator[Move]:
+        """Yield the flips that are found with an edge, each from the diagonal that has been on."""
+        plane = self._plane
+        for one, other in _edges((site,)):
+            near, around = self._near.setdefault(one, set()), self._near.setdefault(other, set())
+            near.add(other)
+            around.add(one)
+            for apex in sorted(near & around):
+                if not plane.empty(one, other, apex):
+                    continue
+                a, b = (one, other) if plane.left(one, other, apex) else (other, one)
+                for p, q, over in ((a, b, apex), (b, apex, a), (apex, a, b)):
+                    for under in self._apexes.get((q, p), ()):
+                        if plane.left(under, over, p) and plane.left(over, under, q):
+                            yield self._move(edge_of(p, q), quadrilateral(p, under, q, over))
+                    self._apexes.setdefault((p, q), []).append(over)
+
+
+def _kept(plane: PointSet) -> frozenset[Edge]:
+    """Return the edges that are in every triangulation: those of the hull, and uncrossed ones.
+
+    What is crossed by any edge is missing from some triangulation, and flips reach that one, so it
+    is a diagonal of some quadrilateral. InputError where that is true of no edge.
+    """
+    sweeps = [plane.sweep(way) for way in SWEEPS]
+    swept = Triangles(plane.points, sweeps[0])
+    found = frozenset(
+        edge
+        for edge in frozenset.intersection(*sweeps)
+        if edge in plane.hull
+        or not (swept.convex(edge) or plane.can_flip(edge, swept.apexes(edge)))
+    )
+    if found == sweeps[0]:
+        raise InputError("no quadrilateral is convex and empty, so no diagonal can flip")
+    return found
+
+
+def flip_of(each: Quadrilateral) -> Move:
     """Return the flip in a quadrilateral, named by its corners."""
-    one, other = quadrilateral.diagonals
-    sides, at = quadrilateral.sides, quadrilateral.corners
+    one, other = each.diagonals
+    sides, at = each.sides, each.corners
     support = {*sides, one, other}
     label = f"flip at {list(at)}"
     action = Action(support, (one, other), {*sides, one}, {*sides, other}, label=label)
@@ -149,13 +331,14 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     That log n rounds are of the right order for convex polygons is known: Galtier, Hurtado, Noy,
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
-    crossed: dict[Edge, int] = {}
-    for edge in _edges(start - goal):
-        for other in _edges(goal - start):
-            if system.plane.cross(edge, other):
-                crossed[edge] = crossed.get(edge, 0) + 1
-                crossed[other] = crossed.get(other, 0) + 1
-    return max(crossed.values(), default=0).bit_length()
+    here, there = _edges(start - goal), _rows(_edges(goal - start))
+    most = 0
+    crossed = np.zeros(len(there), dtype=np.int64)
+    for edge in here:
+        found = system.plane.crossings(edge, there)
+        crossed += found
+        most = max(most, int(found.sum()))
+    return max(most, int(crossed.max(initial=0))).bit_length()
 
 
 def flip_bound(system: FlipSystem, start: State, goal: State) -> int:
@@ -178,6 +361,10 @@ def _edges(sites: Iterable[Site]) -> list[Edge]:
             case _:
                 raise TypeError(f"{site!r} is no edge of a triangulation")
     return found
+
+
+def _rows(edges: Sequence[Edge]) -> NDArray[np.intp]:
+    return np.array(edges, dtype=np.intp).reshape(-1, 2)
 
 
 class _PointsTable(msgspec.Struct, forbid_unknown_fields=True):

@@ -1,16 +1,16 @@
-"""Point sets of the plane, exactly: which edges and quadrilaterals they allow, triangulations.
+"""Point sets of the plane, exactly: hull, sweeps, what is empty, and where a diagonal can flip.
 
 All arithmetic is on whole numbers. Points may be collinear: an edge never passes through a point,
-and a side of the hull with points on it is several edges.
+and a side of the hull with points on it is several edges. Nothing is listed beforehand, so there
+may be many thousand points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,13 @@ from cubepath.protocol.core.errors import InputError
 Point: TypeAlias = tuple[int, int]
 Edge: TypeAlias = tuple[int, int]
 """Two numbers of points, the lesser first."""
+Numbers: TypeAlias = NDArray[np.intp]
+"""Numbers of points."""
 
-POINTS_MAX = 300
-"""The largest point set: random points have some three flips for every pair of them."""
-FLIPS_MAX = 200_000
-"""The most flips; n points in convex position have n (n-1) (n-2) (n-3) / 24."""
 SWEEPS = {"right": (1, 0), "left": (-1, 0), "up": (0, 1), "down": (0, -1)}
 """The directions in which a sweep can take the points one by one."""
+_SPAN_MAX = 2**30
+"""Up to this span of coordinates no product overflows 64 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,54 +48,61 @@ class PointSet:
     def __init__(self, points: Iterable[Point]) -> None:
         """Check the points; InputError names the first that contradicts."""
         self.points = tuple(points)
-        count = len(self.points)
-        if not 3 <= count <= POINTS_MAX:
-            raise InputError(f"{count} points, expected 3 to {POINTS_MAX}")
-        first: dict[Point, int] = {}
-        for number, point in enumerate(self.points):
-            if point in first:
-                raise InputError(f"points {first[point]} and {number} are the same")
-            first[point] = number
-        # Bits of a whole number stand for points: who lies left of a line, who on a segment.
-        self._left: list[list[int]] = []
-        self._on: list[list[int]] = []
-        for number in range(count):
-            left, on = self._seen_from(number)
-            self._left.append(left)
-            self._on.append(on)
-        if not any(map(any, self._left)):
-            raise InputError(f"all {count} points lie on one line: there is nothing to triangulate")
+        self.hull = frozenset(edge_of(*edge) for edge in hull_of(self.points))
+        """The edges of the convex hull, split at the points on them."""
+        both = np.array(self.points, dtype=object)
+        both -= both.min(axis=0)
+        if both.max() < _SPAN_MAX:
+            both = both.astype(np.int64)
+        # By x, so that a box is found in the strip of its columns.
+        self._by_x = np.argsort(both[:, 0], kind="stable")
+        self._x: NDArray[Any] = both[:, 0]
+        self._y: NDArray[Any] = both[:, 1]
+        self._columns = self._x[self._by_x]
 
-    def _seen_from(self, corner: int) -> tuple[list[int], list[int]]:
-        """Return for each other point who is left of the line to it, and who on the way to it."""
-        points = np.array(self.points, dtype=object)
-        points -= points[corner]
-        if np.abs(points).max() < 2**30:  # so no product overflows
-            points = points.astype(np.int64)
-        x, y = points[:, 0], points[:, 1]
-        turn = np.outer(x, y) - np.outer(y, x)
-        ahead = np.outer(x, x) + np.outer(y, y)
-        far = (x * x + y * y)[:, None]
-        return _bits(turn > 0), _bits((turn == 0) & (ahead > 0) & (ahead < far))
+    def turn(self, one: int, other: int, point: int) -> int:
+        """Return twice the signed area of a triangle, positive where it turns left."""
+        return turn(self.points, one, other, point)
 
     def left(self, one: int, other: int, point: int) -> bool:
         """Tell whether a point lies strictly left of the line from `one` to `other`."""
-        return bool(self._left[one][other] >> point & 1)
+        return turn(self.points, one, other, point) > 0
 
-    def _bends(self, one: int, other: int, point: int) -> bool:
-        return self.left(one, other, point) or self.left(other, one, point)
+    def _turns(self, one: int, other: int, at: Numbers) -> NDArray[Any]:
+        """Return `turn` for many points at once."""
+        x, y = self._x, self._y
+        dx, dy = x[other] - x[one], y[other] - y[one]
+        return dx * (y[at] - y[one]) - dy * (x[at] - x[one])
+
+    def _boxed(self, corners: Sequence[int], *, grown: int = 0) -> Numbers:
+        """Return the points in the smallest box around some, or in one grown by so many sides."""
+        x, y = self._x[list(corners)], self._y[list(corners)]
+        by = grown * max(x.max() - x.min(), y.max() - y.min())
+        first = np.searchsorted(self._columns, x.min() - by, "left")
+        last = np.searchsorted(self._columns, x.max() + by, "right")
+        strip = self._by_x[first:last]
+        rows = self._y[strip]
+        found: Numbers = strip[(rows >= y.min() - by) & (rows <= y.max() + by)]
+        return found
 
     def on_the_way(self, one: int, other: int) -> tuple[int, ...]:
         """Return the points strictly between two points."""
-        return _numbers(self._on[one][other])
+        near = self._boxed((one, other))
+        on = near[self._turns(one, other, near) == 0].tolist()
+        return tuple(sorted(set(on) - {one, other}))
 
     def inside(self, corners: Sequence[int]) -> tuple[int, ...]:
         """Return the other points in or on a convex polygon with these corners, left-turning."""
-        within, on = -1, 0
+        near = self._boxed(corners)
         for one, other in zip(corners, [*corners[1:], corners[0]], strict=True):
-            within &= self._left[one][other]
-            on |= self._on[one][other]
-        return _numbers(within | on)
+            near = near[self._turns(one, other, near) >= 0]
+        return tuple(sorted(set(near.tolist()) - set(corners)))
+
+    def empty(self, one: int, other: int, apex: int) -> bool:
+        """Tell whether three points make a triangle with no other point in it or on it."""
+        sign = self.turn(one, other, apex)
+        corners = (one, other, apex) if sign > 0 else (other, one, apex)
+        return sign != 0 and not self.inside(corners)
 
     def cross(self, edge: Edge, other: Edge) -> bool:
         """Tell whether two edges meet in a point that is strictly inside both."""
@@ -103,54 +110,65 @@ class PointSet:
 
     def _parts(self, edge: Edge, other: Edge) -> bool:
         """Tell whether the ends of `other` lie strictly on the two sides of an edge."""
-        (a, b), (c, d) = edge, other
-        if self.left(a, b, c):
-            return self.left(b, a, d)
-        return self.left(b, a, c) and self.left(a, b, d)
+        a, b = (self.turn(*edge, end) for end in other)
+        return (a > 0 > b) or (b > 0 > a)
 
-    @cached_property
-    def hull(self) -> frozenset[Edge]:
-        """Return the edges of the convex hull, split at the points on them."""
-        return frozenset(
-            edge_of(one, other)
-            for one, left in enumerate(self._left)
-            for other in range(len(left))
-            if one != other
-            and not left[other]
-            and not self._on[one][other]
-            and any(self._left[other])
-        )
+    def crossings(self, edge: Edge, others: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Tell of each of many edges, the rows of an array, whether it is crossed as by `cross`."""
+        ends = [np.sign(self._turns(*edge, others[:, end])) for end in (0, 1)]
+        found: NDArray[np.bool_] = (ends[0] * ends[1] < 0).astype(bool)
+        apart = others[found]
+        x, y = self._x, self._y
+        a, b = apart[:, 0], apart[:, 1]
+        dx, dy = x[b] - x[a], y[b] - y[a]
+        sides = [np.sign(dx * (y[end] - y[a]) - dy * (x[end] - x[a])) for end in edge]
+        found[found] = (sides[0] * sides[1] < 0).astype(bool)
+        return found
 
-    @cached_property
-    def quadrilaterals(self) -> tuple[Quadrilateral, ...]:
-        """Return all quadrilaterals in which a diagonal can flip, once each, in order."""
-        count = len(self.points)
-        found = []
-        for one in range(count):
-            for other in range(one + 1, count):
-                if self._on[one][other]:
-                    continue
-                apexes = list(self._apexes(one, other))
-                for under in self._apexes(other, one):
-                    found += [
-                        _quadrilateral(one, under, other, over)
-                        for over in apexes
-                        if (one, other) < edge_of(under, over)
-                        and self.left(under, over, one)
-                        and self.left(over, under, other)
-                    ]
-            if len(found) > FLIPS_MAX:
-                raise InputError(f"more than {FLIPS_MAX} flips among {count} points: too many")
+    def around(self, edge: Edge) -> tuple[Quadrilateral, ...]:
+        """Return the quadrilaterals of which an edge is a diagonal, by their corners."""
+        if self.on_the_way(*edge):
+            return ()
+        everywhere = np.arange(len(self.points))
+        found = list(self._around(edge, everywhere))
         return tuple(sorted(found, key=lambda each: each.corners))
 
-    def _apexes(self, one: int, other: int) -> Iterator[int]:
-        """Yield the points left of an edge that make an empty triangle with it."""
-        left, on = self._left, self._on
-        beside = left[one][other]
-        for apex in _numbers(beside):
-            within = beside & left[other][apex] & left[apex][one]
-            if not (within or on[other][apex] or on[apex][one]):
-                yield apex
+    def can_flip(self, edge: Edge, near: Sequence[int]) -> bool:
+        """Tell whether an edge through no point is a diagonal of some quadrilateral.
+
+        Looked for first among the points around those of `near`, where it nearly always is.
+        """
+        boxed = self._boxed((*edge, *near), grown=1)
+        for each in self._around(edge, boxed):
+            # Of few points only: another could lie in it.
+            if not self.inside(self.ring(each.corners)):
+                return True
+        return bool(self.around(edge))
+
+    def _around(self, edge: Edge, among: Numbers) -> Iterator[Quadrilateral]:
+        """Yield the quadrilaterals with this diagonal that are empty of some of the points."""
+        one, other = edge
+        overs = self._apexes(one, other, among)
+        for under in self._apexes(other, one, among) if overs else ():
+            for over in overs:
+                if self.left(under, over, one) and self.left(over, under, other):
+                    yield quadrilateral(one, under, other, over)
+
+    def _apexes(self, one: int, other: int, among: Numbers) -> list[int]:
+        """Return the points left of an edge that make a triangle with it which holds no other.
+
+        Of those left, the one that is nearest to the line makes such a triangle. Whichever has it
+        in its own triangle makes none, and of what remains the nearest does again.
+        """
+        height = self._turns(one, other, among)
+        rest, height = among[height > 0], height[height > 0]
+        found = []
+        while len(rest):
+            apex = int(rest[np.argmin(height)])
+            found.append(apex)
+            free = (self._turns(one, apex, rest) < 0) | (self._turns(apex, other, rest) < 0)
+            rest, height = rest[free], height[free]
+        return found
 
     def why_no_flip(self, corners: Sequence[int]) -> str | None:
         """Say why no diagonal can flip in the quadrilateral of four points; None if one can."""
@@ -163,15 +181,15 @@ class PointSet:
                 )
             if not any(self.left(two, one, corner) for one, two in ((a, b), (b, c), (c, a))):
                 return f"not convex: point {corner} lies in the triangle of the other three"
-        stray = self.inside(self._round(corners))
+        stray = self.inside(self.ring(corners))
         return f"not empty: point {stray[0]} lies in it or on its side" if stray else None
 
-    def _round(self, corners: Sequence[int]) -> list[int]:
+    def ring(self, corners: Sequence[int]) -> tuple[int, int, int, int]:
         """Return the corners of a convex quadrilateral counter-clockwise."""
         a, *others = corners
         first = next(b for b in others if all(c == b or self.left(a, b, c) for c in others))
         last = next(b for b in others if all(c == b or self.left(b, a, c) for c in others))
-        return [a, first, next(b for b in others if b not in (first, last)), last]
+        return a, first, next(b for b in others if b not in (first, last)), last
 
     def sweep(self, direction: str) -> frozenset[Edge]:
         """Return the triangulation that grows point by point in one of the directions `SWEEPS`.
@@ -184,27 +202,70 @@ class PointSet:
         waiting = sorted(range(len(self.points)), key=key.__getitem__)
         line = waiting[:2]
         place = 2
-        while not self._bends(line[0], line[1], waiting[place]):
+        while not self.turn(line[0], line[1], waiting[place]):
             line.append(waiting[place])
             place += 1
         first = waiting[place]
         found = {edge_of(a, b) for a, b in pairwise(line)}
         found |= {edge_of(a, first) for a in line}
-        border = [*(line if self.left(line[0], line[1], first) else line[::-1]), first]
+        border = [first, *(line if self.left(line[0], line[1], first) else line[::-1])]
         for point in waiting[place + 1 :]:
             border = self._grown(border, point, found)
         return frozenset(found)
 
     def _grown(self, border: list[int], point: int, found: set[Edge]) -> list[int]:
-        """Join a point outside to what it sees of the border, and return the new border."""
+        """Join a point outside to what it sees of the border, and return the new border.
+
+        The border begins with the point before: that is the last in the direction of the sweep, so
+        the next one sees a side that ends there.
+        """
         count = len(border)
-        seen = [self.left(border[(k + 1) % count], border[k], point) for k in range(count)]
-        # Turn the border so that what is seen comes first.
-        begin = next(k for k in range(count) if seen[k] and not seen[k - 1])
-        border = border[begin:] + border[:begin]
-        length = sum(seen)
-        found |= {edge_of(corner, point) for corner in border[: length + 1]}
-        return [border[0], point, *border[length:]]
+        ahead = behind = 0
+        while self.left(border[(ahead + 1) % count], border[ahead], point):
+            ahead += 1
+        while self.left(border[-behind], border[-behind - 1], point):
+            behind += 1
+        seen = [*border[count - behind :], *border[: ahead + 1]]
+        found.update(edge_of(corner, point) for corner in seen)
+        return [point, *border[ahead:], border[0]][: 2 + count - behind - ahead]
+
+
+def turn(points: Sequence[Point], one: int, other: int, third: int) -> int:
+    """Return twice the signed area of a triangle of numbered points, positive where it turns left.
+
+    >>> turn([(0, 0), (2, 0), (0, 3)], 0, 1, 2)
+    6
+    """
+    (ax, ay), (bx, by), (cx, cy) = points[one], points[other], points[third]
+    return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+
+
+def hull_of(points: Sequence[Point]) -> list[Edge]:
+    """Return the directed edges of the hull, counter-clockwise, split at the points on them.
+
+    InputError for fewer than three points, two that are the same, and points on one line.
+    """
+    if len(points) < 3:
+        raise InputError(f"{len(points)} points, expected at least 3")
+    order = sorted(range(len(points)), key=points.__getitem__)
+    for one, other in pairwise(order):
+        if points[one] == points[other]:
+            raise InputError(f"points {min(one, other)} and {max(one, other)} are the same")
+    under, over = _chain(points, order), _chain(points, order[::-1])
+    if under == over[::-1]:
+        raise InputError(
+            f"all {len(points)} points lie on one line: there is nothing to triangulate"
+        )
+    return [*pairwise(under), *pairwise(over)]
+
+
+def _chain(points: Sequence[Point], order: Iterable[int]) -> list[int]:
+    chain: list[int] = []
+    for number in order:
+        while len(chain) >= 2 and turn(points, chain[-2], chain[-1], number) < 0:
+            chain.pop()
+        chain.append(number)
+    return chain
 
 
 def edge_of(one: int, other: int) -> Edge:
@@ -212,15 +273,7 @@ def edge_of(one: int, other: int) -> Edge:
     return (one, other) if one < other else (other, one)
 
 
-def _quadrilateral(a: int, b: int, c: int, d: int) -> Quadrilateral:
+def quadrilateral(a: int, b: int, c: int, d: int) -> Quadrilateral:
+    """Return the quadrilateral with these corners, counter-clockwise, which is taken as convex."""
     sides = frozenset((edge_of(a, b), edge_of(b, c), edge_of(c, d), edge_of(d, a)))
     return Quadrilateral((edge_of(a, c), edge_of(b, d)), sides)
-
-
-def _bits(rows: NDArray[np.bool_]) -> list[int]:
-    packed = np.packbits(rows.astype(bool), axis=1, bitorder="little")
-    return [int.from_bytes(row.tobytes(), "little") for row in packed]
-
-
-def _numbers(bits: int) -> tuple[int, ...]:
-    return tuple(number for number in range(bits.bit_length()) if bits >> number & 1)

@@ -21,13 +21,15 @@ from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import POINTS_MAX, SWEEPS, Edge, Point, edge_of
+from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, edge_of
 
 _RADIUS = 10**6
 """Of a polygon: corners on whole numbers stay strictly convex."""
 _CORNERS_MAX = 40
 _SIDE = 1000
 """Random points lie in a square of so many whole numbers."""
+_RANDOM_MAX = 20_000
+"""So many of the places in it may be taken; a file may have more points."""
 _NUMBER = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
@@ -165,7 +167,7 @@ def _triangulation(name: str, values: Values) -> Scene:
         found = read_points(Path(values["points"]))
         where = f"{values['points']}: "
     else:
-        count = whole(values, "n", least=4, most=POINTS_MAX)
+        count = whole(values, "n", least=4, most=_RANDOM_MAX)
         found = Points(random_points(count, whole(values, "seed", least=0)))
         where = ""
     try:
@@ -220,7 +222,7 @@ FAMILIES = (
         "triangulations of any planar point set, by flips of diagonals",
         {
             "points": ("", "a file: text with 'x y' a line, or JSON; random points if left out"),
-            "n": ("12", f"number of random points, 4 to {POINTS_MAX}"),
+            "n": ("12", f"number of random points, 4 to {_RANDOM_MAX}"),
             "seed": ("1", "of the random points"),
             "start": ("", "right, left, up, down (a sweep), or the number of one in the file"),
             "goal": ("", "likewise"),

@@ -10,7 +10,7 @@ from functools import cmp_to_key
 from itertools import pairwise
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.systems.point_sets import Edge, Point, edge_of
+from cubepath.protocol.systems.point_sets import Edge, Point, edge_of, hull_of, turn
 
 
 class Triangles:
@@ -25,7 +25,7 @@ class Triangles:
     def __init__(self, points: Sequence[Point], edges: Iterable[Edge]) -> None:
         """Find the triangles; InputError says where the edges make none."""
         self.points = points
-        hull = _hull(points)
+        hull = hull_of(points)
         outside = {(b, a) for a, b in hull}
         near: list[set[int]] = [set() for _ in points]
         for one, other in [*edges, *hull]:
@@ -41,14 +41,10 @@ class Triangles:
                 if (one, other) not in outside:
                     self._apex[one, other] = apex
         for (one, other), apex in self._apex.items():
-            if self._apex.get((other, apex)) != one or self._turn(one, other, apex) <= 0:
+            if self._apex.get((other, apex)) != one or turn(points, one, other, apex) <= 0:
                 raise InputError(
                     f"no triangle left of the edge from {one} to {other}, expected a triangulation"
                 )
-
-    def _turn(self, one: int, other: int, third: int) -> int:
-        (ax, ay), (bx, by), (cx, cy) = self.points[one], self.points[other], self.points[third]
-        return (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
 
     def _around(self, one: int, others: Iterable[int]) -> list[int]:
         """Return the neighbours of a point counter-clockwise; InputError if two lie one way."""
@@ -59,7 +55,7 @@ class Triangles:
             return 0 if (dy, dx) > (0, 0) else 1
 
         def compare(first: int, second: int) -> int:
-            return half(first) - half(second) or -self._turn(one, first, second)
+            return half(first) - half(second) or -turn(self.points, one, first, second)
 
         around = sorted(sorted(others), key=cmp_to_key(compare))
         for first, second in pairwise(around):
@@ -68,6 +64,18 @@ class Triangles:
                     f"edges {list(edge_of(one, first))} and {list(edge_of(one, second))} overlap"
                 )
         return around
+
+    def apexes(self, edge: Edge) -> tuple[int, ...]:
+        """Return the third corners of the triangles on both sides of an edge, two or one."""
+        a, b = edge
+        both = self._apex.get((a, b)), self._apex.get((b, a))
+        return tuple(apex for apex in both if apex is not None)
+
+    def convex(self, edge: Edge) -> bool:
+        """Tell whether the triangles on both sides of an inner edge let it flip."""
+        a, b = edge
+        c, d = self._apex[a, b], self._apex[b, a]
+        return turn(self.points, d, c, a) > 0 > turn(self.points, d, c, b)
 
     def corners(self, edge: Edge) -> tuple[int, int, int, int]:
         """Return the quadrilateral round an edge, counter-clockwise from its lesser end.
@@ -81,8 +89,8 @@ class Triangles:
             raise InputError("on the hull, with a triangle on one side only")
         c, d = self._apex[a, b], self._apex[b, a]
         # Seen from d to c, a lies on the left and b on the right.
-        for end, turn in ((a, self._turn(d, c, a)), (b, -self._turn(d, c, b))):
-            if turn <= 0:
+        for end, bend in ((a, turn(self.points, d, c, a)), (b, -turn(self.points, d, c, b))):
+            if bend <= 0:
                 raise InputError(
                     f"its quadrilateral {sorted((a, b, c, d))} is not strictly convex at point"
                     f" {end}"
@@ -101,32 +109,3 @@ class Triangles:
     def edges(self) -> frozenset[Edge]:
         """Return all edges, those of the hull among them."""
         return frozenset(edge_of(*edge) for edge in self._apex)
-
-
-def _hull(points: Sequence[Point]) -> list[Edge]:
-    """Return the directed edges of the hull, counter-clockwise, split at the points on them."""
-    if len(points) < 3:
-        raise InputError(f"{len(points)} points, expected at least 3")
-    order = sorted(range(len(points)), key=points.__getitem__)
-    for one, other in pairwise(order):
-        if points[one] == points[other]:
-            raise InputError(f"points {min(one, other)} and {max(one, other)} are the same")
-    under, over = _chain(points, order), _chain(points, order[::-1])
-    if under == over[::-1]:
-        raise InputError(
-            f"all {len(points)} points lie on one line: there is nothing to triangulate"
-        )
-    return [*pairwise(under), *pairwise(over)]
-
-
-def _chain(points: Sequence[Point], order: Iterable[int]) -> list[int]:
-    chain: list[int] = []
-    for number in order:
-        cx, cy = points[number]
-        while len(chain) >= 2:
-            (ax, ay), (bx, by) = points[chain[-2]], points[chain[-1]]
-            if (bx - ax) * (cy - ay) - (by - ay) * (cx - ax) >= 0:
-                break
-            chain.pop()
-        chain.append(number)
-    return chain
