@@ -373,7 +373,7 @@ def test_an_interrupt_keeps_the_best_path_so_far() -> None:
     where = scene("agv:graph=grid6x6,n=5")
     better: list[Improved] = []
 
-    def interrupt(_steps: int) -> None:
+    def interrupt(_stage: str, _steps: int) -> None:
         if better:
             raise KeyboardInterrupt
 

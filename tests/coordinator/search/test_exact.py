@@ -138,4 +138,4 @@ def test_a_list_of_actions_is_a_system_too() -> None:
 def test_whether_there_is_but_one_class(spec: str, expected: bool | None) -> None:
     """Known for the positive arm and assemblies, computed where small, else not claimed."""
     where = scene(spec)
-    assert only_class(where.system, where.start_state) is expected
+    assert only_class(Transitions(where.system), where.start_state) is expected

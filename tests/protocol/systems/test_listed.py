@@ -21,8 +21,8 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import FIRST_LABEL, Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
-from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.listed import TabledSystem
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
+from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -166,9 +167,10 @@ def check_explain_options(options: argparse.Namespace) -> None:
     """See that the options go together; InputError where they do not."""
     timed = options.durations is not None or bool(options.duration)
     given = "--certificate" if options.certificate is not None else "--duration"
-    if options.improve is not None and (options.certificate is not None or timed):
+    beyond = improving(options)
+    if beyond is not None and (options.certificate is not None or timed):
         raise InputError(
-            f"{given} is for the homotopy class of the input, which --improve may leave:"
+            f"{given} is for the homotopy class of the input, which {beyond} may leave:"
             " expected one of the two"
         )
     output: Path | None = options.output

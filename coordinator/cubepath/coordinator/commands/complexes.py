@@ -15,9 +15,9 @@ from cubepath.coordinator.commands.console import (
     SYSTEM_HELP,
     answer,
     complain,
-    progress_bar,
     table,
 )
+from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from types import FrameType
-from typing import Any, Self
+from typing import Self
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -57,10 +57,3 @@ def table(rows: Sequence[tuple[str, object]]) -> str:
     """Return names and values in two columns."""
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
-
-
-def progress_bar(total: int | None, what: str, unit: str) -> Any:
-    """Return a progress bar on standard error; none where that is not a terminal."""
-    from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
-
-    return tqdm(total=total, desc=what, unit=unit, disable=None, leave=False, file=sys.stderr)

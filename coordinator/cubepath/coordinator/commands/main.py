@@ -34,7 +34,6 @@ from cubepath.coordinator.commands.console import (
     Interrupts,
     answer,
     complain,
-    progress_bar,
     table,
 )
 from cubepath.coordinator.commands.plan_options import (
@@ -43,9 +42,11 @@ from cubepath.coordinator.commands.plan_options import (
     hints,
     plan_rows,
 )
+from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
     beyond_rows,
+    improving,
     look_beyond,
 )
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -243,7 +244,7 @@ def _run(options: argparse.Namespace) -> int:
 
         def watch(gatherer: Any) -> None:
             heap = gatherer.heap
-            bar.set_postfix(moves=heap.moves, cubes=heap.cubes, refresh=False)
+            bar.set_postfix_str(f"{heap.moves} moves, {heap.cubes} cubes", refresh=False)
             bar.update()
 
         # With no other processes a rule that prints would print into the answer.
@@ -333,9 +334,10 @@ def _shorten(options: argparse.Namespace) -> int:
         if output is not None and output.exists() and source.exists() and output.samefile(source):
             what = "is the input" if source == options.input else "holds the system"
             raise InputError(f"{output}: {what}, expected another file for the cubes")
-    if output is not None and output.suffix == ".npz" and options.improve is not None:
+    beyond = improving(options)
+    if output is not None and output.suffix == ".npz" and beyond is not None:
         raise InputError(
-            f"{output}: holds moves of the input alone, expected a .jsonl file with --improve"
+            f"{output}: holds moves of the input alone, expected a .jsonl file with {beyond}"
         )
     with progress_bar(None, "shorten", " moves") as bar:
         found = shorten(

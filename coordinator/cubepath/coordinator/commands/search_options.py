@@ -9,22 +9,29 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from cubepath.coordinator.commands.console import progress_bar
+from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.search.anytime import Improved
+    from cubepath.coordinator.search.budget import Stage
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
 
 
 def add_beyond_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--improve``, ``--seed``, ``--bounds`` and ``--max-states``."""
+    """Add ``--improve``, ``--effort``, ``--seed``, ``--bounds`` and ``--max-states``."""
     parser.add_argument(
         "--improve",
         type=float,
         metavar="SECONDS",
         help="search for a shorter schedule in other homotopy classes; implies --bounds",
+    )
+    parser.add_argument(
+        "--effort",
+        type=int,
+        metavar="N",
+        help="the same by N steps in place of seconds: one result, however fast the machine",
     )
     parser.add_argument(
         "--seed", type=int, default=0, help="seed of the search for improvements (default 0)"
@@ -42,16 +49,28 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def improving(options: argparse.Namespace) -> str | None:
+    """Return the option that asks for a path outside the class, None where there is none."""
+    return next(
+        (f"--{name}" for name in ("improve", "effort") if getattr(options, name) is not None), None
+    )
+
+
 def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     """Return what the options ask for, None where they ask for nothing; InputError if they cannot.
 
     Progress goes to standard error.
     """
     seconds: float | None = options.improve
-    if seconds is None and not options.bounds:
+    effort: int | None = options.effort
+    if improving(options) is None and not options.bounds:
         return None
+    if seconds is not None and effort is not None:
+        raise InputError("--improve and --effort: one counts seconds, one steps, expected one")
     if seconds is not None and not (math.isfinite(seconds) and seconds >= 0):
         raise InputError(f"--improve {seconds}: expected a number of seconds, 0 or more")
+    if effort is not None and effort < 0:
+        raise InputError(f"--effort {effort}: expected a number of steps, 0 or more")
     from cubepath.coordinator.search.exact import MAX_STATES  # noqa: PLC0415
     from cubepath.coordinator.shortening.optimality import beyond, task_of  # noqa: PLC0415
 
@@ -59,18 +78,22 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     if most < 0:
         raise InputError(f"--max-states {most}: expected 0 or more")
     task = task_of(found)
-    with progress_bar(None, "improve", " steps") as bar:
+    with progress_bar(None, "bounds", " steps") as bar:
 
         def watch(better: Improved) -> None:
-            bar.set_postfix(cubes=better.cubes, moves=better.moves, refresh=False)
+            bar.set_postfix_str(f"{better.cubes} cubes, {better.moves} moves", refresh=False)
 
-        def tick(steps: int) -> None:
+        def tick(stage: str, steps: int) -> None:
+            if steps == 0:
+                bar.reset()
+                bar.set_description(stage, refresh=False)
             bar.update(steps - bar.n)
 
         return beyond(
             task,
             found,
             seconds=seconds,
+            iterations=effort,
             seed=options.seed,
             max_states=most,
             watch=watch,
@@ -92,4 +115,20 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
     ]
     if known.only_class is not None:
         rows.append(("other classes", "none" if known.only_class else "there are"))
+    rows.append(("spent on", ", ".join(map(_told, known.spent))))
     return rows
+
+
+_STEPS = {"classes": "states", "bounds": "sites", "optimum": "states", "search": "tries"}
+"""What the steps of a stage are."""
+_ENDED = {
+    "done": "",
+    "time": ", out of time",
+    "limit": ", at its limit",
+    "interrupt": ", interrupted",
+}
+
+
+def _told(stage: Stage) -> str:
+    unit = _STEPS[stage.name]
+    return f"{stage.name} {stage.seconds:.1f} s ({stage.steps} {unit}{_ENDED.get(stage.ended, '')})"

@@ -9,8 +9,9 @@ Coordinator; touches nothing.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 from cubepath.protocol.core.actions import Action, State, apply_in_place, commute
 from cubepath.protocol.core.errors import InputError
@@ -21,13 +22,18 @@ def is_cube(actions: Iterable[Action]) -> bool:
     """Tell whether the actions commute pairwise, as the edges of a cube at one vertex do.
 
     Source: the paper's definition of the state complex. No action may be there twice, for none
-    commutes with itself. A vertex, the cube of no action, is one. Quadratic in the dimension.
+    commutes with itself. A vertex, the cube of no action, is one.
+
+    Asked of all pairs at once: no trace meets another's support iff each site of a trace is in one
+    support only, its own action's. Costs the supports.
 
     >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
     >>> is_cube([left]), is_cube([left, right]), is_cube([left, left])
     (True, False, False)
     """
-    return all(commute(one, other) for one, other in combinations(actions, 2))
+    cube = list(actions)
+    supports = Counter(site for action in cube for site in action.support)
+    return all(supports[site] == 1 for action in cube for site in action.trace)
 
 
 def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
@@ -38,7 +44,7 @@ def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
     the next cube in one vertex only, read at the vertex between them, that is in the universal
     cover. In the complex itself two cubes may meet in more vertices and the path yet be normal: two
     vehicles at 0 and 2 of the 4-cycle 0123 that take the edges {01, 23} and then {12, 30} are back,
-    and this is the shortest path of its homotopy class.
+    and this is the shortest path of its homotopy class. Costs the supports.
 
     >>> def edge(a, b):
     ...     return Action([a, b], [a, b], [a], [b])
@@ -48,8 +54,17 @@ def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
     (False, False)
     """
     return all(len(cube) > 0 and is_cube(cube) for cube in cubes) and not any(
-        action in cube or all(commute(action, before) for before in cube)
-        for cube, following in pairwise(cubes)
+        _is_too_late(cube, following) for cube, following in pairwise(cubes)
+    )
+
+
+def _is_too_late(cube: Collection[Action], following: Collection[Action]) -> bool:
+    """Tell whether some action of a cube is in the cube before, or commutes with all of that."""
+    held = frozenset(cube)
+    traces = {site for action in cube for site in action.trace}
+    supports = {site for action in cube for site in action.support}
+    return any(
+        action in held or (action.trace.isdisjoint(supports) and action.support.isdisjoint(traces))
         for action in following
     )
 

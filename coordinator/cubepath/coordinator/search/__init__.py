@@ -11,6 +11,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.search.anytime import CubePath, Improved, improve
+    from cubepath.coordinator.search.budget import Budget, Stage
     from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
@@ -20,6 +21,7 @@ else:
         __name__,
         {
             "anytime": "CubePath Improved improve",
+            "budget": "Budget Stage",
             "exact": "MAX_STATES Optimum optimum",
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
@@ -29,9 +31,11 @@ else:
 
 __all__ = [
     "MAX_STATES",
+    "Budget",
     "CubePath",
     "Improved",
     "Optimum",
+    "Stage",
     "Transitions",
     "improve",
     "lower_bound",

@@ -10,13 +10,14 @@ Room: coordinator; touches nothing but the clock, and that only to know when to 
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
+from cubepath.coordinator.search.budget import Budget, SpentError
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.search.windows import Windows
@@ -63,6 +64,7 @@ def improve(
     watch: Callable[[Improved], object] | None = None,
     tick: Callable[[int], object] | None = None,
     normal: CubePath | None = None,
+    transitions: Transitions | None = None,
 ) -> Improved:
     """Return the best path from `start` to where `path` ends that is found in the given time.
 
@@ -72,10 +74,11 @@ def improve(
     With `labelled_goals` each vehicle ends where it does in the path, though the system gives them
     no labels.
 
-    The search ends after `seconds` or `iterations`, whichever comes first, and with at most
-    `enough` cubes. Bounded by iterations alone, the result depends on the input and `seed` only.
-    `watch` is told of every better path as it is found, `tick` after each step how many there were.
-    `normal` is the normal cube path of the path, where that is known already.
+    The search ends after `seconds` or `iterations`, whichever comes first, in the middle of a step
+    if need be, and with at most `enough` cubes. Bounded by iterations alone, the result depends on
+    the input and `seed` only. `watch` is told of every better path as it is found, `tick` after
+    each step how many there were. `normal` is the normal cube path of the path, and `transitions`
+    are those of the system, where they are known already.
 
     InputError where neither bound is given, or `labelled_goals` is asked of what is no graph.
     """
@@ -85,29 +88,28 @@ def improve(
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
     actions = list(path)
     best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
-    search = _Search(system, start, actions, best, labelled_goals=labelled_goals)
-    deadline = None if seconds is None else time.monotonic() + seconds
+    budget = Budget(seconds)
+    if transitions is None:
+        transitions = Transitions(system, actions if system is None else ())
+    transitions.budget = budget
     random = Random(seed)  # noqa: S311 - nothing secret
     steps = found = 0
-    while (
-        best.cubes > enough
-        and search.possible
-        and (iterations is None or steps < iterations)
-        and (deadline is None or time.monotonic() < deadline)
-    ):
-        steps += 1
-        proposal = search.step(random)
-        if tick is not None:
-            tick(steps)
-        # To build the moves of a large plan takes longer than many steps.
-        if proposal is None or proposal.cost >= (best.cubes, best.moves):
-            continue
-        new = _normal(proposal.actions(), steps, found + 1)
-        if (new.cubes, new.moves) < (best.cubes, best.moves):
-            found += 1
-            best = new
-            if watch is not None:
-                watch(best)
+    with suppress(SpentError):
+        search = _Search(transitions, start, best, labelled_goals=labelled_goals)
+        while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
+            proposal = search.step(random)
+            steps += 1
+            if tick is not None:
+                tick(steps)
+            # To build the moves of a large plan takes longer than many steps.
+            if proposal is None or proposal.cost >= (best.cubes, best.moves):
+                continue
+            new = _normal(proposal.actions(), steps, found + 1)
+            if (new.cubes, new.moves) < (best.cubes, best.moves):
+                found += 1
+                best = new
+                if watch is not None:
+                    watch(best)
     return Improved(best.cube_path, steps, found)
 
 
@@ -129,17 +131,16 @@ class _Search:
 
     def __init__(
         self,
-        system: System | None,
+        steps: Transitions,
         start: State,
-        path: Sequence[Action],
         best: Improved,
         *,
         labelled_goals: bool,
     ) -> None:
         self._start = start
-        self._system = system
+        self._system = system = steps.system
+        self._steps = steps
         self._labelled_goals = labelled_goals
-        self._steps: Transitions | None = None
         self._windows: Windows | None = None
         self._vehicles: Replanner | None = None
         self.possible = bool(best.cube_path)
@@ -151,7 +152,6 @@ class _Search:
         labels = 1 if system is None else system.labels or 1
         sites = 0 if graph is None else len(graph.vertices) * labels
         if not labelled_goals and sites <= _SITES_MAX:
-            self._steps = Transitions(system, path if system is None else ())
             self._windows = Windows(self._steps, start, best.cube_path)
             self._fresh = True
         self.possible = self._windows is not None or self._vehicles is not None
@@ -169,7 +169,7 @@ class _Search:
             return _Proposal(windows.cost, windows.actions)
         if vehicles is None or not vehicles.step(random):
             return None
-        if windows is not None and self._steps is not None and vehicles.rounds < windows.cost[0]:
+        if windows is not None and vehicles.rounds < windows.cost[0]:
             best = _normal(vehicles.actions(), 0, 0)
             self._windows = Windows(self._steps, self._start, best.cube_path)
         return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)

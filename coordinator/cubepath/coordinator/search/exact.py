@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cubepath.coordinator.search.budget import SpentError
 from cubepath.coordinator.search.transitions import Transitions
 
 MAX_STATES = 100_000
 """So many states are looked at, unless told otherwise."""
-_BITS_MAX = 1 << 30
+_BITS_MAX = 1 << 31
 """All states together take at most so many bits."""
 
 _Parents = dict[int, tuple[int, tuple[int, ...]]]
@@ -50,7 +51,9 @@ def optimum(
     first state that the next round finds on the other side makes a path of a + b + 1.
 
     `most` ends the search as soon as all paths have more cubes than that. At most about
-    `max_states` states are kept; a round of the search is either completed or does not count.
+    `max_states` states are kept, and fewer where they are large; a round of the search is either
+    completed or does not count. A step of the budget of `steps` is a set of moves that is looked
+    at; where the budget is spent the search stops.
     Sites of `still` are not written: then paths are those of the other modules alone.
     Where the goal cannot be reached at all, a side runs dry and the answer is as if stopped.
     """
@@ -63,8 +66,12 @@ def optimum(
         if most is not None and depth >= most:
             break
         side = 0 if len(fronts[0]) <= len(fronts[1]) else 1
-        room = max_states - len(sides[0]) - len(sides[1])
-        met = _round(steps, fronts, sides, side, (room, still))
+        known = len(sides[0]) + len(sides[1])
+        room = min(max_states, _BITS_MAX // max(1, len(steps.sites))) - known
+        try:
+            met = _round(steps, fronts, sides, side, (room, still))
+        except SpentError:
+            break
         if met is not None and met >= 0:
             path = _joined(sides, met)
             return Optimum(len(path), path, len(sides[0]) + len(sides[1]))
@@ -98,13 +105,14 @@ def _round(
         if 1 << widest > room + len(mine):
             return None
         for there, cube in steps.cubes(state, still):
+            steps.budget.spend()
             if there in mine:
                 continue
             mine[there] = state, cube
             if there in other:
                 return there
             found.append(there)
-            if len(found) > room or len(found) * len(steps.sites) > _BITS_MAX:
+            if len(found) > room:
                 return None
     fronts[side] = found
     return _NOT_MET

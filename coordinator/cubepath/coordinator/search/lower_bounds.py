@@ -10,7 +10,9 @@ Room: coordinator; touches nothing.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 
+from cubepath.coordinator.search.budget import Budget, SpentError
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.catalogue import Catalogue
 from cubepath.protocol.core.sites import Site, in_order
@@ -19,20 +21,32 @@ from cubepath.protocol.core.system import Bound, System
 Neighbours = Callable[[Site], Iterable[Site]]
 
 
-def lower_bound(system: System | None, start: State, goal: State, *, within: int) -> Bound:
+def lower_bound(
+    system: System | None,
+    start: State,
+    goal: State,
+    *,
+    within: int,
+    budget: Budget | None = None,
+) -> Bound:
     """Return the greatest of the bounds that hold for the system.
 
     `within` is the number of cubes of some path that is known, which bounds all searches. Without
-    a system nothing is known of its moves but that they change something.
+    a system nothing is known of its moves but that they change something. A bound for which the
+    `budget` does not do is left out; a step of it is a site that is met on the way of a module.
     """
     found = [Bound(0 if start == goal else 1, "the ends differ" if start != goal else "no move")]
     if system is not None and start != goal:
-        found.append(Bound(module_bound(system, start, goal, within=within), "way of a module"))
+        with suppress(SpentError):
+            farthest = module_bound(system, start, goal, within=within, budget=budget)
+            found.append(Bound(farthest, "way of a module"))
         found += system.bounds(start, goal)
     return max(found, key=lambda bound: bound.cubes)
 
 
-def module_bound(system: System, start: State, goal: State, *, within: int) -> int:
+def module_bound(
+    system: System, start: State, goal: State, *, within: int, budget: Budget | None = None
+) -> int:
     """Return how far the module that has the farthest way must go, when all are paired best.
 
     Definition. Let two sites be neighbours where some move of the system takes a module from one to
@@ -49,31 +63,38 @@ def module_bound(system: System, start: State, goal: State, *, within: int) -> i
     Where a move does not take modules one to one (a file may say so), each end is only compared
     with the nearest other. 0 where the system does not say where modules can go. Costs a
     breadth-first search for each module and augmenting paths over all pairs: modules^2 to modules^3
-    steps.
+    steps. SpentError where the budget does not do for them.
     """
+    budget = Budget() if budget is None else budget
     ways = system.ways()
     if ways is None:
         return 0
     near, one_to_one = ways
     sources, targets = in_order(start - system.filled), in_order(goal - system.filled)
     if system.labels is not None:
-        return _farthest(system, near, sources, targets, within)
+        return _farthest(system, near, sources, targets, (within, budget))
     if system.catalogue is not None and system.open:
-        away = _free_distances(system.catalogue, near, sources, targets, within)
+        away = _free_distances(system.catalogue, near, sources, targets, (within, budget))
     else:
-        away = [_distances(near, site, targets, within) for site in sources]
+        away = [_distances(near, site, targets, (within, budget)) for site in sources]
     if one_to_one and len(sources) == len(targets):
-        return bottleneck(away, within)
+        return bottleneck(away, within, budget)
     rows = [min(row, default=0) for row in away]
     columns = [min(column) for column in zip(*away, strict=True)]
     return min(within, max(rows + columns, default=0))
 
 
-def _distances(near: Neighbours, site: Site, targets: Sequence[Site], within: int) -> list[int]:
-    """Return the distance of each target from a site, `within` + 1 where it is no nearer."""
+_Limits = tuple[int, Budget]
+"""How far to look at most, and what it may cost."""
+
+
+def _distances(near: Neighbours, site: Site, targets: Sequence[Site], limits: _Limits) -> list[int]:
+    """Return the distance of each target from a site, one more than the limit if it is greater."""
+    within, budget = limits
     waiting, known, layer, distance = set(targets), {site}, [site], 0
     found = dict.fromkeys(targets, within + 1)
     while layer:
+        budget.spend(len(layer))
         for here in layer:
             if here in waiting:
                 waiting.remove(here)
@@ -96,12 +117,13 @@ def _farthest(
     near: Neighbours,
     sources: Sequence[Site],
     targets: Sequence[Site],
-    within: int,
+    limits: _Limits,
 ) -> int:
     """Return the longest of the shortest paths of labelled modules."""
     ends = {system.label_of(site): site for site in targets}
     labelled = [(site, ends[system.label_of(site)]) for site in sources]
-    return min(within, max(_distances(near, one, [end], within)[0] for one, end in labelled))
+    farthest = max(_distances(near, one, [end], limits)[0] for one, end in labelled)
+    return min(limits[0], farthest)
 
 
 def _free_distances(
@@ -109,7 +131,7 @@ def _free_distances(
     near: Neighbours,
     sources: Sequence[Site],
     targets: Sequence[Site],
-    within: int,
+    limits: _Limits,
 ) -> list[list[int]]:
     """Return all distances on a lattice without obstacles, where only the difference counts."""
     lattice = catalogue.lattice
@@ -127,14 +149,14 @@ def _free_distances(
             row for cell, row in zip(cells, shifted, strict=True) if catalogue.orbit(cell) == orbit
         ]
         wanted = in_order({site for row in mine for site in row})
-        known[orbit] = dict(zip(wanted, _distances(near, orbit, wanted, within), strict=True))
+        known[orbit] = dict(zip(wanted, _distances(near, orbit, wanted, limits), strict=True))
     return [
         [known[catalogue.orbit(cell)][site] for site in row]
         for cell, row in zip(cells, shifted, strict=True)
     ]
 
 
-def bottleneck(away: Sequence[Sequence[int]], within: int) -> int:
+def bottleneck(away: Sequence[Sequence[int]], within: int, budget: Budget | None = None) -> int:
     """Return the least r, at most `within`, so that a perfect matching has all entries up to r.
 
     `away` is a square matrix. The threshold rises from the greatest of the least entries of rows
@@ -150,6 +172,8 @@ def bottleneck(away: Sequence[Sequence[int]], within: int) -> int:
     entries = sorted({entry for row in away for entry in row if entry > threshold})
     row_of: list[int | None] = [None] * len(away)
     for row in range(len(away)):
+        if budget is not None:
+            budget.spend(len(away))
         while threshold < within and not _augment(away, row, row_of, threshold):
             threshold = entries.pop(0) if entries else within
     return min(threshold, within)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from cubepath.coordinator.search.budget import Budget
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_text
@@ -43,9 +44,19 @@ class Transitions:
     `actions` holds the actions by number; `toggle`, `trace` and `support` their masks.
     """
 
-    def __init__(self, system: System | None, listed: Iterable[Action] = ()) -> None:
-        """Take the moves of `system`; without one, those actions that are listed."""
+    def __init__(
+        self,
+        system: System | None,
+        listed: Iterable[Action] = (),
+        *,
+        budget: Budget | None = None,
+    ) -> None:
+        """Take the moves of `system`; without one, those actions that are listed.
+
+        Searches spend the budget. What raises SpentError leaves all that is known here in order.
+        """
         self.system = system
+        self.budget = Budget() if budget is None else budget
         self.actions: list[Action] = []
         self.toggle: list[int] = []
         self.trace: list[int] = []
@@ -96,6 +107,7 @@ class Transitions:
         """Return the number of an action."""
         found = self._numbers.get(action)
         if found is None:
+            self.budget.spend()
             found = self._numbers[action] = len(self.actions)
             self.actions.append(action)
             first, second = map(self.encode, action.ends)
@@ -130,6 +142,7 @@ class Transitions:
 
     def _meet(self, bit: int) -> None:
         """Learn the moves of a site that is on for the first time."""
+        self.budget.spend()
         site = self.sites[bit]
         self._met |= 1 << bit
         if self.system is None:

@@ -210,6 +210,7 @@ def beam(
                     (changes[each] + noise * (random.random() - 0.5), each) for each in options
                 ]
                 cube = steps.greedy([each for wish, each in sorted(wishes) if wish < 0])
+                steps.budget.spend()
                 there = state
                 for number in cube:
                     there ^= steps.toggle[number]

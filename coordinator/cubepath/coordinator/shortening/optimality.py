@@ -4,20 +4,21 @@ Three gaps are told apart. *Shortening*: from the moves to the normal cube path,
 homotopy class; closed by `cubepath.coordinator.normal_form.heap`. *Class*: from there to the best
 that was found in any class. *Proof*: from there to the greatest lower bound that was shown.
 
-Room: coordinator; touches nothing.
+Room: coordinator; touches nothing but the clock, and that only to know when to stop.
 """
 
 from __future__ import annotations
 
-import contextlib
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search.anytime import CubePath, Improved, improve
+from cubepath.coordinator.search.budget import Budget, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
@@ -28,7 +29,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import System
+from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.path_files.moves import MoveName, id_of
 
 State = frozenset[Site]
@@ -61,6 +62,7 @@ class Beyond:
     holds for every path of these moves between the same ends, by the argument `why`. `optimal`
     tells whether what is reported (improved, or else the normal cube path) is as short as any: None
     if that is not known. `only_class` is true where there is but one class, null if not known.
+    `spent` says what each stage took.
     """
 
     improved: int | None
@@ -70,11 +72,13 @@ class Beyond:
     why: str
     cube_path: CubePath
     named: tuple[tuple[MoveName, ...], ...]
+    spent: tuple[Stage, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
         keys = ("improved", "lower_bound", "optimal", "only_class")
-        return {key: getattr(self, key) for key in keys}
+        found = {key: getattr(self, key) for key in keys}
+        return found | {"spent": [stage.document() for stage in self.spent]}
 
 
 def task_of(found: Shortened) -> Task:
@@ -119,75 +123,208 @@ def beyond(
     seed: int = 0,
     max_states: int = MAX_STATES,
     watch: Callable[[Improved], object] | None = None,
-    tick: Callable[[int], object] | None = None,
+    tick: Tick | None = None,
 ) -> Beyond:
     """Look beyond the class of a path: improve it if time is given, and bound what is possible.
 
-    The exhaustive search looks at no more than about `max_states` states; where it ends, it decides
-    `optimal`. The improved path is checked by code of its own, from the start state on, before it
-    is returned: CheckError if it is not a legal normal cube path to the same end. `found` is what
-    shortening made of the path, where that is known, and gives the moves their names; without it
-    there are none. An interrupt (KeyboardInterrupt) while it improves ends that search, as the time
-    does, with the best path so far. InputError as `improve`.
+    `seconds` is the time for all stages together. Without it each is bounded by what it looks at,
+    and the result depends on the input and `seed` alone; `iterations` are the steps of the search
+    for a better path. The exhaustive search keeps no more than about `max_states` states; where it
+    ends, it decides `optimal`. The improved path is checked by code of its own, from the start
+    state on, before it is returned: CheckError if it is not a legal normal cube path to the same
+    end. `found` is what shortening made of the path, where that is known, and gives the moves their
+    names; without it there are none. An interrupt (KeyboardInterrupt) ends the search, as the time
+    does, with what is known so far. `tick` is told now and then which stage is under way and how
+    many steps it took, `watch` of every better path. InputError as `improve`.
     """
+    look = _Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
     asked = seconds is not None or iterations is not None
-    normal = normal_cube_path(task.path) if found is None else found.cube_path
-    system, start, goal = _as_labelled(task)
-    small = maskable(system)
-    only = only_class(system, start) if system is not None and normal and small else None
-    bound = lower_bound(system, start, goal, within=len(normal))
-    if bound.cubes > len(normal):
-        raise CheckError(
-            f"the system claims that no path has fewer than {bound.cubes} cubes ({bound.why}),"
-            f" but one of {len(normal)} is known"
+    look.ask_for_classes()
+    look.bound_from_below()
+    look.search_all(take=asked)
+    if asked:
+        look.improve(iterations=iterations, seed=seed, watch=watch)
+        if look.best is not look.normal:
+            _check(task, look.best)
+    return Beyond(
+        improved=len(look.best) if asked else None,
+        lower_bound=look.bound.cubes,
+        optimal=True if len(look.best) == look.bound.cubes else False if look.shorter else None,
+        only_class=look.only,
+        why=look.bound.why,
+        cube_path=look.best,
+        named=() if found is None else _named(task, found, look.best),
+        spent=tuple(look.stages),
+    )
+
+
+Tick = Callable[[str, int], object]
+"""Told of a stage, and how many steps it took so far."""
+_SHARES = {"classes": 0.1, "bounds": 0.2, "optimum": 0.25}
+"""What these stages may take of the time; what they leave is the search's."""
+_BOUND_STEPS = 20_000_000
+"""Without a time, sites on the way of modules, and pairs of them, that bounds may look at."""
+_SETS_A_STATE = 40
+"""Without a time, sets of moves for each state that the exhaustive search may look at."""
+
+
+class _Look:
+    """What is known beyond the class of a path, stage by stage."""
+
+    def __init__(
+        self,
+        task: Task,
+        found: Shortened | None,
+        *,
+        seconds: float | None,
+        max_states: int,
+        tick: Tick | None,
+    ) -> None:
+        self._task = task
+        self._seconds = seconds
+        self._whole = Budget(seconds)
+        self._max_states = max_states
+        self._tick = tick
+        self._system, self._start, self._goal = _as_labelled(task)
+        self._small = maskable(self._system)
+        self._steps = Transitions(self._system, task.path if self._system is None else ())
+        self._stopped = False
+        self.stages: list[Stage] = []
+        self.normal = normal_cube_path(task.path) if found is None else found.cube_path
+        self.best = self.normal
+        self.bound = Bound(0, "no move")
+        self.only: bool | None = None
+        self.shorter = False
+        """Whether a shorter path is known to exist that was not asked for."""
+
+    def _stage(
+        self, name: str, job: Callable[[Stage, Budget], None], steps: int | None = None
+    ) -> None:
+        """Do a job in its share of the time, or else in so many steps, and note what it spent."""
+        tick = self._tick
+        left = self._whole.seconds_left
+        share = None if left is None else min(left, _SHARES.get(name, 1.0) * (self._seconds or 0.0))
+        budget = Budget(
+            share,
+            steps=steps if share is None else None,
+            tick=None if tick is None else partial(tick, name),
         )
-    least, why = (len(normal), "the only class") if only else (bound.cubes, bound.why)
-    best, shorter = normal, False
-    if least < len(normal) and small:
-        steps = Transitions(system, task.path if system is None else ())
-        ends = steps.encode(start), steps.encode(goal)
-        exact = optimum(steps, *ends, max_states=max_states, most=len(normal) - 1)
-        if exact.at_least > least:
-            least, why = exact.at_least, "exhaustive search"
-        if exact.cubes is not None:
-            least, why = len(exact.cubes), "exhaustive search"
-            shorter = not asked
-            best = _of_optimum(task, steps, exact) if asked else best
-    if asked and least < len(best):
-        kept = [best]
+        stage = Stage(name)
+        self.stages.append(stage)
+        begun = time.monotonic()
+        try:
+            if tick is not None:
+                tick(name, 0)
+            job(stage, budget)
+        except KeyboardInterrupt:
+            # It says that the time is up: what was found is not lost.
+            stage.ended = "interrupt"
+            self._stopped = True
+        finally:
+            stage.seconds = time.monotonic() - begun
+        if stage.ended == "done" and budget.spent:
+            stage.ended = "limit" if share is None else "time"
+
+    def _raise_bound(self, bound: Bound) -> None:
+        if bound.cubes > self.bound.cubes:
+            self.bound = bound
+
+    def ask_for_classes(self) -> None:
+        """Find out whether there is but one class, and so nothing beyond it."""
+
+        def job(stage: Stage, budget: Budget) -> None:
+            self._steps.budget = budget
+            self.only = only_class(self._steps, self._start)
+            stage.steps = budget.steps
+
+        if self._system is not None and self.best and self._small:
+            self._stage("classes", job)
+        if self.only:
+            self.bound = Bound(len(self.best), "the only class")
+
+    def bound_from_below(self) -> None:
+        """Bound the cubes of every path between the ends."""
+
+        def job(stage: Stage, budget: Budget) -> None:
+            found = lower_bound(
+                self._system, self._start, self._goal, within=len(self.best), budget=budget
+            )
+            stage.steps = budget.steps
+            if found.cubes > len(self.best):
+                raise CheckError(
+                    f"the system claims that no path has fewer than {found.cubes} cubes"
+                    f" ({found.why}), but one of {len(self.best)} is known"
+                )
+            self._raise_bound(found)
+
+        if not self._stopped:
+            self._stage("bounds", job, _BOUND_STEPS)
+
+    def search_all(self, *, take: bool) -> None:
+        """Search the states around both ends; `take` the optimum where it is found."""
+        most = len(self.best) - 1
+
+        def job(stage: Stage, budget: Budget) -> None:
+            steps = self._steps
+            steps.budget = budget
+            ends = steps.encode(self._start), steps.encode(self._goal)
+            exact = optimum(steps, *ends, max_states=self._max_states, most=most)
+            stage.steps = exact.states
+            # Stopped neither by the time nor since all paths have more cubes.
+            if exact.cubes is None and exact.at_least <= most and not budget.spent:
+                stage.ended = "limit"
+            self._raise_bound(Bound(exact.at_least, "exhaustive search"))
+            if exact.cubes is not None:
+                self.bound = Bound(len(exact.cubes), "exhaustive search")
+                self.shorter = not take
+                if take:
+                    self.best = _of_optimum(self._task, steps, exact)
+
+        if self._small and not self._stopped and self.bound.cubes <= most:
+            self._stage("optimum", job, _SETS_A_STATE * self._max_states)
+
+    def improve(
+        self,
+        *,
+        iterations: int | None,
+        seed: int,
+        watch: Callable[[Improved], object] | None,
+    ) -> None:
+        """Search for a better path in what is left of the time."""
+        task = self._task
+        kept = [self.best]
 
         def keep(better: Improved) -> None:
             kept.append(better.cube_path)
             if watch is not None:
                 watch(better)
 
-        # An interrupt says that the time is up: what was found is not lost.
-        with contextlib.suppress(KeyboardInterrupt):
+        def job(stage: Stage, _budget: Budget) -> None:
+            def count(steps: int) -> None:
+                stage.steps = steps
+                if self._tick is not None:
+                    self._tick(stage.name, steps)
+
             improve(
                 task.path,
                 task.start,
                 task.system,
-                seconds=seconds,
+                seconds=self._whole.seconds_left,
                 iterations=iterations,
                 seed=seed,
                 labelled_goals=task.labelled_goals,
-                enough=least,
+                enough=self.bound.cubes,
                 watch=keep,
-                tick=tick,
-                normal=normal,
+                tick=count,
+                normal=self.best,
+                transitions=None if task.labelled_goals else self._steps,
             )
-        best = min(kept, key=lambda path: (len(path), sum(map(len, path))))
-    if asked:
-        _check(task, best)
-    return Beyond(
-        improved=len(best) if asked else None,
-        lower_bound=least,
-        optimal=True if len(best) == least else False if shorter else None,
-        only_class=only,
-        why=why,
-        cube_path=best,
-        named=() if found is None else _named(task, found, best),
-    )
+            if len(kept[-1]) > self.bound.cubes:
+                stage.ended = "time" if self._whole.spent else "limit"
+
+        if not self._stopped and self.bound.cubes < len(self.best):
+            self._stage("search", job)
+        self.best = min(kept, key=lambda path: (len(path), sum(map(len, path))))
 
 
 def _as_labelled(task: Task) -> tuple[System | None, State, State]:

@@ -14,7 +14,7 @@ from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
-from cubepath.protocol.core.system import Bound, System, Ways
+from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
     SWEEPS,
@@ -82,10 +82,6 @@ class FlipSystem(System):
         """
         edges = _rows(_edges(goal))
         return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
-
-    def ways(self) -> Ways:
-        """Return which diagonals a flip exchanges."""
-        return Ways(lambda site: [move.target for move in self.moves_at(site)], one_to_one=True)
 
     def modules_of(self, edges: Iterable[Edge]) -> tuple[Edge, ...]:
         """Return the edges of a triangulation that are modules, in order."""
@@ -246,7 +242,7 @@ class FlipSystem(System):
 
     def _name_crossing(self, edges: Sequence[Edge]) -> None:
         """Raise InputError for two edges that cross; there may be none."""
-        known = [*edges, *in_order(self.kept)]
+        known = [*edges, *_edges(self.kept)]
         for place, edge in enumerate(known):
             crossed = self.plane.crossings(edge, _rows(known[place + 1 :])).nonzero()[0]
             if len(crossed):
@@ -315,6 +311,10 @@ def flip_of(each: Quadrilateral) -> Move:
     return Move(action, "flip", at, ((one, other),))
 
 
+_CROSSED_MAX = 300
+"""Of so many edges the crossings are counted, of either end."""
+
+
 def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     """Return how often the crossings of one edge must be halved until it can be there.
 
@@ -326,19 +326,21 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     quadrilateral is two triangles that follow each other along f. Flips of one cube have no
     triangle in common, since a diagonal may not be a side of the other's quadrilateral. So one cube
     lessens k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
-    is 0. Read backwards, the same holds for edges of the start. Quadratic in the edges.
+    is 0. Read backwards, the same holds for edges of the start.
+
+    Of many edges only the longest are asked, for they cross the most: the cost is that of as many
+    comparisons with all edges.
 
     That log n rounds are of the right order for convex polygons is known: Galtier, Hurtado, Noy,
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
-    here, there = _edges(start - goal), _rows(_edges(goal - start))
-    most = 0
-    crossed = np.zeros(len(there), dtype=np.int64)
-    for edge in here:
-        found = system.plane.crossings(edge, there)
-        crossed += found
-        most = max(most, int(found.sum()))
-    return max(most, int(crossed.max(initial=0))).bit_length()
+    plane, most = system.plane, 0
+    ends = _edges(start - goal), _edges(goal - start)
+    for some, others in (ends, ends[::-1]):
+        rows = _rows(others)
+        for edge in sorted(some, key=lambda each: -plane.length(each))[:_CROSSED_MAX]:
+            most = max(most, int(plane.crossings(edge, rows).sum()))
+    return most.bit_length()
 
 
 def flip_bound(system: FlipSystem, start: State, goal: State) -> int:

@@ -68,11 +68,17 @@ class PointSet:
         """Tell whether a point lies strictly left of the line from `one` to `other`."""
         return turn(self.points, one, other, point) > 0
 
+    def length(self, edge: Edge) -> int:
+        """Return the square of the length of an edge."""
+        (ax, ay), (bx, by) = self.points[edge[0]], self.points[edge[1]]
+        return (bx - ax) ** 2 + (by - ay) ** 2
+
     def _turns(self, one: int, other: int, at: Numbers) -> NDArray[Any]:
         """Return `turn` for many points at once."""
         x, y = self._x, self._y
         dx, dy = x[other] - x[one], y[other] - y[one]
-        return dx * (y[at] - y[one]) - dy * (x[at] - x[one])
+        found: NDArray[Any] = dx * (y[at] - y[one]) - dy * (x[at] - x[one])
+        return found
 
     def _boxed(self, corners: Sequence[int], *, grown: int = 0) -> Numbers:
         """Return the points in the smallest box around some, or in one grown by so many sides."""

@@ -1,0 +1,86 @@
+"""What a search may spend, in seconds or in steps, and what it has spent.
+
+Room: coordinator; touches nothing but the clock, and that only to know when to stop.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+
+class SpentError(Exception):
+    """A budget is spent: whatever was under way is given up. Whoever set the budget catches it."""
+
+
+class Budget:
+    """Seconds from now on, or steps, whichever is spent first; without either, no bound.
+
+    A step is whatever takes a bounded time: a move that is looked at, a set that is compared.
+    """
+
+    def __init__(
+        self,
+        seconds: float | None = None,
+        *,
+        steps: int | None = None,
+        tick: Callable[[int], object] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin to count; `tick` is told now and then how many steps were taken."""
+        self._clock = clock
+        self.steps = 0
+        self._most = steps
+        self._end = None if seconds is None else clock() + seconds
+        self._tick = tick
+        self._told = 0
+
+    def spend(self, steps: int = 1) -> None:
+        """Count steps; SpentError where that is more than there were, or the time is over."""
+        self.steps += steps
+        if self._tick is not None and self.steps - self._told >= _TICK:
+            self._told = self.steps
+            self._tick(self.steps)
+        if self.spent:
+            raise SpentError
+
+    @property
+    def spent(self) -> bool:
+        """Tell whether nothing is left."""
+        if self._most is not None and self.steps > self._most:
+            return True
+        return self._end is not None and self._clock() >= self._end
+
+    @property
+    def seconds_left(self) -> float | None:
+        """Return the seconds that are left, None where the time is not bounded."""
+        return None if self._end is None else max(0.0, self._end - self._clock())
+
+
+_TICK = 256
+"""After so many steps somebody who watches is told."""
+
+
+@dataclass(slots=True)
+class Stage:
+    """A part of a search: its name, what it took, and how it ended.
+
+    `ended` is "done", or what stopped it: "time", "interrupt", or "limit" for a number of states or
+    of steps. What `steps` counts differs from stage to stage.
+    """
+
+    name: str
+    seconds: float = 0.0
+    steps: int = 0
+    ended: Literal["done", "time", "limit", "interrupt"] = "done"
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``--json``."""
+        return {
+            "stage": self.name,
+            "seconds": round(self.seconds, 3),
+            "steps": self.steps,
+            "ended": self.ended,
+        }
