@@ -107,7 +107,14 @@ def _complex(options: argparse.Namespace) -> int:
             max_states=limit,
             progress=watch,
         )
-    answer(options, found.document(), table(_rows(found)))
+    try:
+        if output is not None and found.complete and found.built is not None:
+            if output.suffix.lower() == ".json":
+                write_complex(found.built, output)
+            else:
+                draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+    finally:
+        answer(options, found.document(), table(_rows(found)))
     if not found.complete:
         complain(
             f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), not all"
@@ -115,11 +122,7 @@ def _complex(options: argparse.Namespace) -> int:
             + (f"; {output} was not written" if output else "")
         )
         return FAILED
-    if output is not None and found.built is not None:
-        if output.suffix.lower() == ".json":
-            write_complex(found.built, output)
-        else:
-            draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+    if output is not None:
         complain(f"written to {output}")
     return DONE
 

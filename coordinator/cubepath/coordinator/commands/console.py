@@ -1,17 +1,27 @@
-"""What every command says and how: answers, tables, progress bars, complaints, exit codes."""
+"""What every command says and how: answers, tables, progress bars, complaints, exit codes.
+
+Standard output and standard error may be full, closed, or a pipe that nobody reads any more.
+"""
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
+import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
+from pathlib import Path
 from types import FrameType
-from typing import Any, Self
+from typing import Any, Self, TextIO
+
+from cubepath.protocol.core.errors import CheckError
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+CLOSED_PIPE = 141
+"""As a shell tells it of a program that SIGPIPE has ended."""
 
 SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
 
@@ -43,14 +53,62 @@ class Interrupts:
         signal.default_int_handler(number, frame)
 
 
+def prepare_streams() -> None:
+    """Make standard streams that are closed harmless; CheckError where standard output is.
+
+    Otherwise the next file that is opened would take the number of the stream, and get what
+    somebody writes there.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # takes the lowest number
+    if is_closed(sys.stderr):
+        sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
+    if is_closed(sys.stdout):
+        raise CheckError("standard output: closed, expected a place for the answer")
+
+
+def is_closed(stream: TextIO | None) -> bool:
+    """Tell whether a standard stream was closed when Python began, whatever its type says."""
+    return stream is None
+
+
+def silence(stream: TextIO) -> None:
+    """Send what is still to be written to a stream nowhere: Python would try it again at exit."""
+    with contextlib.suppress(OSError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)
+
+
 def complain(what: object) -> None:
-    """Say something in one line on standard error."""
-    print(f"cubepath: {what}", file=sys.stderr)
+    """Say something in one line on standard error; where that takes nothing, nothing is said."""
+    try:
+        print(f"cubepath: {what}", file=sys.stderr, flush=True)
+    except OSError:
+        silence(sys.stderr)
+
+
+def say(text: str, end: str = "\n") -> None:
+    """Write a text to standard output.
+
+    CheckError where it cannot be written, BrokenPipeError where nobody reads it any more.
+    """
+    try:
+        print(text, end=end, flush=True)
+    except BrokenPipeError:
+        silence(sys.stdout)
+        raise
+    except OSError as error:
+        silence(sys.stdout)
+        raise CheckError(f"standard output: {error.strerror or error}") from None
 
 
 def answer(options: argparse.Namespace, document: object, text: str) -> None:
-    """Print the answer of a command: the document with --json, else the text."""
-    print(json.dumps(document) if options.json else text)
+    """Print the answer of a command: the document with --json, else the text; errors of `say`."""
+    say(json.dumps(document) if options.json else text)
 
 
 def table(rows: Sequence[tuple[str, object]]) -> str:

@@ -1,7 +1,8 @@
 """The command line: ``cubepath run | shorten | verify | replay | info | view | complex | ...``.
 
 Room: coordinator. Standard output carries the answer, standard error all else; exit code 0 done,
-1 a check failed, 2 bad input or usage, 130 interrupted with the recording closed.
+1 a check failed or the answer could not be written, 2 bad input or usage, 130 interrupted with the
+recording closed, 141 nobody read the answer to its end.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import logging
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,6 +27,7 @@ from cubepath.coordinator.commands.certificates import (
 from cubepath.coordinator.commands.complexes import add_complex_commands
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
+    CLOSED_PIPE,
     DONE,
     FAILED,
     INTERRUPTED,
@@ -34,6 +35,7 @@ from cubepath.coordinator.commands.console import (
     Interrupts,
     answer,
     complain,
+    prepare_streams,
     progress_bar,
     table,
 )
@@ -48,39 +50,36 @@ from cubepath.coordinator.commands.search_options import (
     beyond_rows,
     look_beyond,
 )
+from cubepath.coordinator.commands.usage import Parser
 from cubepath.protocol.core.errors import CubepathError, InputError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
-    options = _parser().parse_args(arguments)
     # Where matplotlib keeps its caches when it cannot keep them at home is no answer to anybody.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with Interrupts() as interrupts:
-        code = _guarded(options, interrupts)
+        code = _guarded(arguments, interrupts)
     if interrupts.came and code != INTERRUPTED:
         complain("interrupted")
         return INTERRUPTED
     return code
 
 
-def _guarded(options: argparse.Namespace, interrupts: Interrupts) -> int:
+def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     """Carry out the command; turn what goes wrong into a line and an exit code."""
-    command: Callable[[argparse.Namespace], int] = options.command
     try:
-        code = command(options)
-        print(end="", flush=True)
+        prepare_streams()
+        options = _parser().parse_args(arguments)
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
     except InputError as error:
         complain(error)
         return BAD_INPUT
-    except CubepathError as error:
+    except BrokenPipeError:
+        return CLOSED_PIPE
+    except (CubepathError, OSError) as error:
         complain(error)
-        return FAILED
-    except OSError as error:
-        # Nobody takes our output: keep the interpreter from complaining about it once more.
-        if not isinstance(error, BrokenPipeError):
-            complain(f"standard output: {error.strerror or error}")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt:
         complain("interrupted")
@@ -90,12 +89,10 @@ def _guarded(options: argparse.Namespace, interrupts: Interrupts) -> int:
         if interrupts.came:
             return FAILED
         raise
-    else:
-        return code
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="cubepath",
         description="Modules of a metamorphic robot reconfigure by messages over zenoh; their path"
         " is shortened to the fastest parallel schedule in its homotopy class.",
@@ -423,9 +420,13 @@ def _verify(options: argparse.Namespace) -> int:
         for check in found.checks
     ]
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
-    answer(options, found.document(), "\n".join(lines))
-    if options.recover is not None:
-        saved = recover(recording, options.recover)
+    saved = None
+    try:
+        if options.recover is not None:
+            saved = recover(recording, options.recover)
+    finally:
+        answer(options, found.document(), "\n".join(lines))
+    if saved is not None:
         complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
     if not found.ok:
         wrong = ", ".join(check.name for check in found.checks if not check.ok)
