@@ -12,6 +12,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.files import (
+    PATH_SUFFIXES,
+    Output,
+    check_files,
+    input_path,
+    output_path,
+)
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.protocol.core.errors import InputError
 
@@ -33,13 +40,13 @@ def add_explain_options(shorten: argparse.ArgumentParser) -> None:
     )
     shorten.add_argument(
         "--certificate",
-        type=Path,
+        type=output_path,
         metavar="FILE.json",
         help="write the proof, for 'cubepath verify FILE.json --of INPUT'",
     )
     shorten.add_argument(
         "--durations",
-        type=Path,
+        type=input_path,
         metavar="FILE",
         help="how long moves take (TOML or JSON); -o then writes a timetable, a move a line",
     )
@@ -57,7 +64,7 @@ def add_certificate_options(verify: argparse.ArgumentParser) -> None:
     """Add ``--of``, ``--system`` and ``--cubes``."""
     verify.add_argument(
         "--of",
-        type=Path,
+        type=input_path,
         metavar="INPUT",
         help="LOG is a certificate, or a cubes file with one beside it, of the path in INPUT",
     )
@@ -66,7 +73,7 @@ def add_certificate_options(verify: argparse.ArgumentParser) -> None:
     )
     verify.add_argument(
         "--cubes",
-        type=Path,
+        type=input_path,
         metavar="CUBES.jsonl",
         help="with --of: a cubes file that must be the schedule of the certificate",
     )
@@ -126,7 +133,7 @@ def write_schedule(output: Path, found: Shortened, known: Beyond | None, told: E
         from cubepath.protocol.path_files.timetables import write_timetable  # noqa: PLC0415
 
         write_timetable(output, told.timed.lines())
-    elif output.suffix == ".npz":
+    elif output.suffix.lower() == ".npz":
         from cubepath.protocol.path_files.npz import write_cubes_npz  # noqa: PLC0415
 
         write_cubes_npz(output, found.path, found.left)
@@ -172,19 +179,14 @@ def check_explain_options(options: argparse.Namespace) -> None:
             " expected one of the two"
         )
     output: Path | None = options.output
-    if timed and output is not None and output.suffix == ".npz":
+    if timed and output is not None and output.suffix.lower() == ".npz":
         raise InputError(f"{output}: a timetable is JSON Lines, expected another name")
-    for path in (options.input, output):
-        if (
-            options.certificate is not None
-            and path is not None
-            and _same(options.certificate, path)
-        ):
-            raise InputError(f"{path}: expected another file for the certificate")
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
+    check_files(
+        options,
+        [options.input, options.durations],
+        Output(output, PATH_SUFFIXES, stream=True),
+        Output(options.certificate, (".json",)),
+    )
 
 
 def is_of_a_path(options: argparse.Namespace) -> bool:
@@ -214,6 +216,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
         raise InputError("--recover is for recordings, expected no --of")
     source: Path = options.log
     cubes_file: Path | None = options.cubes
+    check_files(options, [source, options.of, cubes_file])
     if source.suffix == ".jsonl":
         if cubes_file is not None:
             raise InputError(f"{source}: a cubes file, expected no --cubes beside it")

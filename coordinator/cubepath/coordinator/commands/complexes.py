@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
@@ -18,7 +17,7 @@ from cubepath.coordinator.commands.console import (
     progress_bar,
     table,
 )
-from cubepath.protocol.core.errors import InputError
+from cubepath.coordinator.commands.files import Output, check_files, output_path
 
 if TYPE_CHECKING:
     from cubepath.coordinator.complexes.report import ComplexReport
@@ -58,7 +57,11 @@ def add_complex_commands(command: AddCommand) -> None:
         help="stop where there are more than N states (default 2000000)",
     )
     complex_.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
+        "-o",
+        "--output",
+        type=output_path,
+        metavar="FILE",
+        help="write it: .json, or .png, .svg, .pdf",
     )
 
     command("paper", _paper, "hold the paper's claims against what is computed")
@@ -79,11 +82,7 @@ def _complex(options: argparse.Namespace) -> int:
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
     output: Path | None = options.output
-    if output is not None:
-        if output.suffix.lower() not in {".json", *SUFFIXES}:
-            raise InputError(f"{output}: expected one of .json, {', '.join(SUFFIXES)}")
-        if output.is_dir() or not os.access(output.parent, os.W_OK):
-            raise InputError(f"{output}: cannot be written")
+    check_files(options, [], Output(output, (".json", *SUFFIXES)))
     limit: int = options.max_states or MAX_STATES
     scene = scene_from_spec(options.system)
     with progress_bar(None, "complex", "") as bar:

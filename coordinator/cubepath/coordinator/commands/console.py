@@ -18,6 +18,7 @@ from types import FrameType
 from typing import Any, Self, TextIO
 
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 CLOSED_PIPE = 141
@@ -27,26 +28,29 @@ SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' 
 
 
 class Interrupts:
-    """Remembers whether the user interrupted, for a compiler may swallow the exception.
+    """Turns SIGTERM and SIGHUP into what SIGINT is, and remembers whether one came.
 
-    Outside the main thread, or where somebody handles SIGINT already, it does nothing.
+    So files that are half written are taken away again; and a compiler may swallow the exception.
+    Outside the main thread, or where somebody handles the signals already, it does nothing.
     """
 
     def __init__(self) -> None:
         """Begin with none."""
         self.came = False
-        self._installed = False
+        self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        here = threading.current_thread() is threading.main_thread()
-        if here and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-            signal.signal(signal.SIGINT, self._note)
-            self._installed = True
+        if threading.current_thread() is threading.main_thread():
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                handler = signal.getsignal(number)
+                if handler in (signal.default_int_handler, signal.SIG_DFL):
+                    self._before[number] = handler
+                    signal.signal(number, self._note)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._installed:
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.came = True
@@ -84,9 +88,14 @@ def silence(stream: TextIO) -> None:
 
 
 def complain(what: object) -> None:
-    """Say something in one line on standard error; where that takes nothing, nothing is said."""
+    """Say something in one line on standard error."""
+    _note(f"cubepath: {what}")
+
+
+def _note(text: str) -> None:
+    """Write a text to standard error; where that takes nothing, nothing is said."""
     try:
-        print(f"cubepath: {what}", file=sys.stderr, flush=True)
+        print(text, file=sys.stderr, flush=True)
     except OSError:
         silence(sys.stderr)
 
@@ -107,8 +116,14 @@ def say(text: str, end: str = "\n") -> None:
 
 
 def answer(options: argparse.Namespace, document: object, text: str) -> None:
-    """Print the answer of a command: the document with --json, else the text; errors of `say`."""
-    say(json.dumps(document) if options.json else text)
+    """Print the answer of a command: the document with --json, else the text; errors of `say`.
+
+    Where standard output has what the command was to write, the text goes to standard error.
+    """
+    if getattr(options, "output", None) == STANDARD_OUTPUT:
+        _note(text)
+    else:
+        say(json.dumps(document) if options.json else text)
 
 
 def table(rows: Sequence[tuple[str, object]]) -> str:

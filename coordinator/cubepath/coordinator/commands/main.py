@@ -39,6 +39,14 @@ from cubepath.coordinator.commands.console import (
     progress_bar,
     table,
 )
+from cubepath.coordinator.commands.files import (
+    PATH_SUFFIXES,
+    Output,
+    check_files,
+    file_name,
+    input_path,
+    output_path,
+)
 from cubepath.coordinator.commands.plan_options import (
     INPUT_HELP,
     add_plan_options,
@@ -52,6 +60,8 @@ from cubepath.coordinator.commands.search_options import (
 )
 from cubepath.coordinator.commands.usage import Parser
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.input_files import STANDARD_INPUT
+from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -134,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument(
         "--schedule",
-        type=Path,
+        type=input_path,
         metavar="CUBES",
         help="carry out a cubes file or the schedule of a recording, one cube a round; SYSTEM can"
         " then be another scene than that of the recording",
@@ -144,16 +154,19 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="where a cube of the schedule no longer applies, go on with the rule from there",
     )
-    run.add_argument("--log", type=Path, help="recording to write (default: a new file in logs/)")
+    run.add_argument(
+        "--log", type=output_path, help="recording to write (default: a new file in logs/)"
+    )
 
     shorten = command("shorten", _shorten, "shorten a path to its normal cube path")
-    shorten.add_argument("input", type=Path, metavar="INPUT", help=INPUT_HELP)
+    shorten.add_argument("input", type=input_path, metavar="INPUT", help=INPUT_HELP)
     shorten.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         metavar="CUBES.jsonl",
-        help="write the cubes to this file: JSON Lines, or the binary form where it ends in .npz",
+        help="write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
+        " standard output, and what is said goes to standard error",
     )
     shorten.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
@@ -165,12 +178,15 @@ def _parser() -> argparse.ArgumentParser:
     convert = command("convert", _convert, "write a path in another form: JSON Lines or .npz")
     convert.add_argument(
         "input",
-        type=Path,
+        type=input_path,
         metavar="INPUT",
         help=f"{INPUT_HELP}; or cubes as .npz",
     )
     convert.add_argument(
-        "output", type=Path, metavar="OUTPUT", help="JSON Lines, or .npz where it ends so"
+        "output",
+        type=output_path,
+        metavar="OUTPUT",
+        help="a file whose name ends in .jsonl or .npz; - for JSON Lines on standard output",
     )
     convert.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
@@ -180,16 +196,19 @@ def _parser() -> argparse.ArgumentParser:
     verify = command(
         "verify", _verify, "check a recording, from the start state on; or a certificate"
     )
-    verify.add_argument("log", type=Path, metavar="LOG")
+    verify.add_argument("log", type=input_path, metavar="LOG")
     add_certificate_options(verify)
     verify.add_argument(
-        "--recover", type=Path, metavar="OUT", help="write what can be read as a proper recording"
+        "--recover",
+        type=output_path,
+        metavar="OUT",
+        help="write what can be read as a proper recording",
     )
 
     replay = command(
         "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
     )
-    replay.add_argument("log", type=Path, metavar="LOG")
+    replay.add_argument("log", type=input_path, metavar="LOG")
     replay.add_argument(
         "--rate", type=float, metavar="R", help="rounds a second (default: as fast as it goes)"
     )
@@ -198,14 +217,14 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     info = command("info", _info, "say what a recording holds")
-    info.add_argument("log", type=Path, metavar="LOG")
+    info.add_argument("log", type=input_path, metavar="LOG")
 
     view = command("view", _view, "draw a recording: states of the run, and its schedule")
-    view.add_argument("log", type=Path, metavar="LOG")
+    view.add_argument("log", type=input_path, metavar="LOG")
     view.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         metavar="PICTURE",
         help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
     )
@@ -225,6 +244,9 @@ def _version() -> str:
 def _run(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.launch import Plan, run  # noqa: PLC0415 - only what a command needs
 
+    check_files(options, [options.schedule])
+    if options.log == STANDARD_OUTPUT:
+        raise InputError("standard output: has the answer, expected a file for the recording")
     plan = Plan(
         system=options.system,
         rule=options.rule,
@@ -325,12 +347,7 @@ def _shorten(options: argparse.Namespace) -> int:
 
     check_explain_options(options)
     output: Path | None = options.output
-    read = [options.input, *map(Path, filter(None, [options.system]))]
-    for source in read:
-        if output is not None and output.exists() and source.exists() and output.samefile(source):
-            what = "is the input" if source == options.input else "holds the system"
-            raise InputError(f"{output}: {what}, expected another file for the cubes")
-    if output is not None and output.suffix == ".npz" and options.improve is not None:
+    if output is not None and output.suffix.lower() == ".npz" and options.improve is not None:
         raise InputError(
             f"{output}: holds moves of the input alone, expected a .jsonl file with --improve"
         )
@@ -353,7 +370,7 @@ def _shorten(options: argparse.Namespace) -> int:
         ("time", f"{found.seconds:.2f} s"),
     ]
     if options.output is not None:
-        rows.append(("written to", options.output))
+        rows.append(("written to", file_name(options.output)))
     document = found.document() | ({} if known is None else known.document()) | told.document
     answer(options, document, "\n".join([table(rows), *told.lines]))
     return DONE
@@ -362,6 +379,7 @@ def _shorten(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from cubepath.coordinator.shortening.conversion import convert  # noqa: PLC0415
 
+    check_files(options, [options.input], Output(options.output, PATH_SUFFIXES, stream=True))
     with progress_bar(None, "convert", " moves") as bar:
         found = convert(
             options.input,
@@ -371,25 +389,29 @@ def _convert(options: argparse.Namespace) -> int:
             hints=hints(options),
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
-    answer(options, document, f"{found.count} {found.what} written to {options.output}")
+    answer(options, document, f"{found.count} {found.what} written to {file_name(options.output)}")
     return DONE
 
 
 def _view(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415
         FILM_SUFFIXES,
+        PICTURE_SUFFIXES,
         animate,
         run_picture,
     )
     from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
+    if options.output is None and options.log == STANDARD_INPUT:
+        raise InputError("standard input: has no name for a picture, expected -o PICTURE")
+    path: Path = options.output or options.log.with_suffix(".png")
+    check_files(options, [options.log], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
     recording = read_recording(options.log)
     for problem in recording.problems:
         complain(f"{options.log}: {problem}; drawing what could be read")
     gatherer = gathered(recording)
     rounds = [step.actions for step in gatherer.steps]
-    path: Path = options.output or options.log.with_suffix(".png")
     if path.suffix.lower() in FILM_SUFFIXES:
         with progress_bar(None, "film", " frames") as bar:
 
@@ -411,6 +433,9 @@ def _verify(options: argparse.Namespace) -> int:
     from cubepath.coordinator.verification.recording import recover, verify  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
+    check_files(options, [options.log], Output(options.recover))
+    if options.recover is not None and options.recover.is_file():
+        raise InputError(f"{options.recover}: exists already, expected a new file")
     recording = read_recording(options.log)
     with progress_bar(None, "verify", " rounds") as bar:
         found = verify(recording, bar.update)

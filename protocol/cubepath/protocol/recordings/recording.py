@@ -22,6 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.output_files import same_file
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.salvaging import MAGIC, Salvage, salvage
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
@@ -298,11 +299,7 @@ def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | N
     `notes` are parameters to add. InputError where `out` is the recording itself or cannot be
     written, RecordingFull where the disk takes no more.
     """
-    try:
-        same = out.samefile(recording.path)
-    except OSError:
-        same = False  # one of the two is not there
-    if same:
+    if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     parameters = {**recording.parameters, **(notes or {})}
     with RecordingWriter(out, recording.scene, parameters, recording.schedule) as writer:
