@@ -16,7 +16,7 @@ PYTHON = [sys.executable, "-W", "error", "-m", "cubepath.coordinator"]
 
 def cubepath(*arguments: str | Path, **keywords: Any) -> subprocess.CompletedProcess[str]:
     """Run a command; its standard output and standard error are text."""
-    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
+    given: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
     return subprocess.run(
         [*PYTHON, *map(str, arguments)], text=True, timeout=100, check=False, **given
     )
@@ -24,7 +24,7 @@ def cubepath(*arguments: str | Path, **keywords: Any) -> subprocess.CompletedPro
 
 def in_shell(line: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
     """Run a line of bash in which ``cubepath`` is the command."""
-    given = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
+    given: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
     return subprocess.run(
         ["/bin/bash", "-c", f'cubepath() {{ {shlex.join(PYTHON)} "$@"; }}; {line}'],
         text=True,

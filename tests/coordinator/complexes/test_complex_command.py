@@ -166,7 +166,7 @@ def test_a_limit_is_a_whole_number(number: str, capsys: Capture) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["complex", "arm", f"--max-states={number}"])
     assert stopped.value.code == 2
-    assert f"expected a whole number of at least 1, found {number}" in capsys.readouterr().err
+    assert f"expected a whole number of at least 1, found {number!r}" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import (
     DONE,
@@ -18,21 +17,12 @@ from cubepath.coordinator.commands.console import (
     table,
 )
 from cubepath.coordinator.commands.files import Output, check_files, output_path
+from cubepath.coordinator.commands.usage import AddCommand, whole
 
 if TYPE_CHECKING:
     from cubepath.coordinator.complexes.report import ComplexReport
     from cubepath.coordinator.paper.registry import Row
     from cubepath.protocol.core.system import Scene
-
-
-class AddCommand(Protocol):
-    """Adds a command of this name, function and summary; returns its parser."""
-
-    def __call__(
-        self, name: str, function: Callable[[argparse.Namespace], int], summary: str, /
-    ) -> argparse.ArgumentParser:
-        """Add the command."""
-        ...
 
 
 def add_complex_commands(command: AddCommand) -> None:
@@ -52,7 +42,7 @@ def add_complex_commands(command: AddCommand) -> None:
     )
     complex_.add_argument(
         "--max-states",
-        type=whole_number,
+        type=whole(1),
         metavar="N",
         help="stop where there are more than N states (default 2000000)",
     )
@@ -65,13 +55,6 @@ def add_complex_commands(command: AddCommand) -> None:
     )
 
     command("paper", _paper, "hold the paper's claims against what is computed")
-
-
-def whole_number(text: str) -> int:
-    """Return an option's value as a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text}")
-    return int(text)
 
 
 def _complex(options: argparse.Namespace) -> int:

@@ -16,12 +16,9 @@ from pathlib import Path
 from typing import Any
 
 from cubepath.coordinator.commands.certificates import (
-    add_certificate_options,
     add_explain_options,
     check_explain_options,
     explain,
-    is_of_a_path,
-    verify_certificate,
     write_schedule,
 )
 from cubepath.coordinator.commands.complexes import add_complex_commands
@@ -53,12 +50,13 @@ from cubepath.coordinator.commands.plan_options import (
     hints,
     plan_rows,
 )
+from cubepath.coordinator.commands.recordings import add_recording_commands
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
     beyond_rows,
     look_beyond,
 )
-from cubepath.coordinator.commands.usage import Parser
+from cubepath.coordinator.commands.usage import Parser, number, whole
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
@@ -108,7 +106,8 @@ def _parser() -> argparse.ArgumentParser:
         " is shortened to the fastest parallel schedule in its homotopy class.",
     )
     parser.add_argument("--version", action="version", version=_version())
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    parser.set_defaults(command=_help)
+    commands = parser.add_subparsers(metavar="COMMAND")
 
     def command(
         name: str, function: Callable[[argparse.Namespace], int], summary: str
@@ -121,24 +120,26 @@ def _parser() -> argparse.ArgumentParser:
     run = command("run", _run, "run modules in processes, record them, shorten their path")
     run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
     run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
-    run.add_argument("--seed", type=int, default=0, help="seed of every random choice (default 0)")
+    run.add_argument(
+        "--seed", type=whole(0), default=0, help="seed of every random choice (default 0)"
+    )
     run.add_argument(
         "--hesitate",
-        type=float,
+        type=number("a number from 0 to less than 1", lambda p: 0 <= p < 1),
         default=0.0,
         metavar="P",
         help="each module skips a round with this probability (default 0)",
     )
     run.add_argument(
         "--processes",
-        type=int,
+        type=whole(0),
         default=4,
         metavar="N",
         help="processes to spread the modules over; 0 keeps them all here (default 4)",
     )
     run.add_argument(
         "--max-rounds",
-        type=int,
+        type=whole(0),
         metavar="N",
         help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
     )
@@ -193,32 +194,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     add_plan_options(convert)
 
-    verify = command(
-        "verify", _verify, "check a recording, from the start state on; or a certificate"
-    )
-    verify.add_argument("log", type=input_path, metavar="LOG")
-    add_certificate_options(verify)
-    verify.add_argument(
-        "--recover",
-        type=output_path,
-        metavar="OUT",
-        help="write what can be read as a proper recording",
-    )
-
-    replay = command(
-        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
-    )
-    replay.add_argument("log", type=input_path, metavar="LOG")
-    replay.add_argument(
-        "--rate", type=float, metavar="R", help="rounds a second (default: as fast as it goes)"
-    )
-    replay.add_argument(
-        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: a free port)"
-    )
-
-    info = command("info", _info, "say what a recording holds")
-    info.add_argument("log", type=input_path, metavar="LOG")
-
+    add_recording_commands(command)
     view = command("view", _view, "draw a recording: states of the run, and its schedule")
     view.add_argument("log", type=input_path, metavar="LOG")
     view.add_argument(
@@ -233,6 +209,12 @@ def _parser() -> argparse.ArgumentParser:
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser
+
+
+def _help(_options: argparse.Namespace) -> int:
+    """Say what the commands are; this is what no command means."""
+    _parser().print_help()
+    return DONE
 
 
 def _version() -> str:
@@ -424,79 +406,4 @@ def _view(options: argparse.Namespace) -> int:
         heap = gatherer.heap
         run_picture(recording.scene, rounds, heap.cube_path(), path, found=heap.normal_form())
     answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
-    return DONE
-
-
-def _verify(options: argparse.Namespace) -> int:
-    if is_of_a_path(options):
-        return verify_certificate(options)
-    from cubepath.coordinator.verification.recording import recover, verify  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    check_files(options, [options.log], Output(options.recover))
-    if options.recover is not None and options.recover.is_file():
-        raise InputError(f"{options.recover}: exists already, expected a new file")
-    recording = read_recording(options.log)
-    with progress_bar(None, "verify", " rounds") as bar:
-        found = verify(recording, bar.update)
-    width = max(len(check.name) for check in found.checks)
-    lines = [
-        f"{'ok    ' if check.ok else 'FAILED'}  {check.name:<{width}}  {check.detail}".rstrip()
-        for check in found.checks
-    ]
-    lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
-    saved = None
-    try:
-        if options.recover is not None:
-            saved = recover(recording, options.recover)
-    finally:
-        answer(options, found.document(), "\n".join(lines))
-    if saved is not None:
-        complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
-    if not found.ok:
-        wrong = ", ".join(check.name for check in found.checks if not check.ok)
-        complain(f"{options.log}: checks failed: {wrong}")
-    return DONE if found.ok else FAILED
-
-
-def _replay(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.playback import replay  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    recording = read_recording(options.log)
-
-    def announce(endpoint: str, run: str) -> None:
-        if options.endpoint is not None:
-            complain(f"replaying on {endpoint} under cubepath/{run}/**")
-
-    with progress_bar(len(recording.records), "replay", " messages") as bar:
-        found = replay(
-            recording,
-            rate=options.rate,
-            endpoint=options.endpoint,
-            announce=announce,
-            progress=bar.update,
-        )
-    rows: list[tuple[str, object]] = [
-        ("rounds", found.rounds),
-        ("moves", found.moves),
-        ("reduced moves", found.reduced_moves),
-        ("cubes", found.cubes),
-        ("largest cube", found.max_cube_dimension),
-        ("messages", found.messages),
-        ("time", f"{found.seconds:.2f} s"),
-        ("result", found.result),
-    ]
-    answer(options, found.document(), table(rows))
-    for difference in found.differences:
-        complain(f"{options.log}: {difference}")
-    return DONE if found.same else FAILED
-
-
-def _info(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    found = info(read_recording(options.log))
-    answer(options, found, render(found))
     return DONE

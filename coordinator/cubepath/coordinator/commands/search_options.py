@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import progress_bar
+from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -27,7 +28,7 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
         help="search for a shorter schedule in other homotopy classes; implies --bounds",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="seed of the search for improvements (default 0)"
+        "--seed", type=whole(0), default=0, help="seed of the search for improvements (default 0)"
     )
     parser.add_argument(
         "--bounds",

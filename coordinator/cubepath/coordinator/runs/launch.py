@@ -55,6 +55,7 @@ from cubepath.protocol.wire.messages import (
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
+DEFAULT_SYSTEM = "hex"
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -174,9 +175,13 @@ def task_of(plan: Plan) -> Task:
         return _task_of_schedule(plan, plan.schedule)
     if plan.repair:
         raise InputError("repair: there is no schedule that could need it")
-    scene = local_only(scene_from_spec(plan.system or "hex"), "runs")
+    scene = local_only(_scene_named(plan.system), "runs")
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
     return Task(scene, _rule_of(plan, scene), most)
+
+
+def _scene_named(system: str | None) -> Scene:
+    return scene_from_spec(DEFAULT_SYSTEM if system is None else system)
 
 
 def _task_of_schedule(plan: Plan, path: Path) -> Task:
@@ -187,7 +192,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
     schedule = read_schedule(path)
     scene = schedule.scene
     if plan.system is not None or scene is None:
-        scene = scene_from_spec(plan.system or "hex")
+        scene = _scene_named(plan.system)
     scene = local_only(scene, "runs")
     assignment = assignment_of(schedule, scene)
     cubes = len(assignment.cubes)
@@ -199,7 +204,8 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
     family = sound_family(scene.family)
-    rule = plan.rule or (family.rule if family is not None else "random")
+    own = family.rule if family is not None else "random"
+    rule = own if plan.rule is None else plan.rule
     rule_named(rule, scene.system)
     return rule
 

@@ -67,6 +67,7 @@ if TYPE_CHECKING:
         sites_from_json,
         to_json,
     )
+    from cubepath.protocol.core.suggestions import did_you_mean
     from cubepath.protocol.core.system import (
         CLOSED,
         EMPTY,
@@ -106,6 +107,7 @@ else:
                 "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
                 "to_json"
             ),
+            "suggestions": "did_you_mean",
             "system": (
                 "Bound CLOSED EMPTY FILLED FIRST_LABEL KEPT MODULE Scene System Ways local_only "
                 "one_to_one region_of"
@@ -159,6 +161,7 @@ __all__ = [
     "apply_in_place",
     "check_output",
     "commute",
+    "did_you_mean",
     "end_at",
     "given_values",
     "in_order",
