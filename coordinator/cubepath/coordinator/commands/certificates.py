@@ -27,8 +27,8 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
     from cubepath.protocol.path_files.certificates import Certificate
+    from cubepath.protocol.path_files.durations import Durations
     from cubepath.protocol.path_files.moves import MoveName
-    from cubepath.protocol.path_files.timetables import Durations
 
 
 def add_explain_options(shorten: argparse.ArgumentParser) -> None:
@@ -150,23 +150,17 @@ def _document(certificate: Certificate) -> Any:
 def _durations(options: argparse.Namespace) -> Durations | None:
     if options.durations is None and not options.duration:
         return None
-    from cubepath.protocol.path_files.timetables import (  # noqa: PLC0415
+    from cubepath.protocol.path_files.durations import (  # noqa: PLC0415
         Durations,
-        duration_from,
+        durations_in_words,
         read_durations,
     )
 
     found = Durations() if options.durations is None else read_durations(options.durations)
-    named = {}
-    for text in options.duration:
-        name, equals, time = text.rpartition("=")
-        if not equals or not name:
-            raise InputError(f"--duration {text}: expected NAME=TIME, as in slide=3/2")
-        try:
-            named[name] = duration_from(time)
-        except InputError as error:
-            raise InputError(f"--duration {text}: {error}") from None
-    return found.with_named(named)
+    try:
+        return found.with_named(durations_in_words(options.duration))
+    except InputError as error:
+        raise InputError(f"--duration {error}") from None
 
 
 def check_explain_options(options: argparse.Namespace) -> None:
