@@ -26,7 +26,8 @@ class Parser(argparse.ArgumentParser):
         """Make a parser as argparse does."""
         super().__init__(**keywords, allow_abbrev=False)
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+    # The declared type is a set of overloads, which say no more.
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
         """Read the words of a command; none that is not known is left over."""
         words: list[str] = list(sys.argv[1:] if args is None else args)
         self._check_options(words)

@@ -11,6 +11,9 @@ since the last flush.
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -38,7 +41,10 @@ _METADATA = "cubepath"
 
 
 class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
-    """The recording cannot be written any further; what was flushed can be read."""
+    """The recording cannot be written any further; what was flushed can be read.
+
+    Unless its file was removed, which is another reason.
+    """
 
 
 class RecordingWriter:
@@ -106,7 +112,10 @@ class RecordingWriter:
             ) from None
 
     def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
-        """Append a message as it was on the wire; RecordingFull where the disk takes no more."""
+        """Append a message as it was on the wire.
+
+        RecordingFull where the disk takes no more, or the file was removed or moved.
+        """
         self._guard(lambda: self._add(topic, data, round_number, wall_ns))
 
     def _add(self, topic: str, data: bytes, round_number: int, wall_ns: int) -> None:
@@ -125,6 +134,17 @@ class RecordingWriter:
         self.messages += 1
         if self.messages % FLUSH_EVERY == 0:
             self._writer.flush()
+            self._check_place()
+
+    def _check_place(self) -> None:
+        """See that the path still leads to the file: what is written elsewhere nobody finds."""
+        found = os.fstat(self._stream.fileno())
+        if not stat.S_ISREG(found.st_mode):
+            return
+        with contextlib.suppress(OSError):
+            if os.path.samestat(found, self.path.stat()):
+                return
+        raise FileNotFoundError(errno.ENOENT, "its file was removed or moved")
 
     def _schema(self, kind: str) -> int:
         known = self._schemas.get(kind)
@@ -134,13 +154,17 @@ class RecordingWriter:
             self._schemas[kind] = known
         return known
 
+    def _finish(self) -> None:
+        self._writer.finish()
+        self._check_place()
+
     def close(self) -> None:
         """Finish the file; after a full disk, leave what was flushed as it is."""
         if self._stream.closed:
             return
         try:
             if not self._broken:
-                self._guard(self._writer.finish)
+                self._guard(self._finish)
         finally:
             # After a full disk the tail of the buffer does not fit either.
             with contextlib.suppress(OSError):
