@@ -187,8 +187,9 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
     """Tell whether what is to be verified is a certificate; InputError where --of is missing."""
     if options.of is not None:
         return True
-    if options.log.suffix in {".json", ".jsonl"}:
-        raise InputError(f"{options.log}: is checked against its input, expected --of INPUT")
+    for log in options.logs:
+        if log.suffix in {".json", ".jsonl"}:
+            raise InputError(f"{log}: is checked against its input, expected --of INPUT")
     if options.system or options.cubes or options.format or options.companions:
         raise InputError("--system, --cubes, --format and --with are for --of INPUT, expected that")
     return False
@@ -208,7 +209,9 @@ def verify_certificate(options: argparse.Namespace) -> int:
 
     if options.recover is not None:
         raise InputError("--recover is for recordings, expected no --of")
-    source: Path = options.log
+    if len(options.logs) > 1:
+        raise InputError(f"--of: found {len(options.logs)} files to check, expected one")
+    source: Path = options.logs[0]
     cubes_file: Path | None = options.cubes
     check_files(options, [source, options.of, cubes_file])
     if source.suffix == ".jsonl":

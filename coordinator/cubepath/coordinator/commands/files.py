@@ -35,7 +35,9 @@ def output_path(text: str) -> Path:
 
 def file_name(path: Path) -> str:
     """Return how an answer calls a file."""
-    return "standard output" if path == STANDARD_OUTPUT else str(path)
+    return {STANDARD_INPUT: "standard input", STANDARD_OUTPUT: "standard output"}.get(
+        path, str(path)
+    )
 
 
 @dataclass(frozen=True, slots=True)

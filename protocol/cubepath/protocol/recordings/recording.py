@@ -206,6 +206,8 @@ class Recording:
     problems: tuple[str, ...]
     schedule: bytes | None = None
     """The text of the schedule that was carried out, if one was."""
+    size: int = 0
+    """How many bytes were read."""
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
         """Yield the messages of these kinds in order."""
@@ -239,7 +241,8 @@ def read_recording(source: Source) -> Recording:
     if not problems:
         problems += _gap(records)
     schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
-    return Recording(path, parameters, scene, records, tuple(problems), next(schedules, None))
+    schedule = next(schedules, None)
+    return Recording(path, parameters, scene, records, tuple(problems), schedule, len(data))
 
 
 def read_undamaged(source: Source) -> Recording:
