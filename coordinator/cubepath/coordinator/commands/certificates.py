@@ -16,6 +16,7 @@ from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
     Output,
     check_files,
+    file_name,
     input_path,
     output_path,
 )
@@ -244,11 +245,12 @@ def verify_certificate(options: argparse.Namespace) -> int:
     cubes_told = f"{len(certificate.cubes)} cube" + "s" * (len(certificate.cubes) != 1)
     if not wrong:
         lines.append(
-            f"proved: in the class of {options.of}, and none in it has fewer than {cubes_told}"
+            f"proved: in the class of {file_name(options.of)},"
+            f" and none in it has fewer than {cubes_told}"
         )
     answer(options, document, "\n".join(lines))
     if wrong:
-        complain(f"{source}: checks failed: {', '.join(wrong)}")
+        complain(f"{file_name(source)}: checks failed: {', '.join(wrong)}")
     return FAILED if wrong else DONE
 
 

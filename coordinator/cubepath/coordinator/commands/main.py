@@ -391,7 +391,7 @@ def _view(options: argparse.Namespace) -> int:
     check_files(options, [options.log], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
     recording = read_recording(options.log)
     for problem in recording.problems:
-        complain(f"{options.log}: {problem}; drawing what could be read")
+        complain(f"{recording.path}: {problem}; drawing what could be read")
     gatherer = gathered(recording)
     rounds = [step.actions for step in gatherer.steps]
     if path.suffix.lower() in FILM_SUFFIXES:
@@ -405,5 +405,5 @@ def _view(options: argparse.Namespace) -> int:
     else:
         heap = gatherer.heap
         run_picture(recording.scene, rounds, heap.cube_path(), path, found=heap.normal_form())
-    answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
+    answer(options, {"log": str(recording.path), "picture": str(path)}, f"written to {path}")
     return DONE

@@ -244,7 +244,7 @@ def _replay(options: argparse.Namespace) -> int:
     ]
     answer(options, found.document(), table(rows))
     for difference in found.differences:
-        complain(f"{options.log}: {difference}")
+        complain(f"{recording.path}: {difference}")
     return DONE if found.same else FAILED
 
 
