@@ -137,7 +137,7 @@ def test_where_nothing_can_be_written_nothing_is_computed(tmp_path: Path, capsys
     assert main(["complex", "arm:n=4", "-o", str(tmp_path / "no" / "arm.json")]) == 2
     seen = capsys.readouterr()
     assert seen.out == ""
-    assert "cannot be written" in seen.err
+    assert "there is no folder" in seen.err
     path = tmp_path / "part.json"
     assert main(["complex", "hex:n=4", "--max-states", "9", "-o", str(path)]) == 1
     assert "part.json was not written" in capsys.readouterr().err
@@ -166,7 +166,7 @@ def test_a_limit_is_a_whole_number(number: str, capsys: Capture) -> None:
     with pytest.raises(SystemExit) as stopped:
         main(["complex", "arm", f"--max-states={number}"])
     assert stopped.value.code == 2
-    assert f"expected a whole number of at least 1, found {number}" in capsys.readouterr().err
+    assert f"expected a whole number of at least 1, found {number!r}" in capsys.readouterr().err
 
 
 @pytest.mark.slow
@@ -182,7 +182,10 @@ def test_a_complex_is_drawn(spec: str, suffix: str, tmp_path: Path, capsys: Capt
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["arm:n=4", "-o", "arm.txt"], "arm.txt: expected one of .json, .png"),
+        (
+            ["arm:n=4", "-o", "arm.txt"],
+            "arm.txt: found the suffix .txt, expected one of .json",
+        ),
         (["agv", "--shape"], "no lattice"),
         (["nothing"], "unknown system 'nothing'"),
     ],

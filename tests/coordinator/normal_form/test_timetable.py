@@ -21,12 +21,10 @@ from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, 
 from cubepath.protocol.core.actions import Action, apply, commute
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.path_files import timetables
+from cubepath.protocol.path_files.durations import Durations
 from cubepath.protocol.path_files.moves import MoveName, PathMove
 from cubepath.protocol.path_files.timetables import (
-    Durations,
     TimedLine,
-    read_durations,
     read_timetable,
     timetable_schema,
     write_timetable,
@@ -73,8 +71,7 @@ def chains(path: Sequence[Action], durations: Sequence[Fraction]) -> list[Fracti
 
 def test_examples() -> None:
     """What the docstrings show is so."""
-    for module in (timing, timetables):
-        assert not doctest.testmod(module).failed
+    assert not doctest.testmod(timing).failed
 
 
 # Earliest starts
@@ -210,7 +207,7 @@ def test_the_most_particular_duration_counts() -> None:
 @pytest.mark.parametrize(
     ("durations", "reason"),
     [
-        (Durations(named={"slid": ONE}), "'slid' is no generator and no id of a move"),
+        (Durations(named={"slid": ONE}), "'slid' (did you mean 'slide'?) is no generator"),
         (Durations(placed={("slide", (9, 9)): ONE}), "generator 'slide' at (9, 9) is no move"),
     ],
 )
@@ -243,83 +240,6 @@ def test_equal_moves_must_take_equal_time() -> None:
         durations_of(path, Durations(named={"a": Fraction(1, 2)}))
     told = Durations(named={"a": Fraction(2), "c": Fraction(2)})
     assert durations_of(path, told) == [2, 1, 2]
-
-
-GOOD = """\
-format = "cubepath-durations-1"
-default = 2
-
-[generators]
-slide = 1.5
-turn = "4/6"
-
-[ids]
-7 = 3
-
-[[moves]]
-generator = "slide"
-at = [0, 1]
-duration = "0.1"
-"""
-
-
-def test_durations_are_read_exactly(tmp_path: Path) -> None:
-    """Decimals as they are written, fractions reduced; TOML and JSON alike."""
-    path = tmp_path / "d.toml"
-    path.write_text(GOOD)
-    found = read_durations(path)
-    assert found.default == 2
-    assert found.named == {"slide": Fraction(3, 2), "turn": Fraction(2, 3), "7": 3}
-    assert found.placed == {("slide", (0, 1)): Fraction(1, 10)}
-    other = tmp_path / "d.json"
-    other.write_text(
-        '{"format": "cubepath-durations-1", "default": 2, "ids": {"7": 3},'
-        ' "generators": {"slide": 1.50, "turn": "2/3"},'
-        ' "moves": [{"generator": "slide", "at": [0, 1], "duration": 0.1}]}'
-    )
-    assert read_durations(other) == found
-
-
-FORM = 'format = "cubepath-durations-1"\n'
-
-
-@pytest.mark.parametrize(
-    ("text", "reason"),
-    [
-        ("", "missing required field `format`"),
-        ('format = "cubepath-durations-2"', "`$.format`"),
-        (FORM + "defalt = 1", "unknown field `defalt`"),
-        (FORM + "default = 0", "default: found the duration 0, expected more than 0"),
-        (FORM + "default = -1", "default: found the time '-1', expected a number"),
-        (FORM + "default = inf", "found the time 'inf'"),
-        (FORM + "default = 1e9", "found the time '1e9'"),
-        (FORM + 'default = "1/0"', "found the time '1/0'"),
-        (FORM + "default = true", "Expected `int | str`, got `bool`"),
-        (FORM + "default = [1]", "Expected `int | str`, got `array`"),
-        (FORM + "[generators]\nslide = 0.0", "slide: found the duration 0"),
-        (FORM + "[generators]\na = 1\n[ids]\na = 1", "'a' is among the generators and the ids"),
-        (FORM + ('[[moves]]\ngenerator = "s"\nat = 1\nduration = 1\n' * 2), "comes twice"),
-        (FORM + "default = ", "Invalid value"),
-    ],
-)
-def test_what_is_no_duration_is_refused(tmp_path: Path, text: str, reason: str) -> None:
-    """In one line with the file, what was found, and where."""
-    path = tmp_path / "d.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as refusal:
-        read_durations(path)
-    assert str(refusal.value).startswith(f"{path}: ")
-    assert reason in str(refusal.value)
-    assert "\n" not in str(refusal.value)
-
-
-def test_durations_that_are_not_there(tmp_path: Path) -> None:
-    """A missing file and one that is no text are named."""
-    with pytest.raises(InputError, match=r"none\.toml: No such file"):
-        read_durations(tmp_path / "none.toml")
-    (tmp_path / "bad.toml").write_bytes(b"\xff")
-    with pytest.raises(InputError, match=r"bad\.toml: "):
-        read_durations(tmp_path / "bad.toml")
 
 
 # Timetables

@@ -169,9 +169,9 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     """What cannot be written is refused in one line with its name."""
     scene = scene_from_spec("arm:n=2")
     path = tmp_path / "nowhere" / "run.png"
-    with pytest.raises(InputError, match=r"run\.png: No such file"):
+    with pytest.raises(InputError, match=r"run\.png: cannot be written: No such file"):
         run_picture(scene, [], [], path)
-    with pytest.raises(InputError, match=r"run\.gif: No such file"):
+    with pytest.raises(InputError, match=r"run\.gif: cannot be written: No such file"):
         animate(scene, [], path.with_suffix(".gif"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,11 +19,12 @@ import pytest
 from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.runs.gatherer import PathDigest
+from cubepath.coordinator.runs.gatherer import Gatherer, PathDigest
 from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.messages import Executed, Summary, decode
 from cubepath.protocol.wire.sessions import open_client, put
 
@@ -151,9 +153,6 @@ def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
         (["hexx"], "unknown system 'hexx'"),
         (["hex", "--rule", "tswap"], "not for this system: rule 'tswap'"),
         (["hex", "--rule", "chian"], "unknown rule 'chian'"),
-        (["hex", "--hesitate", "1.5"], "hesitate=1.5: expected at least 0 and less than 1"),
-        (["hex", "--seed", "-1"], "seed=-1: expected 0 or more"),
-        (["hex", "--processes", "-1"], "processes=-1: expected 0 or more"),
         (["hex", "--log", "/proc/no/log.mcap"], "/proc/no/log.mcap: cannot be written"),
     ],
 )
@@ -176,6 +175,23 @@ def test_bad_usage_is_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("plan", "message"),
+    [
+        (Plan(hesitate=1.5), "hesitate=1.5: expected at least 0 and less than 1"),
+        (Plan(hesitate=float("nan")), "hesitate=nan: expected at least 0 and less than 1"),
+        (Plan(seed=-1), "seed=-1: expected 0 or more"),
+        (Plan(processes=-1), "processes=-1: expected 0 or more"),
+        (Plan(max_rounds=-1), "max-rounds=-1: expected 0 or more"),
+    ],
+)
+def test_a_plan_with_a_number_out_of_its_bounds_is_refused(plan: Plan, message: str) -> None:
+    """From Python too, where no command line has looked at it."""
+    with pytest.raises(InputError) as caught:
+        run(plan)
+    assert str(caught.value) == message
+
+
 def test_an_earlier_recording_is_never_written_over(tmp_path: Path) -> None:
     """A log that exists is refused, be it a recording or the system file itself."""
     log = tmp_path / "a.mcap"
@@ -183,6 +199,46 @@ def test_an_earlier_recording_is_never_written_over(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists already, expected a new file"):
         run(Plan("hex:n=3", log=log))
     assert log.read_bytes() == b"precious"
+
+
+@pytest.mark.slow
+def test_a_log_that_is_removed_ends_the_run(tmp_path: Path) -> None:
+    """The folder of the log goes in the second round: the run fails in one line, soon."""
+    logs = tmp_path / "logs"
+
+    def remove(gatherer: Gatherer) -> None:
+        if gatherer.rounds == 2:
+            shutil.rmtree(logs)
+
+    plan = Plan("hex:n=6", "random", processes=0, max_rounds=200, log=logs / "a.mcap")
+    outcome = run(plan, remove)
+    assert outcome.ended == "failed"
+    assert outcome.rounds < 20
+    assert outcome.error is not None
+    assert outcome.error.startswith(f"{logs / 'a.mcap'}: recording stopped after ")
+    assert outcome.error.endswith(" messages: its file was removed or moved")
+
+
+@pytest.mark.parametrize(
+    ("system", "name"),
+    [
+        ("my-robot.toml", "my-robot-random-0-"),
+        ("./folder/My robot, 2.toml", "My-robot-2-random-0-"),
+        ("folder/robot", "robot-random-0-"),
+        ("agv:graph=P3,n=1", "agv-random-0-"),
+    ],
+)
+def test_the_log_of_a_file_bears_its_name(
+    system: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As it is called on the command line, whatever its family; a family's log bears that."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    if "graph" not in system:
+        Path(system).write_text(scene_to_toml(scene_from_spec("agv:graph=P3,n=1")))
+    outcome = run(Plan(system, "random", processes=0, max_rounds=0))
+    assert Path(outcome.log).parent == Path("logs")
+    assert Path(outcome.log).name.startswith(name)
 
 
 @pytest.mark.slow

@@ -73,11 +73,11 @@ def test_a_scenario_becomes_a_moves_file(
 @pytest.mark.parametrize(
     ("source", "target", "reason"),
     [
-        ("crossing.jsonl", "crossing.jsonl", "is the input"),
+        ("crossing.jsonl", "crossing.jsonl", "is an input"),
         ("missing.jsonl", "m.npz", "No such file"),
         ("crossing.jsonl", "m.npz", "without a system"),
         ("cubes.npz", "more.npz", "holds cubes already"),
-        ("crossing.jsonl", "no/m.npz", "without a system"),
+        ("crossing.jsonl", "no/m.npz", "there is no folder"),
     ],
 )
 def test_what_cannot_be_converted_is_refused(  # noqa: PLR0917 - fixtures and a case

@@ -253,9 +253,9 @@ def test_a_timetable_is_written(folder: Path, capsys: Output) -> None:
         (["--duration", "edge=2", "--improve", "0"], "--duration is for the homotopy class"),
         (["--certificate", "c.json", "--improve", "0"], "--certificate is for the homotopy class"),
         (["--duration", "edge=2", "-o", "t.npz"], "t.npz: a timetable is JSON Lines"),
-        (["--certificate", "crossing.jsonl"], "crossing.jsonl: expected another file"),
-        (["--certificate", "c.json", "-o", "c.json"], "c.json: expected another file"),
-        (["--certificate", "no/c.json"], "no/c.json: cannot be written"),
+        (["--certificate", "crossing.jsonl"], "crossing.jsonl: is an input"),
+        (["--certificate", "c.json", "-o", "c.json"], "c.json: is to be written twice"),
+        (["--certificate", "no/c.json"], "no/c.json: there is no folder no"),
     ],
 )
 def test_what_shorten_refuses(

@@ -441,5 +441,5 @@ def test_the_file_of_the_system_is_not_written_over(
     moves.write_text("")
     before = system.read_bytes()
     assert main(["shorten", str(moves), "--system", str(system), "-o", str(system)]) == 2
-    assert "holds the system" in capsys.readouterr().err
+    assert "is an input" in capsys.readouterr().err
     assert system.read_bytes() == before

@@ -143,7 +143,7 @@ def test_a_list_needs_its_system(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spec", "told"),
     [
-        ("mapf", "unknown format 'mapf', expected one of mapf-log, "),
+        ("mapf", "unknown format 'mapf' (did you mean 'mapf-agents'?), expected one of mapf-log, "),
         ("", "unknown format '', expected one of"),
         ("mapf-json:major=x", "cannot read 'major=x', expected KEY=VALUE with a key of by, order"),
         ("mapf-json:by", "cannot read 'by', expected KEY=VALUE"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,31 @@ def test_after_a_full_disk_nothing_more_is_written(tmp_path: Path) -> None:
         writer.write("go/coordinator", b"", round_number=1, wall_ns=0)
     writer.close()
     assert read_recording(path).records == ()
+
+
+@pytest.mark.parametrize("way", ["removed", "moved", "replaced", "with its folder"])
+def test_a_file_that_is_gone_is_told_and_written_no_further(way: str, tmp_path: Path) -> None:
+    """Within as many messages as lie between two flushes, and at the latest at the end."""
+    for most in (FLUSH_EVERY, 1):
+        folder = tmp_path / f"{most}"
+        path = folder / "a.mcap"
+        writer = RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {})
+        if way == "with its folder":
+            shutil.rmtree(folder)
+        elif way == "moved":
+            path.rename(folder / "b.mcap")
+        else:
+            path.unlink()
+            if way == "replaced":
+                path.write_text("other")
+        told = rf"a\.mcap: recording stopped after {most} messages: its file was removed or moved$"
+        with pytest.raises(RecordingFull, match=told):
+            for number in range(1, most + 1):
+                data = encode(Go(number, "sense"))
+                writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+            writer.close()
+        writer.close()
+        assert way != "replaced" or path.read_text() == "other"
 
 
 def test_closing_twice_is_closing_once(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from cubepath.agents.rules.tswap import TSWAP
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import System
 
 if TYPE_CHECKING:
@@ -75,5 +76,6 @@ def rule_named(name: str, system: System) -> RuleType:
     if found is None or not found.fits(system):
         fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
         what = "unknown rule" if found is None else "not for this system: rule"
-        raise InputError(f"{what} {name!r}, expected one of {fitting}")
+        near = did_you_mean(name, rules()) if found is None else ""
+        raise InputError(f"{what} {name!r}{near}, expected one of {fitting}")
     return found

@@ -12,6 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.files import (
+    PATH_SUFFIXES,
+    Output,
+    check_files,
+    file_name,
+    input_path,
+    output_path,
+)
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.errors import InputError
@@ -21,8 +29,8 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
     from cubepath.protocol.path_files.certificates import Certificate
+    from cubepath.protocol.path_files.durations import Durations
     from cubepath.protocol.path_files.moves import MoveName
-    from cubepath.protocol.path_files.timetables import Durations
 
 
 def add_explain_options(shorten: argparse.ArgumentParser) -> None:
@@ -34,13 +42,13 @@ def add_explain_options(shorten: argparse.ArgumentParser) -> None:
     )
     shorten.add_argument(
         "--certificate",
-        type=Path,
+        type=output_path,
         metavar="FILE.json",
         help="write the proof, for 'cubepath verify FILE.json --of INPUT'",
     )
     shorten.add_argument(
         "--durations",
-        type=Path,
+        type=input_path,
         metavar="FILE",
         help="how long moves take (TOML or JSON); -o then writes a timetable, a move a line",
     )
@@ -58,7 +66,7 @@ def add_certificate_options(verify: argparse.ArgumentParser) -> None:
     """Add ``--of``, ``--system`` and ``--cubes``."""
     verify.add_argument(
         "--of",
-        type=Path,
+        type=input_path,
         metavar="INPUT",
         help="LOG is a certificate, or a cubes file with one beside it, of the path in INPUT",
     )
@@ -67,7 +75,7 @@ def add_certificate_options(verify: argparse.ArgumentParser) -> None:
     )
     verify.add_argument(
         "--cubes",
-        type=Path,
+        type=input_path,
         metavar="CUBES.jsonl",
         help="with --of: a cubes file that must be the schedule of the certificate",
     )
@@ -127,7 +135,7 @@ def write_schedule(output: Path, found: Shortened, known: Beyond | None, told: E
         from cubepath.protocol.path_files.timetables import write_timetable  # noqa: PLC0415
 
         write_timetable(output, told.timed.lines())
-    elif output.suffix == ".npz":
+    elif output.suffix.lower() == ".npz":
         from cubepath.protocol.path_files.npz import write_cubes_npz  # noqa: PLC0415
 
         write_cubes_npz(output, found.path, found.left)
@@ -144,23 +152,17 @@ def _document(certificate: Certificate) -> Any:
 def _durations(options: argparse.Namespace) -> Durations | None:
     if options.durations is None and not options.duration:
         return None
-    from cubepath.protocol.path_files.timetables import (  # noqa: PLC0415
+    from cubepath.protocol.path_files.durations import (  # noqa: PLC0415
         Durations,
-        duration_from,
+        durations_in_words,
         read_durations,
     )
 
     found = Durations() if options.durations is None else read_durations(options.durations)
-    named = {}
-    for text in options.duration:
-        name, equals, time = text.rpartition("=")
-        if not equals or not name:
-            raise InputError(f"--duration {text}: expected NAME=TIME, as in slide=3/2")
-        try:
-            named[name] = duration_from(time)
-        except InputError as error:
-            raise InputError(f"--duration {text}: {error}") from None
-    return found.with_named(named)
+    try:
+        return found.with_named(durations_in_words(options.duration))
+    except InputError as error:
+        raise InputError(f"--duration {error}") from None
 
 
 def check_explain_options(options: argparse.Namespace) -> None:
@@ -174,27 +176,23 @@ def check_explain_options(options: argparse.Namespace) -> None:
             " expected one of the two"
         )
     output: Path | None = options.output
-    if timed and output is not None and output.suffix == ".npz":
+    if timed and output is not None and output.suffix.lower() == ".npz":
         raise InputError(f"{output}: a timetable is JSON Lines, expected another name")
-    for path in (options.input, output):
-        if (
-            options.certificate is not None
-            and path is not None
-            and _same(options.certificate, path)
-        ):
-            raise InputError(f"{path}: expected another file for the certificate")
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
+    check_files(
+        options,
+        [options.input, options.durations],
+        Output(output, PATH_SUFFIXES, stream=True),
+        Output(options.certificate, (".json",)),
+    )
 
 
 def is_of_a_path(options: argparse.Namespace) -> bool:
     """Tell whether what is to be verified is a certificate; InputError where --of is missing."""
     if options.of is not None:
         return True
-    if options.log.suffix in {".json", ".jsonl"}:
-        raise InputError(f"{options.log}: is checked against its input, expected --of INPUT")
+    for log in options.logs:
+        if log.suffix in {".json", ".jsonl"}:
+            raise InputError(f"{log}: is checked against its input, expected --of INPUT")
     if options.system or options.cubes or options.format or options.companions:
         raise InputError("--system, --cubes, --format and --with are for --of INPUT, expected that")
     return False
@@ -214,8 +212,11 @@ def verify_certificate(options: argparse.Namespace) -> int:
 
     if options.recover is not None:
         raise InputError("--recover is for recordings, expected no --of")
-    source: Path = options.log
+    if len(options.logs) > 1:
+        raise InputError(f"--of: found {len(options.logs)} files to check, expected one")
+    source: Path = options.logs[0]
     cubes_file: Path | None = options.cubes
+    check_files(options, [source, options.of, cubes_file])
     if source.suffix == ".jsonl":
         if cubes_file is not None:
             raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
@@ -246,11 +247,12 @@ def verify_certificate(options: argparse.Namespace) -> int:
     cubes_told = f"{len(certificate.cubes)} cube" + "s" * (len(certificate.cubes) != 1)
     if not wrong:
         lines.append(
-            f"proved: in the class of {options.of}, and none in it has fewer than {cubes_told}"
+            f"proved: in the class of {file_name(options.of)},"
+            f" and none in it has fewer than {cubes_told}"
         )
     answer(options, document, "\n".join(lines))
     if wrong:
-        complain(f"{source}: checks failed: {', '.join(wrong)}")
+        complain(f"{file_name(source)}: checks failed: {', '.join(wrong)}")
     return FAILED if wrong else DONE
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import os
-from collections.abc import Callable
 from pathlib import Path
 from textwrap import fill
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import (
     DONE,
@@ -17,23 +15,14 @@ from cubepath.coordinator.commands.console import (
     complain,
     table,
 )
+from cubepath.coordinator.commands.files import Output, check_files, output_path
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.protocol.core.errors import InputError
+from cubepath.coordinator.commands.usage import AddCommand, whole
 
 if TYPE_CHECKING:
     from cubepath.coordinator.complexes.report import ComplexReport
     from cubepath.coordinator.paper.registry import Row
     from cubepath.protocol.core.system import Scene
-
-
-class AddCommand(Protocol):
-    """Adds a command of this name, function and summary; returns its parser."""
-
-    def __call__(
-        self, name: str, function: Callable[[argparse.Namespace], int], summary: str, /
-    ) -> argparse.ArgumentParser:
-        """Add the command."""
-        ...
 
 
 def add_complex_commands(command: AddCommand) -> None:
@@ -53,22 +42,19 @@ def add_complex_commands(command: AddCommand) -> None:
     )
     complex_.add_argument(
         "--max-states",
-        type=whole_number,
+        type=whole(1),
         metavar="N",
         help="stop where there are more than N states (default 2000000)",
     )
     complex_.add_argument(
-        "-o", "--output", type=Path, metavar="FILE", help="write it: .json, or .png, .svg, .pdf"
+        "-o",
+        "--output",
+        type=output_path,
+        metavar="FILE",
+        help="write it: .json, or .png, .svg, .pdf",
     )
 
     command("paper", _paper, "hold the paper's claims against what is computed")
-
-
-def whole_number(text: str) -> int:
-    """Return an option's value as a whole number of at least 1."""
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number of at least 1, found {text}")
-    return int(text)
 
 
 def _complex(options: argparse.Namespace) -> int:
@@ -79,11 +65,7 @@ def _complex(options: argparse.Namespace) -> int:
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
 
     output: Path | None = options.output
-    if output is not None:
-        if output.suffix.lower() not in {".json", *SUFFIXES}:
-            raise InputError(f"{output}: expected one of .json, {', '.join(SUFFIXES)}")
-        if output.is_dir() or not os.access(output.parent, os.W_OK):
-            raise InputError(f"{output}: cannot be written")
+    check_files(options, [], Output(output, (".json", *SUFFIXES)))
     limit: int = options.max_states or MAX_STATES
     scene = scene_from_spec(options.system)
     with progress_bar(None, "complex", "") as bar:
@@ -107,7 +89,14 @@ def _complex(options: argparse.Namespace) -> int:
             max_states=limit,
             progress=watch,
         )
-    answer(options, found.document(), table(_rows(found)))
+    try:
+        if output is not None and found.complete and found.built is not None:
+            if output.suffix.lower() == ".json":
+                write_complex(found.built, output)
+            else:
+                draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+    finally:
+        answer(options, found.document(), table(_rows(found)))
     if not found.complete:
         complain(
             f"{found.system}: stopped at {found.states} states ({found.memory >> 20} MiB), not all"
@@ -115,11 +104,7 @@ def _complex(options: argparse.Namespace) -> int:
             + (f"; {output} was not written" if output else "")
         )
         return FAILED
-    if output is not None and found.built is not None:
-        if output.suffix.lower() == ".json":
-            write_complex(found.built, output)
-        else:
-            draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+    if output is not None:
         complain(f"written to {output}")
     return DONE
 

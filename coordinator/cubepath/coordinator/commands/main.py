@@ -1,7 +1,8 @@
 """The command line: ``cubepath run | shorten | verify | replay | info | view | complex | ...``.
 
 Room: coordinator. Standard output carries the answer, standard error all else; exit code 0 done,
-1 a check failed, 2 bad input or usage, 130 interrupted with the recording closed.
+1 a check failed or the answer could not be written, 2 bad input or usage, 130 interrupted with the
+recording closed, 141 nobody read the answer to its end.
 """
 
 from __future__ import annotations
@@ -9,24 +10,21 @@ from __future__ import annotations
 import argparse
 import contextlib
 import logging
-import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from cubepath.coordinator.commands.certificates import (
-    add_certificate_options,
     add_explain_options,
     check_explain_options,
     explain,
-    is_of_a_path,
-    verify_certificate,
     write_schedule,
 )
 from cubepath.coordinator.commands.complexes import add_complex_commands
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
+    CLOSED_PIPE,
     DONE,
     FAILED,
     INTERRUPTED,
@@ -34,7 +32,16 @@ from cubepath.coordinator.commands.console import (
     Interrupts,
     answer,
     complain,
+    prepare_streams,
     table,
+)
+from cubepath.coordinator.commands.files import (
+    PATH_SUFFIXES,
+    Output,
+    check_files,
+    file_name,
+    input_path,
+    output_path,
 )
 from cubepath.coordinator.commands.plan_options import (
     INPUT_HELP,
@@ -43,45 +50,45 @@ from cubepath.coordinator.commands.plan_options import (
     plan_rows,
 )
 from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.recordings import add_recording_commands
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
     beyond_rows,
     improving,
     look_beyond,
 )
+from cubepath.coordinator.commands.usage import Parser, number, whole
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.input_files import STANDARD_INPUT
+from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
-    options = _parser().parse_args(arguments)
     # Where matplotlib keeps its caches when it cannot keep them at home is no answer to anybody.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with Interrupts() as interrupts:
-        code = _guarded(options, interrupts)
+        code = _guarded(arguments, interrupts)
     if interrupts.came and code != INTERRUPTED:
         complain("interrupted")
         return INTERRUPTED
     return code
 
 
-def _guarded(options: argparse.Namespace, interrupts: Interrupts) -> int:
+def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     """Carry out the command; turn what goes wrong into a line and an exit code."""
-    command: Callable[[argparse.Namespace], int] = options.command
     try:
-        code = command(options)
-        print(end="", flush=True)
+        prepare_streams()
+        options = _parser().parse_args(arguments)
+        command: Callable[[argparse.Namespace], int] = options.command
+        return command(options)
     except InputError as error:
         complain(error)
         return BAD_INPUT
-    except CubepathError as error:
+    except BrokenPipeError:
+        return CLOSED_PIPE
+    except (CubepathError, OSError) as error:
         complain(error)
-        return FAILED
-    except OSError as error:
-        # Nobody takes our output: keep the interpreter from complaining about it once more.
-        if not isinstance(error, BrokenPipeError):
-            complain(f"standard output: {error.strerror or error}")
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt:
         complain("interrupted")
@@ -91,18 +98,17 @@ def _guarded(options: argparse.Namespace, interrupts: Interrupts) -> int:
         if interrupts.came:
             return FAILED
         raise
-    else:
-        return code
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="cubepath",
         description="Modules of a metamorphic robot reconfigure by messages over zenoh; their path"
         " is shortened to the fastest parallel schedule in its homotopy class.",
     )
     parser.add_argument("--version", action="version", version=_version())
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+    parser.set_defaults(command=_help)
+    commands = parser.add_subparsers(metavar="COMMAND")
 
     def command(
         name: str, function: Callable[[argparse.Namespace], int], summary: str
@@ -115,30 +121,32 @@ def _parser() -> argparse.ArgumentParser:
     run = command("run", _run, "run modules in processes, record them, shorten their path")
     run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
     run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
-    run.add_argument("--seed", type=int, default=0, help="seed of every random choice (default 0)")
+    run.add_argument(
+        "--seed", type=whole(0), default=0, help="seed of every random choice (default 0)"
+    )
     run.add_argument(
         "--hesitate",
-        type=float,
+        type=number("a number from 0 to less than 1", lambda p: 0 <= p < 1),
         default=0.0,
         metavar="P",
         help="each module skips a round with this probability (default 0)",
     )
     run.add_argument(
         "--processes",
-        type=int,
+        type=whole(0),
         default=4,
         metavar="N",
         help="processes to spread the modules over; 0 keeps them all here (default 4)",
     )
     run.add_argument(
         "--max-rounds",
-        type=int,
+        type=whole(0),
         metavar="N",
         help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
     )
     run.add_argument(
         "--schedule",
-        type=Path,
+        type=input_path,
         metavar="CUBES",
         help="carry out a cubes file or the schedule of a recording, one cube a round; SYSTEM can"
         " then be another scene than that of the recording",
@@ -148,16 +156,19 @@ def _parser() -> argparse.ArgumentParser:
         action="store_true",
         help="where a cube of the schedule no longer applies, go on with the rule from there",
     )
-    run.add_argument("--log", type=Path, help="recording to write (default: a new file in logs/)")
+    run.add_argument(
+        "--log", type=output_path, help="recording to write (default: a new file in logs/)"
+    )
 
     shorten = command("shorten", _shorten, "shorten a path to its normal cube path")
-    shorten.add_argument("input", type=Path, metavar="INPUT", help=INPUT_HELP)
+    shorten.add_argument("input", type=input_path, metavar="INPUT", help=INPUT_HELP)
     shorten.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         metavar="CUBES.jsonl",
-        help="write the cubes to this file: JSON Lines, or the binary form where it ends in .npz",
+        help="write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
+        " standard output, and what is said goes to standard error",
     )
     shorten.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
@@ -169,47 +180,28 @@ def _parser() -> argparse.ArgumentParser:
     convert = command("convert", _convert, "write a path in another form: JSON Lines or .npz")
     convert.add_argument(
         "input",
-        type=Path,
+        type=input_path,
         metavar="INPUT",
         help=f"{INPUT_HELP}; or cubes as .npz",
     )
     convert.add_argument(
-        "output", type=Path, metavar="OUTPUT", help="JSON Lines, or .npz where it ends so"
+        "output",
+        type=output_path,
+        metavar="OUTPUT",
+        help="a file whose name ends in .jsonl or .npz; - for JSON Lines on standard output",
     )
     convert.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
     )
     add_plan_options(convert)
 
-    verify = command(
-        "verify", _verify, "check a recording, from the start state on; or a certificate"
-    )
-    verify.add_argument("log", type=Path, metavar="LOG")
-    add_certificate_options(verify)
-    verify.add_argument(
-        "--recover", type=Path, metavar="OUT", help="write what can be read as a proper recording"
-    )
-
-    replay = command(
-        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
-    )
-    replay.add_argument("log", type=Path, metavar="LOG")
-    replay.add_argument(
-        "--rate", type=float, metavar="R", help="rounds a second (default: as fast as it goes)"
-    )
-    replay.add_argument(
-        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: a free port)"
-    )
-
-    info = command("info", _info, "say what a recording holds")
-    info.add_argument("log", type=Path, metavar="LOG")
-
+    add_recording_commands(command)
     view = command("view", _view, "draw a recording: states of the run, and its schedule")
-    view.add_argument("log", type=Path, metavar="LOG")
+    view.add_argument("log", type=input_path, metavar="LOG")
     view.add_argument(
         "-o",
         "--output",
-        type=Path,
+        type=output_path,
         metavar="PICTURE",
         help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
     )
@@ -218,6 +210,12 @@ def _parser() -> argparse.ArgumentParser:
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser
+
+
+def _help(_options: argparse.Namespace) -> int:
+    """Say what the commands are; this is what no command means."""
+    _parser().print_help()
+    return DONE
 
 
 def _version() -> str:
@@ -229,6 +227,9 @@ def _version() -> str:
 def _run(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.launch import Plan, run  # noqa: PLC0415 - only what a command needs
 
+    check_files(options, [options.schedule])
+    if options.log == STANDARD_OUTPUT:
+        raise InputError("standard output: has the answer, expected a file for the recording")
     plan = Plan(
         system=options.system,
         rule=options.rule,
@@ -329,13 +330,8 @@ def _shorten(options: argparse.Namespace) -> int:
 
     check_explain_options(options)
     output: Path | None = options.output
-    read = [options.input, *map(Path, filter(None, [options.system]))]
-    for source in read:
-        if output is not None and output.exists() and source.exists() and output.samefile(source):
-            what = "is the input" if source == options.input else "holds the system"
-            raise InputError(f"{output}: {what}, expected another file for the cubes")
     beyond = improving(options)
-    if output is not None and output.suffix == ".npz" and beyond is not None:
+    if output is not None and output.suffix.lower() == ".npz" and beyond is not None:
         raise InputError(
             f"{output}: holds moves of the input alone, expected a .jsonl file with {beyond}"
         )
@@ -358,7 +354,7 @@ def _shorten(options: argparse.Namespace) -> int:
         ("time", f"{found.seconds:.2f} s"),
     ]
     if options.output is not None:
-        rows.append(("written to", options.output))
+        rows.append(("written to", file_name(options.output)))
     document = found.document() | ({} if known is None else known.document()) | told.document
     answer(options, document, "\n".join([table(rows), *told.lines]))
     return DONE
@@ -367,6 +363,7 @@ def _shorten(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from cubepath.coordinator.shortening.conversion import convert  # noqa: PLC0415
 
+    check_files(options, [options.input], Output(options.output, PATH_SUFFIXES, stream=True))
     with progress_bar(None, "convert", " moves") as bar:
         found = convert(
             options.input,
@@ -376,25 +373,29 @@ def _convert(options: argparse.Namespace) -> int:
             hints=hints(options),
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
-    answer(options, document, f"{found.count} {found.what} written to {options.output}")
+    answer(options, document, f"{found.count} {found.what} written to {file_name(options.output)}")
     return DONE
 
 
 def _view(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415
         FILM_SUFFIXES,
+        PICTURE_SUFFIXES,
         animate,
         run_picture,
     )
     from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
+    if options.output is None and options.log == STANDARD_INPUT:
+        raise InputError("standard input: has no name for a picture, expected -o PICTURE")
+    path: Path = options.output or options.log.with_suffix(".png")
+    check_files(options, [options.log], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
     recording = read_recording(options.log)
     for problem in recording.problems:
-        complain(f"{options.log}: {problem}; drawing what could be read")
+        complain(f"{recording.path}: {problem}; drawing what could be read")
     gatherer = gathered(recording)
     rounds = [step.actions for step in gatherer.steps]
-    path: Path = options.output or options.log.with_suffix(".png")
     if path.suffix.lower() in FILM_SUFFIXES:
         with progress_bar(None, "film", " frames") as bar:
 
@@ -406,73 +407,5 @@ def _view(options: argparse.Namespace) -> int:
     else:
         heap = gatherer.heap
         run_picture(recording.scene, rounds, heap.cube_path(), path, found=heap.normal_form())
-    answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
-    return DONE
-
-
-def _verify(options: argparse.Namespace) -> int:
-    if is_of_a_path(options):
-        return verify_certificate(options)
-    from cubepath.coordinator.verification.recording import recover, verify  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    recording = read_recording(options.log)
-    with progress_bar(None, "verify", " rounds") as bar:
-        found = verify(recording, bar.update)
-    width = max(len(check.name) for check in found.checks)
-    lines = [
-        f"{'ok    ' if check.ok else 'FAILED'}  {check.name:<{width}}  {check.detail}".rstrip()
-        for check in found.checks
-    ]
-    lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
-    answer(options, found.document(), "\n".join(lines))
-    if options.recover is not None:
-        saved = recover(recording, options.recover)
-        complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
-    if not found.ok:
-        wrong = ", ".join(check.name for check in found.checks if not check.ok)
-        complain(f"{options.log}: checks failed: {wrong}")
-    return DONE if found.ok else FAILED
-
-
-def _replay(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.playback import replay  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    recording = read_recording(options.log)
-
-    def announce(endpoint: str, run: str) -> None:
-        if options.endpoint is not None:
-            complain(f"replaying on {endpoint} under cubepath/{run}/**")
-
-    with progress_bar(len(recording.records), "replay", " messages") as bar:
-        found = replay(
-            recording,
-            rate=options.rate,
-            endpoint=options.endpoint,
-            announce=announce,
-            progress=bar.update,
-        )
-    rows: list[tuple[str, object]] = [
-        ("rounds", found.rounds),
-        ("moves", found.moves),
-        ("reduced moves", found.reduced_moves),
-        ("cubes", found.cubes),
-        ("largest cube", found.max_cube_dimension),
-        ("messages", found.messages),
-        ("time", f"{found.seconds:.2f} s"),
-        ("result", found.result),
-    ]
-    answer(options, found.document(), table(rows))
-    for difference in found.differences:
-        complain(f"{options.log}: {difference}")
-    return DONE if found.same else FAILED
-
-
-def _info(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    found = info(read_recording(options.log))
-    answer(options, found, render(found))
+    answer(options, {"log": str(recording.path), "picture": str(path)}, f"written to {path}")
     return DONE

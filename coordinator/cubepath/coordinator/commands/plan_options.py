@@ -6,15 +6,17 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.files import input_path
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.protocol.plans.formats import PlanHints
 
 INPUT_HELP = (
-    "a recording, a moves file (JSON Lines or .npz), a scenario (JSON), or another program's plan"
+    "a recording, a moves file (JSON Lines or .npz), a scenario (JSON), or another program's plan;"
+    " - is standard input"
 )
 
 
@@ -30,7 +32,7 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--with",
         dest="companions",
-        type=Path,
+        type=input_path,
         metavar="FILE",
         action="append",
         default=[],

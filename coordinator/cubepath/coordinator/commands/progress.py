@@ -79,6 +79,9 @@ class Lines:
         """Note how things stand."""
         self._state = s
 
+    def clear(self) -> None:
+        """Make room for an answer: lines need none."""
+
     def close(self) -> None:
         """Say no more."""
         self._due = float("inf")

@@ -10,6 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import whole
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -29,12 +30,12 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--effort",
-        type=int,
+        type=whole(0),
         metavar="N",
         help="the same by N steps in place of seconds: one result, however fast the machine",
     )
     parser.add_argument(
-        "--seed", type=int, default=0, help="seed of the search for improvements (default 0)"
+        "--seed", type=whole(0), default=0, help="seed of the search for improvements (default 0)"
     )
     parser.add_argument(
         "--bounds",
@@ -69,8 +70,6 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
         raise InputError("--improve and --effort: one counts seconds, one steps, expected one")
     if seconds is not None and not (math.isfinite(seconds) and seconds >= 0):
         raise InputError(f"--improve {seconds}: expected a number of seconds, 0 or more")
-    if effort is not None and effort < 0:
-        raise InputError(f"--effort {effort}: expected a number of steps, 0 or more")
     from cubepath.coordinator.search.exact import MAX_STATES  # noqa: PLC0415
     from cubepath.coordinator.shortening.optimality import beyond, task_of  # noqa: PLC0415
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cubepath.agents.rendering.pictures import INK
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import written_whole
 
 Points = NDArray[np.float64]
 
@@ -128,10 +129,9 @@ def draw_complex(complex_: CubicalComplex, path: Path, title: str = "") -> None:
     )
     figure.subplots_adjust(0, 0, 1, 0.92)
     figure.suptitle(f"{title}\n{counts}" if title else counts, fontsize=10, color=INK)
-    try:
-        figure.savefig(path, metadata={"Software": None} if path.suffix == ".png" else None)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    kind = path.suffix.lower()[1:]
+    with written_whole(path) as stream:
+        figure.savefig(stream, format=kind, metadata={"Software": None} if kind == "png" else None)
 
 
 def _names(dimension: int) -> list[str]:

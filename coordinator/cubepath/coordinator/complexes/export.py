@@ -11,6 +11,7 @@ from cubepath.coordinator.complexes.shape_complexes import ShapeComplex
 from cubepath.coordinator.complexes.state_complexes import StateComplex
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, in_order, site_text
 
 if TYPE_CHECKING:
@@ -100,9 +101,10 @@ def _action(action: Action) -> dict[str, Any]:
 
 
 def write_complex(built: Complex, path: Path) -> None:
-    """Write the complex as JSON; InputError where the file cannot be written."""
+    """Write the complex as JSON; the file is complete or as it was before.
+
+    InputError where it cannot be written.
+    """
     data = msgspec.json.encode(complex_document(built))
-    try:
-        path.write_bytes(data + b"\n")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+    with written_whole(path) as stream:
+        stream.write(data + b"\n")

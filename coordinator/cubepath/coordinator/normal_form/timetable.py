@@ -31,8 +31,8 @@ from typing import NamedTuple
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.path_files.durations import Durations
 from cubepath.protocol.path_files.moves import PathMove
-from cubepath.protocol.path_files.timetables import Durations
 
 
 class Timetable(NamedTuple):

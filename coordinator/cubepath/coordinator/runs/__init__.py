@@ -11,7 +11,12 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.runs.contents import info, render
-    from cubepath.coordinator.runs.drawing import FILM_SUFFIXES, animate, run_picture
+    from cubepath.coordinator.runs.drawing import (
+        FILM_SUFFIXES,
+        PICTURE_SUFFIXES,
+        animate,
+        run_picture,
+    )
     from cubepath.coordinator.runs.gatherer import Gatherer, gathered
     from cubepath.coordinator.runs.launch import Outcome, Plan, run
     from cubepath.coordinator.runs.playback import Replayed, replay
@@ -20,7 +25,7 @@ else:
         __name__,
         {
             "contents": "info render",
-            "drawing": "FILM_SUFFIXES animate run_picture",
+            "drawing": "FILM_SUFFIXES PICTURE_SUFFIXES animate run_picture",
             "gatherer": "Gatherer gathered",
             "launch": "Outcome Plan run",
             "playback": "Replayed replay",
@@ -29,6 +34,7 @@ else:
 
 __all__ = [
     "FILM_SUFFIXES",
+    "PICTURE_SUFFIXES",
     "Gatherer",
     "Outcome",
     "Plan",

@@ -40,14 +40,10 @@ def info(recording: Recording) -> dict[str, Any]:
     """Return what a recording holds, as one JSON document; what is not on record is None.
 
     The numbers are those of its summary. Where that is missing, rounds and moves are counted from
-    the coordinator's edges. InputError where the file is gone by now.
+    the coordinator's edges.
     """
     parameters = recording.parameters
     summary, rounds, moves = _result(recording)
-    try:
-        size = recording.path.stat().st_size
-    except OSError as error:
-        raise InputError(f"{recording.path}: {error.strerror or error}") from None
     walls = [record.wall_ns for record in recording.records]
     known = (*_DESCRIBED, *_VERSIONS)
     return {
@@ -67,7 +63,7 @@ def info(recording: Recording) -> dict[str, Any]:
         "messages": len(recording.records),
         "kinds": _kinds(recording),
         "topics": len({record.topic for record in recording.records}),
-        "bytes": size,
+        "bytes": recording.size,
         "message_bytes": sum(len(record.data) for record in recording.records),
         "began": _moment(min(walls, default=None)),
         "seconds": round((max(walls) - min(walls)) / 1e9, 3) if walls else 0.0,

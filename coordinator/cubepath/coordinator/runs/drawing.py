@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 
@@ -278,10 +280,8 @@ def _save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     with rc_context({"svg.hashsalt": "cubepath"}):
         figure.savefig(buffer, format=kind, dpi=150, metadata=undated)
-    try:
-        path.write_bytes(buffer.getvalue())
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    with written_whole(path) as stream:
+        stream.write(buffer.getvalue())
 
 
 def animate(
@@ -314,11 +314,11 @@ def animate(
     figure = Figure(figsize=(wide, tall + 0.3), dpi=100, facecolor="white")
     axes = figure.add_axes((0, 0, 1, tall / (tall + 0.3)))
     caption = figure.text(0.1 / wide, 1 - 0.07 / (tall + 0.3), "", va="top", color=INK, fontsize=10)
-    # Written beside its place and moved there at the end, so that no half film is left.
-    part = path.with_name(f".{path.stem}.part.gif")
     writer = PillowWriter(fps=frames_per_second)
-    try:
-        with writer.saving(figure, part, dpi=100):
+    # The writer wants the name of a file, and all frames are in memory anyway.
+    with TemporaryDirectory() as folder:
+        film = Path(folder) / "film.gif"
+        with writer.saving(figure, film, dpi=100):
             for done, number in enumerate(shown, 1):
                 axes.clear()
                 draw_on(axes, scene, found[number].sites, moved=found[number].moved, also=also)
@@ -328,8 +328,5 @@ def animate(
                     writer.grab_frame()
                 if progress is not None:
                     progress(done, len(shown))
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    finally:
-        part.unlink(missing_ok=True)
+        with written_whole(path) as stream:
+            stream.write(film.read_bytes())

@@ -6,6 +6,7 @@ Room: coordinator. It starts the fleet, paces rounds and listens; it decides not
 from __future__ import annotations
 
 import platform
+import re
 import signal
 import sys
 import threading
@@ -55,6 +56,8 @@ from cubepath.protocol.wire.messages import (
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
+DEFAULT_SYSTEM = "hex"
+_NAME_MAX = 60
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -135,7 +138,7 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     called after each round.
     """
     task = task_of(plan)
-    path = plan.log or Path("logs") / _file_name(task, plan.seed)
+    path = plan.log or Path("logs") / _file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
     with RecordingWriter(path, task.scene, _parameters(plan, task), schedule) as writer:
@@ -174,9 +177,13 @@ def task_of(plan: Plan) -> Task:
         return _task_of_schedule(plan, plan.schedule)
     if plan.repair:
         raise InputError("repair: there is no schedule that could need it")
-    scene = local_only(scene_from_spec(plan.system or "hex"), "runs")
+    scene = local_only(_scene_named(plan.system), "runs")
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
     return Task(scene, _rule_of(plan, scene), most)
+
+
+def _scene_named(system: str | None) -> Scene:
+    return scene_from_spec(DEFAULT_SYSTEM if system is None else system)
 
 
 def _task_of_schedule(plan: Plan, path: Path) -> Task:
@@ -187,7 +194,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
     schedule = read_schedule(path)
     scene = schedule.scene
     if plan.system is not None or scene is None:
-        scene = scene_from_spec(plan.system or "hex")
+        scene = _scene_named(plan.system)
     scene = local_only(scene, "runs")
     assignment = assignment_of(schedule, scene)
     cubes = len(assignment.cubes)
@@ -199,7 +206,8 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
     family = sound_family(scene.family)
-    rule = plan.rule or (family.rule if family is not None else "random")
+    own = family.rule if family is not None else "random"
+    rule = own if plan.rule is None else plan.rule
     rule_named(rule, scene.system)
     return rule
 
@@ -396,9 +404,19 @@ class _Run:
         )
 
 
-def _file_name(task: Task, seed: int) -> str:
+def _file_name(plan: Plan, task: Task) -> str:
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-    return f"{task.scene.family or 'system'}-{task.name}-{seed}-{now}.mcap"
+    return f"{_system_name(plan, task.scene)}-{task.name}-{plan.seed}-{now}.mcap"
+
+
+def _system_name(plan: Plan, scene: Scene) -> str:
+    """Return what a log calls a system: the file that it was read from, or else its family."""
+    told = scene.spec if plan.system is None else plan.system
+    name = scene.family or scene.spec
+    is_pipe = told.startswith("/dev/")  # what a shell substitutes has a number for a name
+    if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):
+        name = Path(told).stem
+    return re.sub(r"[^\w.]+", "-", name).strip("-.")[:_NAME_MAX] or "system"
 
 
 def _parameters(plan: Plan, task: Task) -> dict[str, str]:

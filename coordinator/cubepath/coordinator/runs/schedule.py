@@ -63,10 +63,10 @@ def read_schedule(path: Path) -> Schedule:
     """
     with opened(path) as file:
         if not is_recording(file):
-            return Schedule(path, _cubes(file))
+            return Schedule(file.path, _cubes(file))
         recording = read_undamaged(file)
     gatherer = gathered(recording)
-    return Schedule(path, gatherer.schedule(), recording.scene, tuple(gatherer.sites))
+    return Schedule(recording.path, gatherer.schedule(), recording.scene, tuple(gatherer.sites))
 
 
 def _cubes(file: InputFile) -> Cubes:

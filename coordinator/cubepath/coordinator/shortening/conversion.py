@@ -11,6 +11,7 @@ from pathlib import Path
 from cubepath.coordinator.shortening.path_input import read_input
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened
+from cubepath.protocol.core.output_files import same_file
 from cubepath.protocol.path_files.moves import write_cubes
 from cubepath.protocol.path_files.npz import (
     holds_cubes,
@@ -43,14 +44,14 @@ def convert(
     ``.npz`` is the binary form, all else JSON Lines. Moves by generator stay so. InputError where
     the source is no such file or not as it should be, or the target cannot be written.
     """
-    if target.exists() and source.exists() and target.samefile(source):
+    if same_file(source, target):
         raise InputError(f"{target}: is the input, expected another file")
-    binary = target.suffix == ".npz"
+    binary = target.suffix.lower() == ".npz"
     with opened(source) as file:
         if is_npz(file) and holds_cubes(file):
             if binary:
                 raise InputError(
-                    f"{source}: holds cubes already as .npz, expected another name than"
+                    f"{file.path}: holds cubes already as .npz, expected another name than"
                     f" {target} for JSON Lines"
                 )
             cubes = read_cubes_npz(file)

@@ -22,9 +22,10 @@ from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.path_files.durations import Durations, time_text
 from cubepath.protocol.path_files.moves import PathMove, known_of_named
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.path_files.timetables import Durations, TimedLine, time_text
+from cubepath.protocol.path_files.timetables import TimedLine
 
 
 def certified_path(found: Shortened) -> Certificate:

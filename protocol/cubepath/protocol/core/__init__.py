@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     )
     from cubepath.protocol.core.input_files import (
         BYTE_ORDER_MARK,
+        STANDARD_INPUT,
         InputFile,
         Source,
         opened,
@@ -49,6 +50,13 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
     from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
     from cubepath.protocol.core.ordinals import Ordinals
+    from cubepath.protocol.core.output_files import (
+        STANDARD_OUTPUT,
+        check_output,
+        is_special,
+        same_file,
+        written_whole,
+    )
     from cubepath.protocol.core.sites import (
         Site,
         in_order,
@@ -59,6 +67,7 @@ if TYPE_CHECKING:
         sites_from_json,
         to_json,
     )
+    from cubepath.protocol.core.suggestions import did_you_mean
     from cubepath.protocol.core.system import (
         CLOSED,
         EMPTY,
@@ -87,14 +96,18 @@ else:
                 "SQUARES"
             ),
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
-            "input_files": "BYTE_ORDER_MARK InputFile Source opened read_text readable",
+            "input_files": (
+                "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source opened read_text readable"
+            ),
             "keyed_values": "Keys all_values given_values",
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
+            "output_files": "STANDARD_OUTPUT check_output is_special same_file written_whole",
             "sites": (
                 "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
                 "to_json"
             ),
+            "suggestions": "did_you_mean",
             "system": (
                 "Bound CLOSED EMPTY FILLED FIRST_LABEL KEPT MODULE Scene System Ways local_only "
                 "one_to_one region_of"
@@ -116,6 +129,8 @@ __all__ = [
     "LATTICES",
     "MODULE",
     "SQUARES",
+    "STANDARD_INPUT",
+    "STANDARD_OUTPUT",
     "Action",
     "Bound",
     "Catalogue",
@@ -144,10 +159,13 @@ __all__ = [
     "all_values",
     "apply",
     "apply_in_place",
+    "check_output",
     "commute",
+    "did_you_mean",
     "end_at",
     "given_values",
     "in_order",
+    "is_special",
     "local_only",
     "one_to_one",
     "opened",
@@ -155,6 +173,7 @@ __all__ = [
     "read_text",
     "readable",
     "region_of",
+    "same_file",
     "schema_with_definitions",
     "site_chunk",
     "site_from_json",
@@ -162,4 +181,5 @@ __all__ = [
     "sites_from_json",
     "to_json",
     "why_inadmissible",
+    "written_whole",
 ]

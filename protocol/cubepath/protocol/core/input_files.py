@@ -1,14 +1,16 @@
 """Input files: each opened once, looked at to tell what it is, and read from its start.
 
 Every reader takes a path, or a file that somebody has opened to see what it is: so a command opens
-each of its inputs one time, and what it tells is of one moment. It touches the files that it is
-told to.
+each of its inputs one time, and what it tells is of one moment. What has no start to go back to,
+such as a pipe, is read into memory. It touches the files that it is told to.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
+import os
+import sys
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,9 @@ from typing import BinaryIO, TypeAlias
 from cubepath.protocol.core.errors import InputError
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+STANDARD_INPUT = Path("/dev/stdin")
+"""The path that readers take for standard input; command lines call it ``-``."""
+_NAME = Path("standard input")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,10 +95,22 @@ def opened(source: Source) -> Generator[InputFile]:
     if isinstance(source, InputFile):
         yield source
         return
-    with readable(source):
-        stream = source.open("rb")
-    with stream:
-        yield InputFile(source, stream)
+    path = _NAME if source == STANDARD_INPUT else source
+    with contextlib.ExitStack() as stack:
+        with readable(path):
+            stream = stack.enter_context(_stream(source))
+            if not stream.seekable() or stream.tell():
+                stream = io.BytesIO(stream.read())
+        yield InputFile(path, stream)
+
+
+def _stream(source: Path) -> BinaryIO:
+    if source != STANDARD_INPUT:
+        return source.open("rb")
+    stdin: object = sys.stdin  # None where it was closed when Python began, whatever its type says
+    if stdin is None:
+        raise InputError(f"{_NAME}: closed, expected what to read")
+    return os.fdopen(os.dup(0), "rb")
 
 
 def read_text(source: Source) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 
 Keys = Mapping[str, tuple[str, str]]
 """The keys that a name may have, each with its default and one line on it."""
@@ -20,7 +21,8 @@ def given_values(text: str, keys: Keys, where: str) -> dict[str, str]:
         key, equals, value = part.partition("=")
         if not equals or key not in keys:
             known = f"KEY=VALUE with a key of {', '.join(keys)}" if keys else "no keys"
-            raise InputError(f"{where}: cannot read {part!r}, expected {known}")
+            near = did_you_mean(key, keys) if equals else ""
+            raise InputError(f"{where}: cannot read {part!r}{near}, expected {known}")
         if key in given:
             raise InputError(f"{where}: key {key!r} stands twice")
         given[key] = value

@@ -1,4 +1,4 @@
-"""Files that hold paths: moves, cubes, schedules, timetables and certificates.
+"""Files that hold paths: moves, cubes, schedules, durations, timetables and certificates.
 
 Room: protocol. It reads and writes forms and checks them as far as a form can be checked; what a
 path is worth is for the coordinator. It imports `core` alone. Messages carry some of these forms,
@@ -16,6 +16,13 @@ if TYPE_CHECKING:
         companion,
         read_certificate,
         write_certificate,
+    )
+    from cubepath.protocol.path_files.durations import (
+        Durations,
+        duration_from,
+        durations_in_words,
+        read_durations,
+        time_text,
     )
     from cubepath.protocol.path_files.moves import (
         MoveName,
@@ -54,12 +61,8 @@ if TYPE_CHECKING:
         schedule_to_jsonl,
     )
     from cubepath.protocol.path_files.timetables import (
-        Durations,
         TimedLine,
-        duration_from,
-        read_durations,
         read_timetable,
-        time_text,
         timetable_schema,
         write_timetable,
     )
@@ -70,6 +73,7 @@ else:
             "certificates": (
                 "Certificate certificate_schema companion read_certificate write_certificate"
             ),
+            "durations": ("Durations duration_from durations_in_words read_durations time_text"),
             "moves": (
                 "MoveName PathMove cube_schema id_of known_of_named move_schemas read_cubes "
                 "read_moves write_cubes write_moves"
@@ -80,10 +84,7 @@ else:
             ),
             "numbered": "IrregularError NumberedPath Progress number_moves read_path write_path",
             "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
-            "timetables": (
-                "Durations TimedLine duration_from read_durations read_timetable time_text "
-                "timetable_schema write_timetable"
-            ),
+            "timetables": "TimedLine read_timetable timetable_schema write_timetable",
         },
     )
 
@@ -104,6 +105,7 @@ __all__ = [
     "companion",
     "cube_schema",
     "duration_from",
+    "durations_in_words",
     "holds_cubes",
     "id_of",
     "is_npz",

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.path_files.jsonl import line_schema, write_lines
 
 FORMAT = "cubepath-certificate-1"
@@ -53,14 +54,14 @@ def certificate_from_json(text: bytes) -> Certificate:
         raise InputError(f"no {FORMAT}: {error}") from None
 
 
-def read_certificate(path: Path) -> Certificate:
+def read_certificate(source: Source) -> Certificate:
     """Read a certificate; InputError, with the file, where it cannot be read or is none."""
+    with opened(source) as file:
+        text = file.whole()
     try:
-        return certificate_from_json(path.read_bytes())
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+        return certificate_from_json(text)
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{file.path}: {error}") from None
 
 
 def write_certificate(path: Path, certificate: Certificate) -> None:

@@ -1,20 +1,19 @@
-"""JSON Lines: what a line says, and files written whole or not at all.
+"""JSON Lines: what a line says, and files of lines.
 
 Room: protocol. It touches the files that it is told to, and knows nothing of what is in them.
 """
 
 from __future__ import annotations
 
-import contextlib
-import os
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, BinaryIO, TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import schema_with_definitions
+from cubepath.protocol.core.output_files import written_whole
 
 _Line = TypeVar("_Line")
 _encode = msgspec.json.Encoder().encode
@@ -44,28 +43,3 @@ def write_lines(path: Path, lines: Iterable[object]) -> None:
     with written_whole(path) as stream:
         for line in lines:
             stream.write(_encode(line) + b"\n")
-
-
-@contextlib.contextmanager
-def written_whole(path: Path) -> Generator[BinaryIO]:
-    """Open a file for writing that is complete afterwards, or as it was before.
-
-    InputError where it cannot be written; errors of the body itself go through.
-    """
-    part: Path | None = None
-    try:
-        # Through links to the file itself. What is no file (a pipe, /dev/null) is written in place.
-        target = path.resolve()
-        if not target.exists() or target.is_file():
-            part = target.with_name(f".{target.name}.{os.getpid()}.part")
-        with (part or target).open("wb") as stream:
-            yield stream
-        if part is not None:
-            part.replace(target)
-    except (OSError, RuntimeError) as error:  # the second for a loop of links, up to Python 3.12
-        reason = error.strerror if isinstance(error, OSError) else None
-        raise InputError(f"{path}: cannot be written: {reason or error}") from None
-    finally:
-        if part is not None:
-            with contextlib.suppress(OSError):
-                part.unlink(missing_ok=True)

@@ -26,8 +26,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
-from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
 from cubepath.protocol.path_files.numbered import NumberedPath
 

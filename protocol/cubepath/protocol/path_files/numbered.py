@@ -22,9 +22,9 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import (
     ContentsLine,
     MoveName,

@@ -13,6 +13,7 @@ from pathlib import Path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.plans.cgshop2021 import looks_like_cgshop2021, read_cgshop2021
 from cubepath.protocol.plans.cgshop2026 import looks_like_cgshop2026, read_cgshop2026
 from cubepath.protocol.plans.imported import Imported, Request
@@ -131,7 +132,8 @@ def _chosen(told: str) -> tuple[Format, dict[str, str]]:
     name, _, rest = told.partition(":")
     known = FORMATS.get(name)
     if known is None:
-        raise InputError(f"unknown format {name!r}, expected one of {', '.join(FORMATS)}")
+        near = did_you_mean(name, FORMATS)
+        raise InputError(f"unknown format {name!r}{near}, expected one of {', '.join(FORMATS)}")
     given = given_values(rest, known.keys, f"--format {told}")
     return known, all_values(given, known.keys)
 

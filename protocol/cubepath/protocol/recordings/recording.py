@@ -11,6 +11,9 @@ since the last flush.
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
+import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
@@ -22,6 +25,7 @@ from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.output_files import same_file
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.salvaging import MAGIC, Salvage, salvage
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
@@ -37,7 +41,10 @@ _METADATA = "cubepath"
 
 
 class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
-    """The recording cannot be written any further; what was flushed can be read."""
+    """The recording cannot be written any further; what was flushed can be read.
+
+    Unless its file was removed, which is another reason.
+    """
 
 
 class RecordingWriter:
@@ -105,7 +112,10 @@ class RecordingWriter:
             ) from None
 
     def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
-        """Append a message as it was on the wire; RecordingFull where the disk takes no more."""
+        """Append a message as it was on the wire.
+
+        RecordingFull where the disk takes no more, or the file was removed or moved.
+        """
         self._guard(lambda: self._add(topic, data, round_number, wall_ns))
 
     def _add(self, topic: str, data: bytes, round_number: int, wall_ns: int) -> None:
@@ -124,6 +134,17 @@ class RecordingWriter:
         self.messages += 1
         if self.messages % FLUSH_EVERY == 0:
             self._writer.flush()
+            self._check_place()
+
+    def _check_place(self) -> None:
+        """See that the path still leads to the file: what is written elsewhere nobody finds."""
+        found = os.fstat(self._stream.fileno())
+        if not stat.S_ISREG(found.st_mode):
+            return
+        with contextlib.suppress(OSError):
+            if os.path.samestat(found, self.path.stat()):
+                return
+        raise FileNotFoundError(errno.ENOENT, "its file was removed or moved")
 
     def _schema(self, kind: str) -> int:
         known = self._schemas.get(kind)
@@ -133,13 +154,17 @@ class RecordingWriter:
             self._schemas[kind] = known
         return known
 
+    def _finish(self) -> None:
+        self._writer.finish()
+        self._check_place()
+
     def close(self) -> None:
         """Finish the file; after a full disk, leave what was flushed as it is."""
         if self._stream.closed:
             return
         try:
             if not self._broken:
-                self._guard(self._writer.finish)
+                self._guard(self._finish)
         finally:
             # After a full disk the tail of the buffer does not fit either.
             with contextlib.suppress(OSError):
@@ -181,6 +206,8 @@ class Recording:
     problems: tuple[str, ...]
     schedule: bytes | None = None
     """The text of the schedule that was carried out, if one was."""
+    size: int = 0
+    """How many bytes were read."""
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
         """Yield the messages of these kinds in order."""
@@ -214,7 +241,8 @@ def read_recording(source: Source) -> Recording:
     if not problems:
         problems += _gap(records)
     schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
-    return Recording(path, parameters, scene, records, tuple(problems), next(schedules, None))
+    schedule = next(schedules, None)
+    return Recording(path, parameters, scene, records, tuple(problems), schedule, len(data))
 
 
 def read_undamaged(source: Source) -> Recording:
@@ -298,11 +326,7 @@ def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | N
     `notes` are parameters to add. InputError where `out` is the recording itself or cannot be
     written, RecordingFull where the disk takes no more.
     """
-    try:
-        same = out.samefile(recording.path)
-    except OSError:
-        same = False  # one of the two is not there
-    if same:
+    if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     parameters = {**recording.parameters, **(notes or {})}
     with RecordingWriter(out, recording.scene, parameters, recording.schedule) as writer:

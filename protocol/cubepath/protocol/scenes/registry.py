@@ -13,6 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, cast
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.families.own import FAMILIES
 from cubepath.protocol.scenes.family import Family
@@ -141,7 +142,8 @@ def family_named(name: str) -> Family:
     found = sound_family(name) or all_families().get(name)
     if found is None:
         names = ", ".join(all_families())
-        raise InputError(f"unknown system {name!r}, expected one of {names} or a .toml file")
+        near = did_you_mean(name, all_families())
+        raise InputError(f"unknown system {name!r}{near}, expected one of {names} or a .toml file")
     return found
 
 

@@ -18,7 +18,8 @@ from cubepath.protocol.scenes.toml import read_scene
 def scene_from_spec(spec: str) -> Scene:
     """Return the scene that `spec` names; InputError says what is wrong with it."""
     name, _, rest = spec.partition(":")
-    if spec.endswith(".toml") and sound_family(name) is None:
+    # The file may also be a pipe, as /dev/fd/63 for what a shell substitutes.
+    if (spec.endswith(".toml") or "/" in name) and sound_family(name) is None:
         return read_scene(Path(spec))
     family = family_named(name)
     given = given_values(rest, family.keys, spec)

@@ -1,0 +1,123 @@
+"""The files that a command names: what `-` means, and no output in the place of an input.
+
+Room: coordinator. All is checked before the work begins, which may be long.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import STANDARD_INPUT, opened
+from cubepath.protocol.core.output_files import (
+    STANDARD_OUTPUT,
+    check_output,
+    is_special,
+    same_file,
+)
+
+PATH_SUFFIXES = (".jsonl", ".npz")
+"""What files of moves and cubes are called: JSON Lines, and the binary form."""
+
+
+def input_path(text: str) -> Path:
+    """Return the path of an input; ``-`` is standard input."""
+    return STANDARD_INPUT if text in {"-", "/dev/fd/0", "/proc/self/fd/0"} else Path(text)
+
+
+def output_path(text: str) -> Path:
+    """Return the path of an output; ``-`` is standard output."""
+    return STANDARD_OUTPUT if text in {"-", "/dev/fd/1", "/proc/self/fd/1"} else Path(text)
+
+
+def file_name(path: Path) -> str:
+    """Return how an answer calls a file."""
+    return {STANDARD_INPUT: "standard input", STANDARD_OUTPUT: "standard output"}.get(
+        path, str(path)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A file to write: its path, None where none is asked for, and the suffixes that it may have.
+
+    With `stream` it can be standard output, and a pipe or a device of any name.
+    """
+
+    path: Path | None
+    suffixes: Sequence[str] = ()
+    stream: bool = False
+
+
+def check_files(
+    options: argparse.Namespace, inputs: Iterable[Path | None], *outputs: Output
+) -> None:
+    """See that no file is read and written, or written twice; InputError where one is.
+
+    The files of ``--system``, ``--with`` and of SYSTEM are inputs besides. Every output is one that
+    can be written, under a name that says what it is, and is no recording.
+    """
+    read = [path for path in inputs if path is not None]
+    read += getattr(options, "companions", [])
+    read += _files_of(getattr(options, "system", None))
+    if read.count(STANDARD_INPUT) > 1:
+        raise InputError("standard input: named twice, expected one input from there")
+    written: list[Path] = []
+    for output in outputs:
+        path = output.path
+        if path is None:
+            continue
+        if path == STANDARD_OUTPUT:
+            _check_stream(options, output)
+        if any(same_file(path, other) for other in read):
+            raise InputError(f"{path}: is an input, expected another file to write")
+        if any(same_file(path, other) for other in written):
+            raise InputError(f"{path}: is to be written twice, expected two files")
+        written.append(path)
+    for output in outputs:
+        if output.path is not None:
+            _check_no_recording(output.path)
+            check_output(output.path)
+            _check_suffix(output.path, output)
+
+
+def _files_of(system: str | None) -> list[Path]:
+    """Return the files that the name of a system may lead to: itself, and the values of its keys.
+
+    Which keys name a file is for the families to know; what is one here counts.
+    """
+    if system is None:
+        return []
+    values = [part.partition("=")[2] for part in system.partition(":")[2].split(",")]
+    return [path for path in map(Path, [system, *values]) if path != Path() and path.exists()]
+
+
+def _check_suffix(path: Path, output: Output) -> None:
+    if output.stream and (path == STANDARD_OUTPUT or is_special(path)):
+        return
+    if output.suffixes and path.suffix.lower() not in output.suffixes:
+        found = f"the suffix {path.suffix}" if path.suffix else "no suffix"
+        raise InputError(f"{path}: found {found}, expected one of {', '.join(output.suffixes)}")
+
+
+def _check_stream(options: argparse.Namespace, output: Output) -> None:
+    if not output.stream:
+        raise InputError("standard output: takes moves and cubes alone, expected a file to write")
+    if options.json:
+        raise InputError(
+            "--json: standard output has the cubes or moves of '-', expected a file for them or no"
+            " --json"
+        )
+
+
+def _check_no_recording(path: Path) -> None:
+    from cubepath.protocol.recordings.recording import is_recording  # noqa: PLC0415 - when needed
+
+    if is_special(path) or not path.is_file():
+        return
+    with opened(path) as file:
+        if is_recording(file):
+            raise InputError(f"{path}: is a recording, which is kept: expected another file")

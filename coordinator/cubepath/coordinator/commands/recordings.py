@@ -1,0 +1,260 @@
+"""The commands on recordings: ``cubepath verify``, ``cubepath replay`` and ``cubepath info``.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from cubepath.coordinator.commands.certificates import (
+    add_certificate_options,
+    is_of_a_path,
+    verify_certificate,
+)
+from cubepath.coordinator.commands.console import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    answer,
+    complain,
+    say,
+    table,
+)
+from cubepath.coordinator.commands.files import (
+    Output,
+    check_files,
+    file_name,
+    input_path,
+    output_path,
+)
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.input_files import readable
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.verification.recording import Verification
+    from cubepath.protocol.recordings.recording import Recording
+
+
+_Tell: TypeAlias = "Callable[[int], object] | None"
+_One: TypeAlias = "Callable[[Path, _Tell], _Told]"
+_LOGS_HELP = "a recording, or a folder for the .mcap files in it; - is standard input"
+
+
+def add_recording_commands(command: AddCommand) -> None:
+    """Add the commands and their options."""
+    verify = command(
+        "verify", _verify, "check a recording, from the start state on; or a certificate"
+    )
+    verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
+    add_certificate_options(verify)
+    verify.add_argument(
+        "--recover",
+        type=output_path,
+        metavar="OUT",
+        help="write what can be read as a proper recording",
+    )
+
+    replay = command(
+        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
+    )
+    replay.add_argument("log", type=input_path, metavar="LOG")
+    replay.add_argument(
+        "--rate",
+        type=number("a number above 0", lambda rate: rate > 0),
+        metavar="R",
+        help="rounds a second (default: as fast as it goes)",
+    )
+    replay.add_argument(
+        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: a free port)"
+    )
+
+    info = command("info", _info, "say what a recording holds")
+    info.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
+
+
+@dataclass(frozen=True, slots=True)
+class _Told:
+    """What is said of one recording: its answer, what to complain of, and the exit code."""
+
+    document: dict[str, Any]
+    text: str
+    code: int = DONE
+    complaints: tuple[str, ...] = ()
+
+
+def _verify(options: argparse.Namespace) -> int:
+    if is_of_a_path(options):
+        return verify_certificate(options)
+    from cubepath.coordinator.verification.recording import verify  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    check_files(options, options.logs, Output(options.recover))
+    if options.recover is not None:
+        return _recover(options)
+
+    def one(path: Path, tell: _Tell) -> _Told:
+        recording = read_recording(path)
+        return _verified(recording, verify(recording, tell))
+
+    return _each(options, "verify", one)
+
+
+def _recover(options: argparse.Namespace) -> int:
+    """Verify one recording, and write what can be read of it to another."""
+    from cubepath.coordinator.verification.recording import recover, verify  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    if len(options.logs) > 1:
+        raise InputError(f"--recover: found {len(options.logs)} recordings, expected one")
+    if options.recover.is_file():
+        raise InputError(f"{options.recover}: exists already, expected a new file")
+    recording = read_recording(options.logs[0])
+    with progress_bar(None, "verify", " rounds") as bar:
+        told = _verified(recording, verify(recording, bar.update))
+    try:
+        saved = recover(recording, options.recover)
+    finally:
+        answer(options, told.document, told.text)
+    complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
+    return _complained(told)
+
+
+def _verified(recording: Recording, found: Verification) -> _Told:
+    width = max(len(check.name) for check in found.checks)
+    lines = [
+        f"{'ok    ' if check.ok else 'FAILED'}  {check.name:<{width}}  {check.detail}".rstrip()
+        for check in found.checks
+    ]
+    lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
+    text = "\n".join(lines)
+    if found.ok:
+        return _Told(found.document(), text)
+    wrong = ", ".join(check.name for check in found.checks if not check.ok)
+    why = (f"{recording.path}: checks failed: {wrong}",)
+    return _Told(found.document(), text, FAILED, why)
+
+
+def _complained(told: _Told) -> int:
+    for each in told.complaints:
+        complain(each)
+    return told.code
+
+
+def _each(
+    options: argparse.Namespace,
+    what: str,
+    one: _One,
+) -> int:
+    """Answer for each recording that is named; return the worst exit code.
+
+    One file has its document to itself. Of several, and of a folder, the documents are a list, and
+    one that cannot be read does not stop the others. Each is told before the next is read, so that
+    memory does not grow with their number.
+    """
+    paths: list[Path] = options.logs
+    if len(paths) == 1 and not paths[0].is_dir():
+        with progress_bar(None, what, " rounds") as bar:
+            told = one(paths[0], bar.update)
+        answer(options, told.document, told.text)
+        return _complained(told)
+    worst = DONE
+    named = [each for path in paths for each in _named(path)]
+    with progress_bar(len(named), what, " files") as bar:
+        between = "[" if options.json else ""
+        try:
+            for path, error in named:
+                told = _unreadable(error) if error is not None else _tried(path, one)
+                bar.clear()
+                if options.json:
+                    document = {"log": file_name(path), **told.document}
+                    say(f"{between}{json.dumps(document)}", end="")
+                    between = ",\n"
+                elif told.text:
+                    say(f"{between}==> {file_name(path)} <==\n{told.text}")
+                    between = "\n"
+                worst = max(worst, _complained(told))
+                bar.update()
+        finally:
+            if options.json:
+                say("]" if between != "[" else "[]")
+    return worst
+
+
+def _named(path: Path) -> list[tuple[Path, CubepathError | None]]:
+    """Return the recordings that a path stands for, or the path with what is wrong with it."""
+    try:
+        with readable(path):
+            if not path.is_dir():
+                return [(path, None)]
+            found = sorted(each for each in path.iterdir() if each.suffix == ".mcap")
+    except InputError as error:
+        return [(path, error)]
+    if not found:
+        return [(path, InputError(f"{path}: a folder without .mcap files, expected recordings"))]
+    return [(each, None) for each in found]
+
+
+def _tried(path: Path, one: _One) -> _Told:
+    try:
+        return one(path, None)
+    except CubepathError as error:
+        return _unreadable(error)
+
+
+def _unreadable(error: CubepathError) -> _Told:
+    code = BAD_INPUT if isinstance(error, InputError) else FAILED
+    return _Told({"unreadable": str(error)}, "", code, (str(error),))
+
+
+def _replay(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.runs.playback import replay  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    recording = read_recording(options.log)
+
+    def announce(endpoint: str, run: str) -> None:
+        if options.endpoint is not None:
+            complain(f"replaying on {endpoint} under cubepath/{run}/**")
+
+    with progress_bar(len(recording.records), "replay", " messages") as bar:
+        found = replay(
+            recording,
+            rate=options.rate,
+            endpoint=options.endpoint,
+            announce=announce,
+            progress=bar.update,
+        )
+    rows: list[tuple[str, object]] = [
+        ("rounds", found.rounds),
+        ("moves", found.moves),
+        ("reduced moves", found.reduced_moves),
+        ("cubes", found.cubes),
+        ("largest cube", found.max_cube_dimension),
+        ("messages", found.messages),
+        ("time", f"{found.seconds:.2f} s"),
+        ("result", found.result),
+    ]
+    answer(options, found.document(), table(rows))
+    for difference in found.differences:
+        complain(f"{recording.path}: {difference}")
+    return DONE if found.same else FAILED
+
+
+def _info(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.runs.contents import info, render  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    def one(path: Path, _tell: _Tell) -> _Told:
+        found = info(read_recording(path))
+        return _Told(found, render(found))
+
+    check_files(options, options.logs)
+    return _each(options, "info", one)

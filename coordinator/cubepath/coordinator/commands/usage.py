@@ -1,0 +1,114 @@
+"""How the command line is read: help, and what is wrong with the words of a command.
+
+Room: coordinator. Every usage error is one line that says where help is, and ends a command with
+exit code 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn, Protocol
+
+from cubepath.coordinator.commands.console import BAD_INPUT, complain, say
+from cubepath.protocol.core.suggestions import did_you_mean
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line with what was meant, and whose help is an answer.
+
+    Options are written out: what is short for one option today may be short for two tomorrow.
+    """
+
+    def __init__(self, **keywords: Any) -> None:
+        """Make a parser as argparse does."""
+        super().__init__(**keywords, allow_abbrev=False)
+
+    # The declared type is a set of overloads, which say no more.
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Read the words of a command; none that is not known is left over."""
+        words: list[str] = list(sys.argv[1:] if args is None else args)
+        self._check_options(words)
+        found, others = super().parse_known_args(words, namespace)
+        if others:
+            unknown = next((word for word in others if word.startswith("-")), None)
+            if unknown is not None:
+                self._unknown_option(unknown)
+            self.error(f"unexpected argument {others[0]!r}")
+        return found, others
+
+    def _check_options(self, words: Sequence[str]) -> None:
+        """Look for unknown options first: what follows one of them is not what it seems."""
+        for word in words:
+            if word == "--" or (self._subparsers is not None and not word.startswith("-")):
+                return  # what follows is no option, or one of a command
+            name = word.partition("=")[0]
+            if name.startswith("--") and name not in self._option_string_actions:
+                self._unknown_option(name)
+
+    def _unknown_option(self, word: str) -> NoReturn:
+        name = word.partition("=")[0]
+        self.error(f"unknown option {name}{did_you_mean(name, self._option_string_actions)}")
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            what = "command" if action.dest is argparse.SUPPRESS else "value"
+            names = list(map(str, action.choices))
+            message = f"unknown {what} {value!r}{did_you_mean(str(value), names)}"
+            self.error(f"{message}, expected one of {', '.join(names)}")
+
+    def error(self, message: str) -> NoReturn:
+        """Say what is wrong in one line, and end with exit code 2."""
+        line = " ".join(message.split())
+        complain(f"{line}; see '{self.prog} --help'")
+        self.exit(BAD_INPUT)
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        if file is sys.stdout:
+            say(message, end="")
+        else:
+            super()._print_message(message, file)
+
+
+class AddCommand(Protocol):
+    """Adds a command of this name, function and summary; returns its parser."""
+
+    def __call__(
+        self, name: str, function: Callable[[argparse.Namespace], int], summary: str, /
+    ) -> argparse.ArgumentParser:
+        """Add the command."""
+        ...
+
+
+def whole(least: int) -> Callable[[str], int]:
+    """Return the type of an option whose value is a whole number, `least` or more."""
+
+    def read(text: str) -> int:
+        try:
+            found = int(text)
+        except ValueError:
+            found = least - 1
+        if found < least:
+            raise argparse.ArgumentTypeError(
+                f"expected a whole number of at least {least}, found {text!r}"
+            )
+        return found
+
+    return read
+
+
+def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
+    """Return the type of an option whose value is a finite number that fits what is expected."""
+
+    def read(text: str) -> float:
+        try:
+            found = float(text)
+        except ValueError:
+            found = math.nan
+        if not (math.isfinite(found) and fits(found)):
+            raise argparse.ArgumentTypeError(f"expected {expected}, found {text!r}")
+        return found
+
+    return read

@@ -1,0 +1,23 @@
+"""What a name that is not known was meant to be: the one that is nearest to it, if one is near."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return a remark on a name that is not known, to stand behind it; empty if none is near.
+
+    >>> did_you_mean("hexx", ["agv", "hex"])
+    " (did you mean 'hex'?)"
+    >>> did_you_mean("--expl", ["--explain", "--help"])
+    " (did you mean '--explain'?)"
+    >>> did_you_mean("robot", ["agv", "hex"])
+    ''
+    """
+    names = sorted(known)
+    least = len("--x")
+    begun = [name for name in names if len(word) >= least and name.startswith(word)]
+    near = begun or get_close_matches(word, names, n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""

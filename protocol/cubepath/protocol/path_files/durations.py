@@ -1,0 +1,268 @@
+"""Durations of moves as they come in: from a file, or in words; see docs/certificates.md.
+
+All times are exact: whole numbers and fractions. What has a decimal point is read as it is written,
+never as a binary floating-point number.
+
+Room: protocol. It touches the files that it is told to, and knows nothing of scheduling.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from typing import Any, TypeAlias, cast
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.path_files.moves import MoveName
+
+FORMAT = "cubepath-durations-1"
+
+Number: TypeAlias = int | str
+"""A time in a file: a whole number, or text: ``"3/2"``, ``"1.5"``."""
+
+_NUMBER = re.compile(r"(\d{1,18})(?:/(\d{1,18})|\.(\d{1,18}))?", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class Durations:
+    """How long moves take: each by its place, else by its generator or its id, else `default`.
+
+    `named` goes by generators and by the text of ids, `placed` by generator and place.
+    """
+
+    default: Fraction = Fraction(1)
+    named: Mapping[str, Fraction] = field(default_factory=dict[str, Fraction])
+    placed: Mapping[tuple[str, Site], Fraction] = field(
+        default_factory=dict[tuple[str, Site], Fraction]
+    )
+
+    def of(self, name: MoveName) -> Fraction:
+        """Return how long a move takes that is written so."""
+        if not isinstance(name, GeneratorPlacement):
+            return self.named.get(str(name), self.default)
+        by_name = self.named.get(name.generator, self.default)
+        return self.placed.get(_place(name), by_name) if self.placed else by_name
+
+    def is_placed(self, name: MoveName) -> bool:
+        """Tell whether a duration is given for a move by its place."""
+        return (
+            bool(self.placed)
+            and isinstance(name, GeneratorPlacement)
+            and _place(name) in self.placed
+        )
+
+    def unused(self, names: Iterable[MoveName]) -> str | None:
+        """Return the first duration that is of none of these moves, in words, else None."""
+        known = list(names)
+        used = {
+            name.generator if isinstance(name, GeneratorPlacement) else str(name) for name in known
+        }
+        for text in self.named:
+            if text not in used:
+                return f"{text!r}{did_you_mean(text, used)} is no generator and no id of a move"
+        places = (
+            {_place(name) for name in known if isinstance(name, GeneratorPlacement)}
+            if self.placed
+            else ()
+        )
+        for generator, at in self.placed:
+            if (generator, at) not in places:
+                return f"generator {generator!r} at {at!r} is no move"
+        return None
+
+    def with_named(self, named: Mapping[str, Fraction]) -> Durations:
+        """Return these with other durations for some generators and ids."""
+        return replace(self, named={**self.named, **named})
+
+
+def _place(name: GeneratorPlacement) -> tuple[str, Site]:
+    return name.generator, site_from_json(name.at)
+
+
+def time_from(value: Number) -> Fraction:
+    """Return a time from a whole number or text; InputError where it is none.
+
+    >>> time_from(2), time_from("3/2"), time_from("0.25")
+    (Fraction(2, 1), Fraction(3, 2), Fraction(1, 4))
+    """
+    text = str(value)
+    found = _NUMBER.fullmatch(text)
+    if found is None or (found[2] is not None and not int(found[2])):
+        raise InputError(f"found the time {text[:40]!r}, expected a number such as 2, 1.5 or 3/2")
+    return Fraction(text)
+
+
+def time_text(time: Fraction) -> Number:
+    """Return a time as files and answers have it: a whole number, or as text ``p/q``.
+
+    >>> time_text(Fraction(4, 2)), time_text(Fraction(3, 2))
+    (2, '3/2')
+    """
+    return time.numerator if time.denominator == 1 else str(time)
+
+
+def duration_from(value: Number) -> Fraction:
+    """Return a duration; InputError where it is no time, or not above 0."""
+    found = time_from(value)
+    if not found:
+        raise InputError("found the duration 0, expected more than 0")
+    return found
+
+
+def durations_in_words(texts: Iterable[str]) -> dict[str, Fraction]:
+    """Return durations by name from texts ``NAME=TIME``; InputError says which is none, and why.
+
+    >>> durations_in_words(["slide=3/2", "7=2"])
+    {'slide': Fraction(3, 2), '7': Fraction(2, 1)}
+    """
+    found: dict[str, Fraction] = {}
+    for text in texts:
+        name, equals, time = text.rpartition("=")
+        if not equals or not name:
+            raise InputError(f"{text}: expected NAME=TIME, as in slide=3/2")
+        if name in found:
+            raise InputError(f"{text}: {name!r} has a duration already, expected one")
+        try:
+            found[name] = duration_from(time)
+        except InputError as error:
+            raise InputError(f"{text}: {error}") from None
+    return found
+
+
+class _Decimal(str):
+    """A number with a decimal point or an exponent, as it is written."""
+
+    __slots__ = ()
+
+
+def read_durations(source: Source) -> Durations:
+    """Read durations from a TOML file, or a JSON file if its name ends so.
+
+    InputError, with the file and the key in it, where it cannot be read or something in it is no
+    duration.
+    """
+    with opened(source) as file:
+        text = file.text()
+    try:
+        if file.path.suffix.lower() == ".json":
+            return _durations(_json(text))
+        return _durations(_toml(text))
+    except InputError as error:
+        raise InputError(f"{file.path}: {error}") from None
+
+
+def _toml(text: str) -> object:
+    try:
+        return tomllib.loads(text, parse_float=_Decimal)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not TOML: {error}") from None
+
+
+def _json(text: str) -> object:
+    try:
+        return json.loads(
+            text, parse_float=_Decimal, parse_constant=_Decimal, object_pairs_hook=_object
+        )
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"not JSON: {error}") from None
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise InputError(f"key {key!r} stands twice")
+        found[key] = value
+    return found
+
+
+def _durations(document: object) -> Durations:
+    found = _table(document, "", ("format", "default", "generators", "ids", "moves"))
+    if found.get("format") != FORMAT:
+        raise InputError(f"format: found {_shown(found.get('format'))}, expected {FORMAT!r}")
+    named: dict[str, Fraction] = {}
+    for kind in ("generators", "ids"):
+        for name, value in _table(found.get(kind, {}), kind).items():
+            if name in named:
+                raise InputError(
+                    f"{name!r} is among the generators and the ids, expected one of them"
+                )
+            named[name] = _duration(value, f"{kind}.{name}")
+    return Durations(_duration(found.get("default", 1), "default"), named, _placed(found))
+
+
+def _placed(found: Mapping[str, object]) -> dict[tuple[str, Site], Fraction]:
+    moves = found.get("moves", [])
+    if not isinstance(moves, list):
+        raise InputError(f"moves: found {_shown(moves)}, expected a list of tables, [[moves]]")
+    placed: dict[tuple[str, Site], Fraction] = {}
+    for number, entry in enumerate(cast("list[object]", moves), 1):
+        where = f"moves {number}"
+        keys = ("generator", "at", "duration")
+        move = _table(entry, where, keys)
+        missing = [key for key in keys if key not in move]
+        if missing:
+            raise InputError(f"{where}: no key {missing[0]!r}, expected {', '.join(keys)}")
+        generator = move["generator"]
+        if not isinstance(generator, str) or isinstance(generator, _Decimal):
+            raise InputError(
+                f"{where}.generator: found {_shown(generator)}, expected the name of a generator"
+            )
+        try:
+            key = generator, site_from_json(_exact(move["at"]))
+        except InputError as error:
+            raise InputError(f"{where}.at: {error}") from None
+        if key in placed:
+            raise InputError(f"{where}: generator {generator!r} at {move['at']} comes twice")
+        placed[key] = _duration(move["duration"], f"{where}.duration")
+    return placed
+
+
+def _table(found: object, where: str, keys: tuple[str, ...] | None = None) -> dict[str, object]:
+    """Return what is a table, with none but these keys if some are given."""
+    if not isinstance(found, dict):
+        at = f"{where}: " if where else ""
+        raise InputError(f"{at}found {_shown(found)}, expected a table")
+    table = cast("dict[str, object]", found)
+    for key in table if keys is not None else ():
+        if key not in (known := keys or ()):
+            at = f"{where}: " if where else ""
+            near = did_you_mean(key, known)
+            raise InputError(f"{at}unknown key {key!r}{near}, expected {', '.join(known)}")
+    return table
+
+
+def _duration(value: object, where: str) -> Fraction:
+    if isinstance(value, bool) or not isinstance(value, int | str):
+        expected = "expected a number such as 2, 1.5 or 3/2"
+        raise InputError(f"{where}: found {_shown(value)}, {expected}")
+    try:
+        return duration_from(value)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _exact(value: object) -> object:
+    """Return a place with its decimals as numbers."""
+    if isinstance(value, list):
+        return [_exact(each) for each in cast("list[object]", value)]
+    return float(value) if isinstance(value, _Decimal) else value
+
+
+def _shown(value: object) -> str:
+    """Say what was found: a table or a list as such, all else as it is written."""
+    if isinstance(value, dict):
+        return "a table"
+    if isinstance(value, list):
+        return "a list"
+    if value is None:
+        return "nothing"
+    return str(value).lower() if isinstance(value, bool) else repr(value)[:60]

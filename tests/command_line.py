@@ -1,0 +1,44 @@
+"""The command line in a process of its own, with the standard streams that a test gives it."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parent.parent
+GOLDEN = ROOT / "logs" / "golden"
+PYTHON = [sys.executable, "-W", "error", "-m", "cubepath.coordinator"]
+
+
+def cubepath(*arguments: str | Path, **keywords: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command; its standard output and standard error are text."""
+    given: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
+    return subprocess.run(
+        [*PYTHON, *map(str, arguments)], text=True, timeout=100, check=False, **given
+    )
+
+
+def in_shell(line: str, **keywords: Any) -> subprocess.CompletedProcess[str]:
+    """Run a line of bash in which ``cubepath`` is the command."""
+    given: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | keywords
+    return subprocess.run(
+        ["/bin/bash", "-c", f'cubepath() {{ {shlex.join(PYTHON)} "$@"; }}; {line}'],
+        text=True,
+        timeout=100,
+        check=False,
+        **given,
+    )
+
+
+def without_reader(*arguments: str | Path, **keywords: Any) -> subprocess.CompletedProcess[str]:
+    """Run a command whose standard output is a pipe that nobody reads."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        return cubepath(*arguments, stdout=writing, **keywords)
+    finally:
+        os.close(writing)

@@ -1,0 +1,70 @@
+"""Standard streams: an answer that nobody takes, and streams that are full or closed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from command_line import GOLDEN, cubepath, in_shell, without_reader
+
+pytestmark = pytest.mark.slow
+
+RECORDING = str(GOLDEN / "agv-3.mcap")
+COMMANDS = {
+    "systems": ("systems",),
+    "rules as JSON": ("rules", "--json"),
+    "verify": ("verify", RECORDING),
+    "info": ("info", RECORDING),
+    "explain": ("shorten", RECORDING, "--explain"),
+    "complex": ("complex", "arm:n=3"),
+    "help": ("--help",),
+    "help of a command": ("run", "--help"),
+    "version": ("--version",),
+}
+each_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+
+
+@each_command
+def test_a_closed_pipe_ends_a_command_as_sigpipe_does(command: tuple[str, ...]) -> None:
+    """Nothing is said, and the exit code is that of `yes | head -1` for `yes`."""
+    done = without_reader(*command)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@each_command
+def test_a_full_standard_output_is_told(command: tuple[str, ...]) -> None:
+    """One line and exit code 1: what was asked for has not been answered."""
+    with Path("/dev/full").open("w") as full:
+        done = cubepath(*command, stdout=full)
+    told = "cubepath: standard output: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, told)
+
+
+def test_a_closed_standard_output_is_told_before_work_begins(tmp_path: Path) -> None:
+    """One line and exit code 1, for answers and for help; nothing is written."""
+    for arguments in ("systems", "--help", "--version", "complex arm:n=3 -o arm.json"):
+        done = in_shell(f"cubepath {arguments} >&-", cwd=tmp_path)
+        told = "cubepath: standard output: closed, expected a place for the answer\n"
+        assert (done.returncode, done.stderr) == (1, told)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_standard_error_that_takes_nothing_loses_no_answer(tmp_path: Path) -> None:
+    """Full or closed, whatever the command has to complain of."""
+    for where in ("2>/dev/full", "2>&-"):
+        done = in_shell(f"cubepath complex hex:n=4 --max-states 5 --json {where}")
+        assert done.returncode == 1
+        assert json.loads(done.stdout)["complete"] is False
+        done = in_shell(f"cubepath complex arm:n=3 -o arm.json --json {where}", cwd=tmp_path)
+        assert (done.returncode, json.loads(done.stdout)["states"]) == (0, 8)
+
+
+def test_a_run_with_all_streams_closed_writes_its_recording(tmp_path: Path) -> None:
+    """No file of the program takes the number of a stream that is closed."""
+    line = "cubepath run agv:graph=P3,n=1 --processes 1 --log run.mcap <&- 2>&-"
+    done = in_shell(line, cwd=tmp_path)
+    assert done.returncode == 0
+    told = cubepath("verify", "run.mcap", cwd=tmp_path)
+    assert (told.returncode, told.stderr) == (0, "")

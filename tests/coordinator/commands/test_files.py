@@ -1,0 +1,238 @@
+"""Files that commands name: standard streams, no output in the place of an input, names."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from command_line import GOLDEN, PYTHON, ROOT, cubepath, in_shell
+from cubepath.coordinator.commands.main import main
+from cubepath.protocol.scenes.toml import scene_to_toml
+from strategies import scene
+
+PLANS = ROOT / "tests" / "data" / "imports"
+MOVES = [
+    {"id": 1, "support": [0, 1], "trace": [0, 1], "before": [0], "after": [1]},
+    {"id": 2, "support": [1, 2], "trace": [1, 2], "before": [1], "after": [2]},
+]
+EDGE = {"generator": "edge", "at": [[0, 0], [1, 0]]}
+CUBES = '{"moves":[1]}\n{"moves":[2]}\n'
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Go to a folder with inputs of every kind."""
+    shutil.copytree(PLANS, tmp_path, dirs_exist_ok=True)
+    shutil.copy(GOLDEN / "agv-3.mcap", tmp_path / "run.mcap")
+    (tmp_path / "moves.jsonl").write_text("".join(json.dumps(move) + "\n" for move in MOVES))
+    (tmp_path / "edge.jsonl").write_text(json.dumps(EDGE) + "\n")
+    (tmp_path / "cubes.jsonl").write_text(json.dumps({"moves": [EDGE]}) + "\n")
+    (tmp_path / "grid.toml").write_text(scene_to_toml(scene("agv:graph=grid3x2,n=2")))
+    (tmp_path / "durations.toml").write_text('format = "cubepath-durations-1"\n')
+    (tmp_path / "grid.map").write_text("type octile\nheight 2\nwidth 3\nmap\n...\n...\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return every file of a folder with its bytes."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "line",
+    [
+        "cat moves.jsonl | cubepath shorten - -o -",
+        "cubepath shorten - -o - < moves.jsonl",
+        "cubepath shorten /dev/stdin -o /dev/stdout < moves.jsonl",
+        "cubepath shorten <(cat moves.jsonl) -o -",
+        "cat moves.jsonl | cubepath convert - - | cubepath shorten - -o -",
+        "cubepath convert moves.jsonl m.npz >&2; cat m.npz | cubepath shorten - -o -",
+        "cubepath shorten moves.jsonl -o c.npz >&2; cat c.npz | cubepath convert - -",
+    ],
+)
+def test_moves_and_cubes_come_and_go_by_standard_streams(line: str, folder: Path) -> None:
+    """From pipes, redirections and process substitutions; nothing else is on standard output."""
+    done = in_shell(line)
+    assert (done.returncode, done.stdout) == (0, CUBES)
+    assert "standard output" in done.stderr
+
+
+@pytest.mark.slow
+def test_a_redirected_file_is_added_to(folder: Path) -> None:
+    """Standard output is written where it is, not from the start of its file, nor replaced."""
+    in_shell("{ echo first; cubepath shorten moves.jsonl -o -; echo last; } > all.txt")
+    assert (folder / "all.txt").read_text() == f"first\n{CUBES}last\n"
+
+
+@pytest.mark.slow
+def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
+    """Every kind of input that its content tells, also from the middle of a stream on."""
+    for line in (
+        "cat lacam.txt | cubepath shorten - --with room.map",
+        "cat room.map | cubepath shorten lacam.txt --with -",
+        "cat run.mcap | cubepath shorten - --explain",
+        "cat run.mcap | cubepath verify -",
+        "cat durations.toml | cubepath shorten moves.jsonl --durations -",
+        "cat cubes.jsonl | cubepath run grid.toml --schedule - --processes 0 --log a.mcap",
+        "cat run.mcap | cubepath run --schedule - --processes 0 --log b.mcap",
+        "cubepath shorten moves.jsonl --certificate c.json",
+        "cat c.json | cubepath verify - --of moves.jsonl",
+        "{ read line; cubepath shorten - ; } < <(cat edge.jsonl moves.jsonl)",
+        "cubepath complex <(cat grid.toml)",
+    ):
+        done = in_shell(line)
+        assert (done.returncode, done.stderr, line) == (0, "", line)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("echo '{}' | cubepath shorten -", "standard input:1: Object missing required field"),
+        ("cubepath shorten - <&-", "standard input: closed, expected what to read"),
+        ("cubepath shorten - --with - < moves.jsonl", "standard input: named twice"),
+        ("cubepath shorten moves.jsonl -o - --json", "--json: standard output has the cubes"),
+        ("cubepath shorten moves.jsonl --certificate -", "standard output: takes moves and cubes"),
+        ("cubepath view run.mcap -o -", "standard output: takes moves and cubes alone"),
+        ("cubepath view - < run.mcap", "standard input: has no name for a picture"),
+        ("cubepath run hex:n=3 --log -", "standard output: has the answer, expected a file"),
+        ("cubepath verify run.mcap --recover -", "standard output: takes moves and cubes alone"),
+    ],
+)
+def test_what_is_wrong_with_a_stream_is_told(line: str, message: str, folder: Path) -> None:
+    """By the name that people know it by, in one line."""
+    done = in_shell(line)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"cubepath: {message}")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_cubes_that_nobody_takes_are_told_as_every_answer_is(folder: Path) -> None:
+    """A full standard output is exit code 1, a closed pipe ends quietly."""
+    done = in_shell("cubepath shorten moves.jsonl -o - > /dev/full")
+    told = "cubepath: standard output: No space left on device\n"
+    assert (done.returncode, done.stderr) == (1, told)
+    reading, writing = os.pipe()
+    os.close(reading)
+    done = cubepath("shorten", "moves.jsonl", "-o", "-", stdout=writing)
+    os.close(writing)
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+INPUTS_AS_OUTPUTS = [
+    "shorten moves.jsonl -o moves.jsonl",
+    "shorten moves.jsonl -o ./folder/../moves.jsonl",
+    "shorten moves.jsonl -o hard.jsonl",
+    "shorten moves.jsonl -o soft.jsonl",
+    "shorten moves.jsonl --certificate soft.json",
+    "shorten edge.jsonl --system grid.toml -o system.jsonl",
+    "shorten edge.jsonl --system agv:graph=grid.map,n=2 -o map.jsonl",
+    "shorten lacam.txt --with room.map -o with.jsonl",
+    "shorten moves.jsonl --durations durations.toml -o durations.jsonl",
+    "convert moves.jsonl moves.jsonl",
+    "convert lacam.txt with.jsonl --with room.map",
+    "complex agv:graph=grid.map,n=2 -o map.json",
+    "view run.mcap -o run.png",
+    "verify run.mcap --recover run.png",
+]
+
+
+@pytest.mark.parametrize("line", INPUTS_AS_OUTPUTS)
+def test_no_input_is_written_over(line: str, folder: Path, capsys: Capture) -> None:
+    """By its own name or another spelling, by a hard or a symbolic link; nothing is done."""
+    (folder / "folder").mkdir()
+    (folder / "hard.jsonl").hardlink_to("moves.jsonl")
+    for link, file in (
+        ("soft.jsonl", "moves.jsonl"),
+        ("soft.json", "moves.jsonl"),
+        ("system.jsonl", "grid.toml"),
+        ("map.jsonl", "grid.map"),
+        ("map.json", "grid.map"),
+        ("with.jsonl", "room.map"),
+        ("durations.jsonl", "durations.toml"),
+        ("run.png", "run.mcap"),
+    ):
+        (folder / link).symlink_to(file)
+    before = contents(folder)
+    assert main(line.split()) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.endswith(": is an input, expected another file to write\n")
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("shorten moves.jsonl -o kept.jsonl", "kept.jsonl: is a recording, which is kept"),
+        ("shorten moves.jsonl --certificate kept.json", "kept.json: is a recording"),
+        ("convert moves.jsonl kept.jsonl", "kept.jsonl: is a recording"),
+        ("view run.mcap -o kept.png", "kept.png: is a recording"),
+        ("complex arm:n=3 -o kept.json", "kept.json: is a recording"),
+        ("verify run.mcap --recover kept.mcap", "kept.mcap: is a recording"),
+        ("verify run.mcap --recover moves.jsonl", "moves.jsonl: exists already, expected a new"),
+        ("run hex:n=3 --log kept.mcap", "kept.mcap: exists already, expected a new file"),
+        ("shorten moves.jsonl -o a.jsonl --certificate a.jsonl", "a.jsonl: is to be written twice"),
+        ("shorten moves.jsonl -o cubes.txt", "cubes.txt: found the suffix .txt, expected one of"),
+        ("shorten moves.jsonl -o cubes", "cubes: found no suffix, expected one of .jsonl, .npz"),
+        ("shorten moves.jsonl --certificate c.toml", "c.toml: found the suffix .toml, expected"),
+        ("convert moves.jsonl a.json", "a.json: found the suffix .json, expected one of"),
+        ("view run.mcap -o run.mcap2", "run.mcap2: found the suffix .mcap2, expected one of .png"),
+        ("complex arm:n=3 -o arm.jpg", "arm.jpg: found the suffix .jpg, expected one of .json"),
+        ("complex arm:n=3 -o /dev/null", "/dev/null: found no suffix, expected one of .json"),
+        ("shorten moves.jsonl -o no/c.jsonl", "no/c.jsonl: there is no folder no, expected one"),
+        ("complex arm:n=3 -o no/arm.json", "no/arm.json: there is no folder no, expected one"),
+        ("view run.mcap -o no/run.png", "no/run.png: there is no folder no, expected one"),
+        ("verify run.mcap --recover no/a.mcap", "no/a.mcap: there is no folder no, expected one"),
+    ],
+)
+def test_outputs_are_looked_at_before_the_work(
+    line: str, message: str, folder: Path, capsys: Capture
+) -> None:
+    """Recordings are kept, names say what is in a file, and no folder is made."""
+    for kept in ("kept.jsonl", "kept.json", "kept.png", "kept.mcap"):
+        shutil.copy("run.mcap", kept)
+    before = contents(folder)
+    assert main(line.split()) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.startswith(f"cubepath: {message}")
+    assert (told.err.count("\n"), contents(folder)) == (1, before)
+
+
+@pytest.mark.slow
+def test_two_outputs_are_two_files(folder: Path, capsys: Capture) -> None:
+    """Also where one is a link to the other."""
+    (folder / "a.json").symlink_to("a.jsonl")
+    assert main(["shorten", "moves.jsonl", "-o", "a.jsonl", "--certificate", "a.json"]) == 2
+    assert "a.json: is to be written twice, expected two files" in capsys.readouterr().err
+    assert not (folder / "a.jsonl").exists()
+
+
+@pytest.mark.slow
+def test_a_signal_leaves_the_old_file_and_nothing_else(folder: Path) -> None:
+    """SIGTERM in the middle of writing: one line, exit code 130."""
+    (folder / "cubes.jsonl").write_text("old")
+    before = contents(folder)
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)
+    with (
+        subprocess.Popen(
+            [*PYTHON, "shorten", "pipe", "-o", "cubes.jsonl"], stderr=subprocess.PIPE, text=True
+        ) as child,
+        pipe.open("wb"),
+    ):  # once it is open for reading too, the command waits for its moves
+        child.send_signal(signal.SIGTERM)
+        _, told = child.communicate(timeout=60)
+    assert (child.returncode, told) == (130, "cubepath: interrupted\n")
+    assert contents(folder) == before

@@ -1,0 +1,126 @@
+"""Output files: whole or as before, with their permissions and links; and looked at beforehand."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import check_output, same_file, written_whole
+
+FULL = """
+import resource, sys
+from pathlib import Path
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import written_whole
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    with written_whole(Path(sys.argv[1])) as stream:
+        stream.write(bytes(100_000))
+except InputError as error:
+    print(error)
+"""
+
+
+def names(folder: Path) -> list[str]:
+    """Return what is in a folder, hidden files too."""
+    return sorted(each.name for each in folder.iterdir())
+
+
+def test_a_file_is_replaced_at_the_end_and_keeps_its_permissions(tmp_path: Path) -> None:
+    """Until then the old one is there."""
+    path = tmp_path / "file"
+    path.write_text("old")
+    path.chmod(0o640)
+    with written_whole(path) as stream:
+        stream.write(b"new")
+        assert path.read_text() == "old"
+    assert (path.read_text(), path.stat().st_mode & 0o777) == ("new", 0o640)
+    assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.parametrize("raised", [ValueError, KeyboardInterrupt, InputError])
+def test_an_error_leaves_the_old_file_and_nothing_else(
+    raised: type[BaseException], tmp_path: Path
+) -> None:
+    """An interrupt, too; and where there was no file there is none."""
+    (tmp_path / "file").write_text("old")
+    for path in (tmp_path / "file", tmp_path / "other"):
+        with pytest.raises(raised), written_whole(path) as stream:
+            stream.write(b"half")
+            raise raised
+    assert (tmp_path / "file").read_text() == "old"
+    assert names(tmp_path) == ["file"]
+
+
+@pytest.mark.slow
+def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    """Told in one line with the system's reason."""
+    path = tmp_path / "file"
+    path.write_text("old")
+    done = subprocess.run(
+        [sys.executable, "-c", FULL, path], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout == f"{path}: cannot be written: File too large\n"
+    assert (path.read_text(), names(tmp_path)) == ("old", ["file"])
+
+
+def test_a_link_stays_a_link(tmp_path: Path) -> None:
+    """What it leads to is replaced, or made."""
+    (tmp_path / "folder").mkdir()
+    link = tmp_path / "link"
+    link.symlink_to(Path("folder") / "file")
+    for text in (b"one", b"two"):
+        with written_whole(link) as stream:
+            stream.write(text)
+        assert link.is_symlink()
+        assert (tmp_path / "folder" / "file").read_bytes() == text
+
+
+def test_a_pipe_is_written_in_place(tmp_path: Path) -> None:
+    """It is a pipe afterwards, and who reads it gets all."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    read: list[bytes] = []
+    reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
+    reader.start()
+    with written_whole(pipe) as stream:
+        stream.write(b"text")
+    reader.join()
+    assert (read, pipe.is_fifo(), names(tmp_path)) == ([b"text"], True, ["pipe"])
+
+
+def test_what_cannot_be_written_is_known_beforehand(tmp_path: Path) -> None:
+    """A folder, a file in no folder, a file in a file; a new file and a device are no error."""
+    (tmp_path / "file").write_text("")
+    for path, why in (
+        (tmp_path, "a folder, expected a file"),
+        (tmp_path / "none" / "file", f"there is no folder {tmp_path / 'none'}, expected one"),
+        (tmp_path / "file" / "file", f"there is no folder {tmp_path / 'file'}, expected one"),
+    ):
+        with pytest.raises(InputError) as caught:
+            check_output(path)
+        assert str(caught.value).startswith(f"{path}: {why}")
+    check_output(tmp_path / "new")
+    check_output(tmp_path / "file")
+    check_output(Path(os.devnull))
+    assert names(tmp_path) == ["file"]
+
+
+def test_a_file_is_known_by_every_name(tmp_path: Path) -> None:
+    """By links and other spellings, there or not; a device is never the same."""
+    (tmp_path / "folder").mkdir()
+    file = tmp_path / "file"
+    other = tmp_path / "folder" / ".." / "file"
+    assert same_file(file, other)
+    file.write_text("")
+    (tmp_path / "hard").hardlink_to(file)
+    (tmp_path / "soft").symlink_to("file")
+    assert all(same_file(file, tmp_path / name) for name in ("hard", "soft", "folder/../file"))
+    assert not same_file(file, tmp_path / "folder")
+    assert not same_file(Path(os.devnull), Path(os.devnull))
