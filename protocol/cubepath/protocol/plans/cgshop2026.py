@@ -34,7 +34,13 @@ from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only
 from cubepath.protocol.plans.triangles import Triangles
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
-from cubepath.protocol.systems.point_sets import Edge, Point, Quadrilateral, edge_of
+from cubepath.protocol.systems.point_sets import (
+    Edge,
+    Point,
+    Quadrilateral,
+    distinct_edges,
+    edge_of,
+)
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
 
@@ -70,8 +76,8 @@ def read_cgshop2026(request: Request) -> Imported:
     points = _points(companion, instance)
     chosen = _chosen(path, request.values["triangulation"], len(solution.flips))
     where = f"{companion}: triangulations[{chosen}]"
-    edges = [_edge(edge, len(points), where) for edge in instance.triangulations[chosen]]
     try:
+        edges = distinct_edges(instance.triangulations[chosen], len(points))
         triangles = Triangles(points, edges)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
@@ -143,13 +149,6 @@ def _chosen(path: Path, value: str, count: int) -> int:
     if not (value.isascii() and value.isdecimal() and int(value[:9]) <= last):
         raise InputError(f"{path}: triangulation={value}: expected 0 to {last}")
     return int(value)
-
-
-def _edge(edge: Edge, count: int, where: str) -> Edge:
-    one, other = edge
-    if not (0 <= one < count and 0 <= other < count and one != other):
-        raise InputError(f"{where}: edge {list(edge)}: expected two points of 0 to {count - 1}")
-    return edge_of(one, other)
 
 
 def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:

@@ -15,7 +15,13 @@ from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound
 from cubepath.protocol.systems.listed import TabledSystem
-from cubepath.protocol.systems.point_sets import Edge, Point, PointSet, Quadrilateral
+from cubepath.protocol.systems.point_sets import (
+    Edge,
+    Point,
+    PointSet,
+    Quadrilateral,
+    distinct_edges,
+)
 
 
 class FlipSystem(TabledSystem):
@@ -74,6 +80,15 @@ class FlipSystem(TabledSystem):
         edges = _edges(goal)
         return lambda site: sum(cross(one, edge) for one in _edges((site,)) for edge in edges)
 
+    def modules_among(self, sites: Iterable[Site]) -> tuple[Edge, ...]:
+        """Return the diagonals among the edges of a triangulation, in their order.
+
+        A file says all edges, or leaves out those that are in every triangulation; either end of
+        an edge may come first.
+        """
+        edges = distinct_edges(sites, len(self.plane.points))
+        return tuple(edge for edge in edges if edge not in self.kept)
+
     def modules_of(self, edges: Iterable[Edge]) -> tuple[Edge, ...]:
         """Return the edges of a triangulation that are modules, in order."""
         return tuple(sorted(edge for edge in edges if edge not in self.kept))
@@ -106,7 +121,7 @@ class FlipSystem(TabledSystem):
         last = len(self.plane.points) - 1
         for site in sites:
             match site:
-                case (int(one), int(other)) if 0 <= one < other <= last:
+                case (one, other) if type(one) is type(other) is int and 0 <= one < other <= last:
                     edges.append((one, other))
                 case _:
                     raise InputError(f"{site!r} is no edge [a, b] of points a < b up to {last}")
