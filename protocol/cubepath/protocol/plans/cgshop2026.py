@@ -100,7 +100,41 @@ def read_cgshop2026(request: Request) -> Imported:
             raise InputError(f"{companion}: {error}") from None
         return Scene(str(path), "triangulation", system, system.modules_of(start))
 
-    return Imported(moves(), len(rounds), scene)
+    def unsolved() -> str | None:
+        end = frozenset(triangles.edges())
+        others = (k for k in range(len(solution.flips)) if k != chosen)
+        off = [(k, why) for k in others if (why := _apart(points, instance, solution, k, end))]
+        if not off:
+            return None
+        first, why = off[0]
+        many = "triangulation does not end" if len(off) == 1 else "triangulations do not end"
+        return (
+            f"{len(off)} other {many} as triangulation {chosen} does, the first is triangulation"
+            f" {first}: {why}"
+        )
+
+    return Imported(moves(), len(rounds), scene, unsolved=unsolved)
+
+
+def _apart(
+    points: Sequence[Point],
+    instance: _Instance,
+    solution: _Solution,
+    number: int,
+    end: frozenset[Edge],
+) -> str | None:
+    """Return why a triangulation's own flips do not take it to this end, None if they do."""
+    try:
+        triangles = Triangles(points, distinct_edges(instance.triangulations[number], len(points)))
+        for flips in solution.flips[number]:
+            _round(triangles, flips)
+    except InputError as error:
+        return str(error)
+    stray = sorted(end.symmetric_difference(triangles.edges()))
+    if not stray:
+        return None
+    has = "lacks" if stray[0] in end else "has"
+    return f"it {has} edge {list(stray[0])}, expected all to end alike"
 
 
 def _check_pair(

@@ -21,6 +21,10 @@ from cubepath.protocol.path_files.moves import PathMove
 _T = TypeVar("_T")
 
 
+def _solved() -> None:
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """What a reader is asked for: a plan, the files it is about, and the values of its keys."""
@@ -43,13 +47,16 @@ class Imported:
     `moves` yields each move as soon as it is checked, and raises InputError at the first that is
     not as it must be. `rounds` is how many rounds the planner has counted itself, None where the
     file does not say. `scene` builds the system with the start, which can take long; its vehicles
-    have `labelled_goals` where they bear no labels but each is to end where it does.
+    have `labelled_goals` where they bear no labels but each is to end where it does. `unsolved`,
+    asked once all moves have come, says in a line where the plan does not end as its instance asks,
+    None where it does or nothing is asked.
     """
 
     moves: Iterator[PathMove]
     rounds: int | None
     scene: Callable[[], Scene]
     labelled_goals: bool = False
+    unsolved: Callable[[], str | None] = _solved
 
 
 def decode_file(source: Source, type_: type[_T]) -> _T:
