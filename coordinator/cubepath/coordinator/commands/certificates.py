@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
     from cubepath.protocol.path_files.certificates import Certificate
-    from cubepath.protocol.path_files.moves import MoveName
+    from cubepath.protocol.path_files.moves import CubeName
     from cubepath.protocol.path_files.timetables import Durations
 
 
@@ -252,7 +252,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
     return FAILED if wrong else DONE
 
 
-def _cubes(path: Path) -> Sequence[tuple[MoveName, ...]]:
+def _cubes(path: Path) -> Sequence[tuple[CubeName, ...]]:
     from cubepath.protocol.path_files.moves import read_cubes  # noqa: PLC0415
 
     return list(read_cubes(path))

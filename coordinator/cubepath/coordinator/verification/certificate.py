@@ -19,7 +19,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.path_files.moves import MoveName, PathMove
+from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
 
 CHECKS = {
     "form": "each move of the path is in one cancelled pair or in one cube",
@@ -85,14 +85,23 @@ def _stray(sites: set[Site]) -> str:
 
 
 def compare_cubes(
-    certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[MoveName]]
+    certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[CubeName]]
 ) -> str | None:
     """Return where the cubes of a cubes file are not those of the certificate; None if they are.
 
-    Moves are compared by how they are written. Only for a certificate whose `form` holds.
+    Moves are compared by how they are written; an id that moves with different contents have says
+    nothing without the number of the move. Only for a certificate whose `form` holds.
     """
+    shared = _shared_ids(moves[move - 1] for cube in certificate.cubes for move in cube)
     for number, (ours, theirs) in enumerate(zip(certificate.cubes, cubes, strict=False), 1):
-        names = sorted(_name(moves[move - 1].name) for move in ours)
+        unclear = [name for name in theirs if isinstance(name, str | int) and name in shared]
+        if unclear:
+            return (
+                f"cube {number}: moves with different contents have the id"
+                f" {site_text(unclear[0])}, expected [id, number of the move]"
+            )
+        numbered = {name.move for name in theirs if isinstance(name, NumberedId)}
+        names = sorted(_name(_written(moves, move, numbered)) for move in ours)
         if names != sorted(map(_name, theirs)):
             return f"cube {number} has other moves than the certificate"
     if len(cubes) != len(certificate.cubes):
@@ -100,7 +109,25 @@ def compare_cubes(
     return None
 
 
-def _name(name: MoveName) -> str:
+def _shared_ids(moves: Iterable[PathMove]) -> set[str | int]:
+    """Return the ids that moves with different contents have."""
+    first: dict[str | int, Action] = {}
+    return {
+        move.name
+        for move in moves
+        if isinstance(move.name, str | int)
+        and first.setdefault(move.name, move.action) != move.action
+    }
+
+
+def _written(moves: Sequence[PathMove], move: int, numbered: set[int]) -> CubeName:
+    name = moves[move - 1].name
+    if isinstance(name, str | int) and move in numbered:
+        return NumberedId(name, move)
+    return name
+
+
+def _name(name: CubeName) -> str:
     if isinstance(name, GeneratorPlacement):
         return site_text((name.generator, site_in(name.at)))
     return site_text(name)

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
         write_certificate,
     )
     from cubepath.protocol.path_files.moves import (
+        CubeName,
         MoveName,
+        NumberedId,
         PathMove,
         cube_schema,
         id_of,
@@ -71,8 +73,8 @@ else:
                 "Certificate certificate_schema companion read_certificate write_certificate"
             ),
             "moves": (
-                "MoveName PathMove cube_schema id_of known_of_named move_schemas read_cubes "
-                "read_moves write_cubes write_moves"
+                "CubeName MoveName NumberedId PathMove cube_schema id_of known_of_named "
+                "move_schemas read_cubes read_moves write_cubes write_moves"
             ),
             "npz": (
                 "NumberedCubes holds_cubes is_npz read_cubes_npz read_moves_npz write_cubes_npz "
@@ -89,11 +91,13 @@ else:
 
 __all__ = [
     "Certificate",
+    "CubeName",
     "Cubes",
     "Durations",
     "IrregularError",
     "MoveName",
     "NumberedCubes",
+    "NumberedId",
     "NumberedPath",
     "OwnMoves",
     "PathMove",

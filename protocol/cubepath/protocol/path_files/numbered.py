@@ -27,7 +27,9 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import written_whole
 from cubepath.protocol.path_files.moves import (
     ContentsLine,
+    CubeName,
     MoveName,
+    NumberedId,
     PathMove,
     contents_line,
     known_of_named,
@@ -69,6 +71,33 @@ class NumberedPath:
         if self.names is not None:
             return self.names[move]
         return self.action_names[int(self.numbers[move])]
+
+    def cube_names(
+        self, moves: NDArray[np.int64], places: NDArray[np.int64] | None = None
+    ) -> list[CubeName]:
+        """Return how these moves are written in a cubes file, so that each is told from all others.
+
+        That is the name, with the number of the move in its input where moves with other contents
+        have the same id. `places` are the places in the input, where this is not all of it.
+        """
+        names: list[CubeName] = [self.name(move) for move in moves.tolist()]
+        shared = self._shared_ids()
+        if shared:
+            numbers = (moves if places is None else places).tolist()
+            for place, name in enumerate(names):
+                if isinstance(name, str | int) and name in shared:
+                    names[place] = NumberedId(name, numbers[place] + 1)
+        return names
+
+    def _shared_ids(self) -> set[str | int]:
+        """Return the ids that moves with different contents have."""
+        if self.names is None:
+            pairs = list(zip(self.action_names, range(len(self.actions)), strict=True))
+        else:
+            pairs = list(zip(self.names, self.numbers.tolist(), strict=True))
+        by_id = [(name, number) for name, number in pairs if isinstance(name, str | int)]
+        last = dict(by_id)
+        return {name for name, number in by_id if last[name] != number}
 
     def move(self, place: int) -> PathMove:
         """Return the move at a place, from 0; an id is also its action's label, as JSON text."""

@@ -14,7 +14,7 @@ import msgspec
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
-from cubepath.protocol.path_files.moves import CubeLine
+from cubepath.protocol.path_files.moves import CubeLine, CubeName
 
 Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
 """The cubes of a schedule; the first is that of round 1."""
@@ -39,9 +39,7 @@ def schedule_from_jsonl(text: bytes) -> Cubes:
     return tuple(by_generator(number, line.moves) for number, line in enumerate(lines, 1))
 
 
-def by_generator(
-    number: int, moves: Iterable[str | int | GeneratorPlacement]
-) -> tuple[GeneratorPlacement, ...]:
+def by_generator(number: int, moves: Iterable[CubeName]) -> tuple[GeneratorPlacement, ...]:
     """Return the moves of a cube; InputError where one is named by an id, or is at no site.
 
     `number` is that of the cube, for the error.

@@ -24,7 +24,7 @@ from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
-from cubepath.protocol.path_files.moves import MoveName
+from cubepath.protocol.path_files.moves import CubeName, MoveName
 
 FORMAT = "cubepath-durations-1"
 
@@ -191,7 +191,7 @@ class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     start: Number
     duration: Number
-    move: MoveName
+    move: CubeName
 
 
 _line = msgspec.json.Decoder(TimedLine).decode
