@@ -168,7 +168,7 @@ def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
     with opened(source) as file:
         for number, line in file.numbered_lines():
             try:
-                yield tuple(decode_line(_cube, line, 'the key "moves"').moves)
+                yield tuple(decode_line(_cube, line, 'the key "moves"', keys_of_cube).moves)
             except InputError as error:
                 raise InputError(f"{file.path}:{number}: {error}") from None
 
@@ -218,6 +218,17 @@ _id: Callable[[str], str | int] = msgspec.json.Decoder(str | int).decode
 _cube = msgspec.json.Decoder(CubeLine).decode
 
 
+def keys_of_cube(line: CubeLine) -> int:
+    """Return how many keys a line with this cube has at least."""
+    return 1 + 2 * sum(isinstance(move, GeneratorPlacement) for move in line.moves)
+
+
+def _keys_of(line: GeneratorPlacement | ContentsLine) -> int:
+    if isinstance(line, GeneratorPlacement):
+        return 2
+    return 3 + (line.before is not None) + (line.after is not None)
+
+
 def _form_of(line: bytes) -> _Form | None:
     """Return the form that the keys of a line speak for, None where it is no object."""
     try:
@@ -265,7 +276,7 @@ class _Reader:
         if self._form is None:
             return decode_line(_CONTENTS.decode, line, f"{_GENERATOR.keys}, or {_CONTENTS.keys}")
         try:
-            return decode_line(self._form.decode, line, self._form.keys)
+            return decode_line(self._form.decode, line, self._form.keys, _keys_of)
         except InputError:
             form = _form_of(line)
             if form is None or form is self._form:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
@@ -322,6 +323,7 @@ class _Numberer:
         if self._scene is None:
             raise IrregularError("a generator without a system")
         found = placement_in(line)
+        check_keys(line, 2)
         action = self._scene.system.action(found.generator, site_from_json(found.at))
         number = self._kept.add(action, found)
         if len(self._lines) >= _KEPT:
@@ -335,6 +337,9 @@ class _Numberer:
         for line in lines:
             raw = _raw(line)
             before, after = raw.before, raw.after
+            due = 3 + (before is not msgspec.UNSET) + (after is not msgspec.UNSET)
+            if line.count(b":") > due:
+                check_keys(line, due)
             key: tuple[object, ...]
             if before is msgspec.UNSET or after is msgspec.UNSET:
                 key = bytes(raw.support), bytes(raw.trace), raw.id

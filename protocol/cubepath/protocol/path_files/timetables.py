@@ -21,6 +21,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
@@ -154,6 +155,7 @@ def _parsed(text: str, *, as_json: bool) -> _File:
     try:
         if as_json:
             found: Any = json.loads(text, parse_float=str, parse_constant=str)
+            check_keys(text.encode(), where="line ")
         else:
             found = tomllib.loads(text, parse_float=str)
         return msgspec.convert(found, _File)

@@ -14,6 +14,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
@@ -64,11 +65,13 @@ def decode_file(source: Source, type_: type[_T]) -> _T:
     with opened(source) as file:
         path, text = file.path, file.whole()
     try:
-        return msgspec.json.decode(text, type=type_)
+        found = msgspec.json.decode(text, type=type_)
+        check_keys(text, where=f"{path}:")
     except RecursionError:
         raise InputError(f"{path}: lists in lists, nested too deeply") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: {error}") from None
+    return found
 
 
 def only(request: Request, what: str) -> Path:

@@ -18,6 +18,7 @@ from typing import Any
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.flips import FlipSystem
@@ -95,6 +96,7 @@ def _points_from_json(text: str, where: str) -> Points:
 
     try:
         value: Any = json.loads(text, parse_int=exact, parse_float=exact, parse_constant=exact)
+        check_keys(text.encode(), where=f"{where}:")
     except json.JSONDecodeError as error:
         raise InputError(f"{where}:{error.lineno}: not JSON: {error.msg}") from None
     if not isinstance(value, dict):
