@@ -424,6 +424,8 @@ def _verify(options: argparse.Namespace) -> int:
         for check in found.checks
     ]
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
+    if found.ok and not found.complete:
+        lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
     answer(options, found.document(), "\n".join(lines))
     if options.recover is not None:
         saved = recover(recording, options.recover)
