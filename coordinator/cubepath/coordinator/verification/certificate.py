@@ -41,8 +41,8 @@ def check_certificate(
 ) -> Found:
     """Return what comes of checking a certificate against its path; nothing is raised.
 
-    Where the start is known, the cubes are carried out from there: the check `end`. Where it is
-    not, a certificate that says where the path ends fails it.
+    Where the start is known, the cubes are carried out from there: the check `end`, which asks that
+    the certificate says where the path ends. Where it is not, one that says so fails it.
     """
     if certificate.moves != len(path):
         return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}
@@ -64,11 +64,19 @@ def _end(
     why = why or _carry_out(after_cubes, moves)
     if why is None and after_cubes != after_path:
         why = f"{_stray(after_cubes ^ after_path)} is not after the cubes as after the path"
-    if why is None and certificate.end is not None:
-        told = {site_in(site) for site in certificate.end}
-        if told != after_path:
-            why = f"{_stray(told ^ after_path)} is not at the end as it says"
-    return why
+    return why or _told_end(certificate.end, after_path)
+
+
+def _told_end(end: Sequence[object] | None, state: set[Site]) -> str | None:
+    if end is None:
+        return 'it has no "end", expected one: what is on at the start is known'
+    told: set[Site] = set()
+    for value in end:
+        site = site_in(value)
+        if site in told:
+            return f"{site_text(site)} stands twice at the end"
+        told.add(site)
+    return f"{_stray(told ^ state)} is not at the end as it says" if told != state else None
 
 
 def _carry_out(state: set[Site], steps: Iterable[tuple[str, Action]]) -> str | None:
