@@ -108,6 +108,16 @@ def test_booleans_are_no_labels() -> None:
         scene(YARD.replace('["dock", 1]', '["dock", true]', 1), goals="[]")
 
 
+@pytest.mark.parametrize("depth", [65, 500, 50_000])
+def test_lists_in_lists_are_refused(depth: int) -> None:
+    """However deep they are, as a site and in a label, in one line that names the file."""
+    deep = "[" * depth + "]" * depth
+    for text in (FLOOR.replace("START", f"[{deep}]"), YARD.replace('"yard"', deep)):
+        with pytest.raises(InputError, match=r"file\.toml: ") as error:
+            scene(text, goals="[]")
+        assert "\n" not in str(error.value)
+
+
 WHOLE = "[[0, 2], [1, 0], [1, 2], [2, 3], [3, 0], [3, 4], [0, 4]]"
 
 

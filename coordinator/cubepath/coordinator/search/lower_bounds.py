@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from cubepath.coordinator.search.said import bounds_of, ways_of
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.catalogue import Catalogue
 from cubepath.protocol.core.sites import Site, in_order
@@ -28,7 +29,7 @@ def lower_bound(system: System | None, start: State, goal: State, *, within: int
     found = [Bound(0 if start == goal else 1, "the ends differ" if start != goal else "no move")]
     if system is not None and start != goal:
         found.append(Bound(module_bound(system, start, goal, within=within), "way of a module"))
-        found += system.bounds(start, goal)
+        found += bounds_of(system, start, goal)
     return max(found, key=lambda bound: bound.cubes)
 
 
@@ -51,7 +52,7 @@ def module_bound(system: System, start: State, goal: State, *, within: int) -> i
     breadth-first search for each module and augmenting paths over all pairs: modules^2 to modules^3
     steps.
     """
-    ways = system.ways()
+    ways = ways_of(system)
     if ways is None:
         return 0
     near, one_to_one = ways

@@ -43,6 +43,8 @@ def scene_from_toml(text: str, where: str) -> Scene:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: not TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{where}: lists in lists, nested too deeply") from None
     if table.get("format") != FORMAT:
         raise InputError(f"{where}: format is {table.get('format')!r}, expected {FORMAT!r}")
     try:

@@ -196,6 +196,8 @@ def scenario_from_json(source: Source) -> Scenario:
     try:
         found = msgspec.json.decode(text, type=_ScenarioFile)
         check_keys(text.encode(), where=f"{path}:")
+    except RecursionError:
+        raise InputError(f"{path}: lists in lists, nested too deeply") from None
     except msgspec.DecodeError as error:
         raise InputError(f"{path}: {error}") from None
     obstacles = frozenset(found.obstacles)
