@@ -18,8 +18,8 @@ from recordings import all_edited, first
 from tamperings import crowd, failing
 
 SYSTEM = "agv:graph=grid3x2,n=2"
-MOVES = [[[0, 0], [1, 0]], [[0, 1], [1, 1]], [[1, 0], [2, 0]], [[1, 1], [0, 1]], [[0, 1], [0, 0]]]
-MOVES += [[[2, 0], [2, 1]]] * 2
+STEPS = [[[0, 0], [1, 0]], [[0, 1], [1, 1]], [[1, 0], [2, 0]], [[1, 1], [0, 1]], [[0, 1], [0, 0]]]
+ASIDE = [[[2, 0], [2, 1]]] * 2
 
 WRONG: dict[str, tuple[dict[str, Any], str, str]] = {
     "no end": ({"end": None}, "end", 'it has no "end", expected one: what is on at the start'),
@@ -42,7 +42,7 @@ WRONG: dict[str, tuple[dict[str, Any], str, str]] = {
 def certified(folder: Path) -> tuple[Path, Path, dict[str, Any]]:
     """Write moves of which two pairs cancel, and their certificate."""
     moves, proof = folder / "moves.jsonl", folder / "cubes.certificate.json"
-    lines = [{"generator": "edge", "at": at} for at in MOVES]
+    lines = [{"generator": "edge", "at": at} for at in [*STEPS, *ASIDE]]
     moves.write_text("".join(json.dumps(line) + "\n" for line in lines))
     command = ["shorten", str(moves), "--system", SYSTEM, "--certificate", str(proof)]
     assert main(command) == 0
