@@ -181,6 +181,45 @@ def test_its_own_bound_and_argument_are_used(commands: Commands) -> None:
     assert "2 (neighbours take turns)" in shown
 
 
+@pytest.mark.parametrize(
+    ("method", "body", "told"),
+    [
+        ("bounds", "yield from [][0]", "Late.bounds of raising: IndexError: list index out of"),
+        (
+            "ways",
+            "from cubepath.protocol import Ways; return Ways(lambda site: site[9], False)",
+            "Late.ways of raising: IndexError: tuple index out of range",
+        ),
+    ],
+)
+def test_what_its_methods_raise_is_one_line(
+    tmp_path: Path, installed: dict[str, str], method: str, body: str, told: str
+) -> None:
+    """A bound or ways that fail are told by class and method."""
+    arguments = {"bounds": "self, start, goal", "ways": "self"}[method]
+    (tmp_path / "raising.py").write_text(
+        "from dataclasses import replace\nfrom cubepath.protocol import Scene\n"
+        "from switches_on_a_ring import RING, Ring\n\n"
+        f"class Late(Ring):\n    table = 'late'\n    def {method}({arguments}):\n        {body}\n\n"
+        "def late(name, values):\n"
+        "    scene = RING.build(name, values)\n"
+        "    return replace(scene, system=Late(scene.system.size))\n\n"
+        "LATE = replace(RING, name='late', build=late, system=Late)\n"
+    )
+    info = tmp_path / "raising-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: raising\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[cubepath.systems]\nlate = raising:LATE\n")
+    path = os.pathsep.join((str(tmp_path), installed["PYTHONPATH"]))
+    commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
+    lines = [json.dumps({"generator": "flip", "at": place}) for place in (0, 4, 1, 2)]
+    (tmp_path / "moves.jsonl").write_text("\n".join(lines) + "\n")
+    shorten = ("shorten", "moves.jsonl", "--system=late:n=6", "--improve=0.2")
+    said = commands(*shorten, code=2)
+    assert said.startswith(f"cubepath: {told}")
+    assert said.count("\n") == 1
+
+
 def test_a_schedule_is_carried_out(commands: Commands) -> None:
     """Of a recording, and of a cubes file in another scene of the class."""
     assert commands.json("run", "--schedule=ring.mcap", "--log=again.mcap")["schedule_cubes"]

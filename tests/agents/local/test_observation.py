@@ -10,6 +10,7 @@ import pytest
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import (
+    checked_note,
     chosen_move,
     goal_sets,
     is_legal,
@@ -18,6 +19,7 @@ from cubepath.agents.local.observation import (
 )
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
@@ -159,3 +161,12 @@ def test_legal_is_what_the_mask_says() -> None:
         assert is_legal(mask, action) == is_legal(kept, action) == (action in (0, 1))
         move = system.moves(site)[0] if action == 1 else None
         assert chosen_move(system, site, kept, action) == move
+
+
+def test_a_note_is_int32_above_the_least() -> None:
+    """Both ends of what a note may hold are taken, and one beyond each is refused."""
+    least, most = -(2**31), 2**31 - 1
+    assert checked_note((most, least + 1), 2) == (most, least + 1)
+    for number in (most + 1, least):
+        with pytest.raises(InputError, match=f"a note with {number}, expected more than {least}"):
+            checked_note((0, number), 2)

@@ -399,10 +399,10 @@ def test_goals_that_it_cannot_reach_are_refused_at_birth(goals: list[Cell], mess
 
 
 def test_goals_listed_twice_are_no_chain() -> None:
-    """A goal that stays on one cell is not straight."""
-    scene = replace(scene_of(LINE[:2], LINE[:2]), goals=(((1, 0), (1, 0)),) * 2)
+    """A goal that stays on one cell is not straight, whoever tells a module of it."""
+    knowledge = replace(births(scene_of(LINE[:2], LINE[:2]))[0], goals=((1, 0), (1, 0)))
     with pytest.raises(InputError, match="no straight chain"):
-        actors_for(scene, CHAIN, seed=0, hesitate=0.0)
+        CHAIN.make(knowledge)
 
 
 @pytest.mark.parametrize(

@@ -63,13 +63,14 @@ def obviously(path: Sequence[Action], found: Certificate) -> set[str]:
     everything = list(range(1, len(path) + 1))
     if sorted(members) != everything or [] in found.cubes:
         return {"form"}
+    laters = [later for _, later in found.cancelled]
+    fails: set[str] = set() if laters == sorted(laters) else {"cancelled"}
 
     def apart(one: int, other: int) -> bool:
         return commute(path[one - 1], path[other - 1])
 
     cube = {move: number for number, each in enumerate(found.cubes) for move in each}
     left = sorted(cube)
-    fails: set[str] = set()
     alive = set(everything)
     for first, later in sorted(found.cancelled, key=lambda pair: pair[1]):
         between = [move for move in alive if first < move < later]
@@ -203,6 +204,12 @@ WRONG: dict[str, tuple[Word, Certificate, str, str]] = {
         replace(GOOD, cancelled=[(5, 2), (3, 7)]),
         "cancelled",
         "moves 5 and 2 are a pair, but the later one stands first",
+    ),
+    "pairs out of order": (
+        PATH,
+        replace(GOOD, cancelled=[(3, 7), (2, 5)]),
+        "cancelled",
+        "pair 2 ends at move 5, and the one before at move 7: expected them in order of the later",
     ),
     "a pair left out": (
         PATH,

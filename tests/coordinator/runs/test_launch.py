@@ -404,3 +404,12 @@ def test_an_unknown_family_runs_at_random(tmp_path: Path) -> None:
     assert outcome.rule == "random"
     with pytest.raises(InputError, match="not for this system"):
         run(Plan(str(path), rule="chain", log=tmp_path / "b.mcap"))
+
+
+@pytest.mark.slow
+def test_a_run_that_no_recording_could_hold_is_refused_at_once(tmp_path: Path) -> None:
+    """Before anything is written or started, with how many modules there may be."""
+    log = tmp_path / "run.mcap"
+    with pytest.raises(InputError, match=r"65535 at most: expected at most 13105 modules"):
+        run(Plan("agv:graph=grid130x130,n=13107", processes=2, log=log))
+    assert not log.exists()

@@ -17,6 +17,7 @@ from msgspec.structs import replace
 import tamperings_of_certificates
 import tamperings_of_results
 import tamperings_of_schedules
+from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.coordinator.verification import rounds as rederive
 from cubepath.coordinator.verification.recording import CHECKS, recover, verify
@@ -234,9 +235,11 @@ def test_progress_is_told_for_each_round() -> None:
 
 
 def test_the_document_has_the_keys_that_are_promised() -> None:
-    """`--json` gives ok, checks, moves, rounds, cubes and path_digest."""
+    """`--json` gives ok, complete, checks, moves, rounds, cubes and path_digest."""
     document = verify(crowd()).document()
-    assert list(document) == ["ok", "checks", "moves", "rounds", "cubes", "path_digest"]
+    keys = ["ok", "complete", "checks", "moves", "rounds", "cubes", "path_digest"]
+    assert list(document) == keys
+    assert document["complete"] is True
     assert document["checks"][0] == {"name": "readable", "ok": True, "detail": ""}
 
 
@@ -273,9 +276,47 @@ def test_recovering_writes_what_can_be_read_as_a_proper_recording(tmp_path: Path
     assert [each.data for each in new.records] == [each.data for each in cut.records]
     assert found.messages == len(new.records) > 50
     assert found.rounds == verify(new).rounds > 2
-    assert failing(verify(new)) == {"complete"}
+    assert failing(verify(new)) == set()
+    assert not verify(new).complete
     assert failing(verify(cut)) == {"complete", "readable"}
     assert "truncated" in new.parameters["recovered"]
+
+
+def test_a_recovered_run_is_fine_as_far_as_it_goes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`verify` and `info` say complete: false, and the exit code is 0; that of the damaged is 1."""
+    path, out = damaged(tmp_path / "cut.mcap"), tmp_path / "new.mcap"
+    assert main(["verify", str(path), "--json", "--recover", str(out)]) == 1
+    assert json.loads(capsys.readouterr().out)["complete"] is False
+    assert main(["verify", str(out), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert (document["ok"], document["complete"]) == (True, False)
+    assert main(["verify", str(out)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1].startswith("complete: false")
+    for log, complete in ((path, False), (out, False), (crowd().path, True)):
+        assert main(["info", str(log), "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["complete"] is complete
+
+
+def test_what_else_is_wrong_with_a_recovered_run_fails(tmp_path: Path) -> None:
+    """A move that was tampered with, and a round that is missing before the cut."""
+    path, out = damaged(tmp_path / "cut.mcap"), tmp_path / "new.mcap"
+    recover(path, out)
+    new = read_recording(out)
+    report = first(new, "report", lambda each: each.move is not None)
+    assert "sites" in failing(verify(edited(new, report, replace(report, site=[9, 9]))))
+    assert failing(verify(edited(new, report, replace(report, move=None))))
+    assert "reports" in failing(verify(edited(new, report)))
+
+
+def test_a_recovered_recording_with_a_summary_has_all_its_cubes(tmp_path: Path) -> None:
+    """Where the end is there, what it counts has to be there too."""
+    out = tmp_path / "new.mcap"
+    recover(crowd(), out)
+    assert verify(read_recording(out)).complete
+    cube = first(crowd(), "cube")
+    assert "complete" in failing(verify(edited(read_recording(out), cube)))
 
 
 def test_recovering_never_overwrites_its_input(tmp_path: Path) -> None:

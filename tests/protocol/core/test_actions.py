@@ -44,6 +44,17 @@ def test_contents_decide_equality(other: Action) -> None:
     assert other != STEP
 
 
+def test_guards_are_part_of_what_an_action_is() -> None:
+    """With other guards, or with none, it is another action, with another hash."""
+    plain, guarded, other = (
+        Action([1, 2, 3, 4], [1, 2], [1], [2], free=[3, 4], guards=guards)
+        for guards in ([], [(3, 4)], [(4, 3)])
+    )
+    assert len({plain, guarded, other}) == 3
+    assert len({hash(plain), hash(guarded), hash(other)}) == 3
+    assert plain != guarded != other != plain
+
+
 def test_another_label_is_the_same_action() -> None:
     """With all that it knows, and the first keeps its own."""
     action = Action({"a", "b", "c"}, {"a"}, {"a"}, set(), free={"b"}, guards={("b", "c")})

@@ -111,7 +111,7 @@ def test_durations_that_are_not_there(tmp_path: Path) -> None:
         ("[]", "found a list, expected a table"),
         ('{"format": "cubepath-durations-1", "default": NaN}', "default: found the time 'NaN'"),
         ('{"format": "cubepath-durations-1", "default": null}', "default: found nothing, expected"),
-        ('{"default": 1, "default": 2}', "key 'default' stands twice"),
+        ('{"default": 1, "default": 2}', 'line 1: key "default" stands twice'),
         ("[" * 100_000, "not JSON: "),
     ],
 )

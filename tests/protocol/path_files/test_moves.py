@@ -461,6 +461,8 @@ def test_schemas_refuse_what_is_refused_and_name_definitions_as_ever() -> None:
     by_generator = move_schemas()["generator"]
     assert by_generator["title"] == "GeneratorLine"
     assert by_generator["additionalProperties"] is False
-    ((name, placed),) = cube_schema()["$defs"].items()
-    assert name == placed["title"] == "Placed"
+    definitions = cube_schema()["$defs"]
+    assert set(definitions) == {"Placed", "NumberedId"}
+    placed = definitions["Placed"]
+    assert placed["title"] == "Placed"
     assert "additionalProperties" not in placed

@@ -143,8 +143,8 @@ def test_a_quadrilateral_that_is_not_convex_does_not_flip(tmp_path: Path) -> Non
 BAD_INSTANCES: dict[str, tuple[dict[str, Any], str]] = {
     "crossing": ({"triangulations": [[[0, 3], [1, 2]]]}, "triangulations[0]: no triangle left of"),
     "missing": ({"triangulations": [[]]}, "triangulations[0]: no triangle left of"),
-    "edge": ({"triangulations": [[[0, 4]]]}, "edge [0, 4]: expected two points of 0 to 3"),
-    "loop": ({"triangulations": [[[1, 1]]]}, "edge [1, 1]: expected two points"),
+    "edge": ({"triangulations": [[[0, 4]]]}, "(0, 4) is no edge between two points of 0 to 3"),
+    "loop": ({"triangulations": [[[1, 1]]]}, "(1, 1) is no edge between two points"),
     "count": ({"points_x": [0, 1, 0]}, "points_x has 3 numbers, points_y 4"),
     "more": (
         {"triangulations": [[[0, 3]], [[1, 2]]]},

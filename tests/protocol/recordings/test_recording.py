@@ -160,3 +160,16 @@ def test_a_message_may_have_keys_that_are_not_known_yet() -> None:
     found = decode(f'{{{told},{move},"later":true}}'.encode())
     assert isinstance(found, Report)
     assert found.move == GeneratorPlacement("edge", [0, 1])
+
+
+def test_a_scene_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    """Bytes that are no UTF-8 in the attachment, in a file that is otherwise whole."""
+    path = tmp_path / "scene.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        writer.add_metadata("cubepath", {"format": FORMAT})
+        writer.add_attachment(0, 0, "scene.toml", "application/toml", b'name = "\xff"')
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(InputError, match=r"scene.mcap \(scene.toml\): not UTF-8 text \(byte 8\)"):
+        read_recording(path)

@@ -13,6 +13,7 @@ import pytest
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import (
     FLUSH_EVERY,
+    TOPICS_MAX,
     RecordingFull,
     RecordingWriter,
     read_recording,
@@ -176,3 +177,31 @@ def test_where_no_file_can_be_no_file_is_made(tmp_path: Path) -> None:
             RecordingWriter(path, scene, {})
         assert str(path) in str(caught.value)
     assert [each.name for each in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_round_that_no_recording_has_is_refused(tmp_path: Path) -> None:
+    """Log times are whole numbers of 64 bits: what is none is told with its message."""
+    path = tmp_path / "rounds.mcap"
+    data = encode(Go(1, "sense"))
+    with RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {}) as writer:
+        writer.write("go/coordinator", data, round_number=(1 << 64) - 1, wall_ns=0)
+        for number in (-1, 1 << 64):
+            with pytest.raises(
+                InputError, match=rf"message 1 \(go/coordinator\) is of round {number},"
+            ):
+                writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+    assert [record.round for record in read_recording(path).records] == [(1 << 64) - 1]
+
+
+@pytest.mark.slow
+def test_as_many_topics_as_there_are_numbers(tmp_path: Path) -> None:
+    """The last channel is written and read; one more is refused, and the file is whole."""
+    path = tmp_path / "topics.mcap"
+    data = encode(Go(1, "sense"))
+    with RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {}) as writer:
+        for number in range(TOPICS_MAX):
+            writer.write(f"go/process_{number}", data, round_number=1, wall_ns=0)
+        with pytest.raises(InputError, match="one more topic than a recording can have"):
+            writer.write("go/coordinator", data, round_number=1, wall_ns=0)
+    found = read_recording(path)
+    assert (len(found.records), found.problems) == (TOPICS_MAX, ())

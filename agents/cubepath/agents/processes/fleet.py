@@ -128,7 +128,7 @@ class Fleet:
         self._end()
 
     def _start(self) -> None:
-        router, self.endpoint = open_router()
+        router, self.endpoint = open_router(processes=self.processes)
         self._resources.callback(router.close)
         session = self._session = open_client(self.endpoint)
         self._resources.callback(session.close)

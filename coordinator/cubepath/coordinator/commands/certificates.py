@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.optimality import Beyond
     from cubepath.protocol.path_files.certificates import Certificate
     from cubepath.protocol.path_files.durations import Durations
-    from cubepath.protocol.path_files.moves import MoveName
+    from cubepath.protocol.path_files.moves import CubeName
 
 
 def add_explain_options(shorten: argparse.ArgumentParser) -> None:
@@ -256,7 +256,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
     return FAILED if wrong else DONE
 
 
-def _cubes(path: Path) -> Sequence[tuple[MoveName, ...]]:
+def _cubes(path: Path) -> Sequence[tuple[CubeName, ...]]:
     from cubepath.protocol.path_files.moves import read_cubes  # noqa: PLC0415
 
     return list(read_cubes(path))

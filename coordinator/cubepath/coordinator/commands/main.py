@@ -48,6 +48,7 @@ from cubepath.coordinator.commands.plan_options import (
     add_plan_options,
     hints,
     plan_rows,
+    solved,
 )
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import add_recording_commands
@@ -357,7 +358,7 @@ def _shorten(options: argparse.Namespace) -> int:
         rows.append(("written to", file_name(options.output)))
     document = found.document() | ({} if known is None else known.document()) | told.document
     answer(options, document, "\n".join([table(rows), *told.lines]))
-    return DONE
+    return solved(options, found.given.unsolved)
 
 
 def _convert(options: argparse.Namespace) -> int:
@@ -374,7 +375,7 @@ def _convert(options: argparse.Namespace) -> int:
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
     answer(options, document, f"{found.count} {found.what} written to {file_name(options.output)}")
-    return DONE
+    return solved(options, found.unsolved)
 
 
 def _view(options: argparse.Namespace) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
+from cubepath.coordinator.commands.console import DONE, FAILED, complain
 from cubepath.coordinator.commands.files import input_path
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -45,6 +46,17 @@ def hints(options: argparse.Namespace) -> PlanHints:
     from cubepath.protocol.plans.formats import PlanHints  # noqa: PLC0415
 
     return PlanHints(options.format, tuple(options.companions))
+
+
+def solved(options: argparse.Namespace, unsolved: str | None) -> int:
+    """Return the exit code of a command that has done its work on a path.
+
+    A plan that ends elsewhere than its instance asks is told so, and is a check that fails.
+    """
+    if unsolved is None:
+        return DONE
+    complain(f"{options.input}: the plan does not solve its instance: {unsolved}")
+    return FAILED
 
 
 def plan_rows(found: Shortened) -> list[tuple[str, object]]:

@@ -134,6 +134,8 @@ def _verified(recording: Recording, found: Verification) -> _Told:
         for check in found.checks
     ]
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
+    if found.ok and not found.complete:
+        lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
     text = "\n".join(lines)
     if found.ok:
         return _Told(found.document(), text)

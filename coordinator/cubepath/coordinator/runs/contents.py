@@ -59,6 +59,7 @@ def info(recording: Recording) -> dict[str, Any]:
         **_schedule(summary),
         **_certificate(recording),
         "ended": None if summary is None else summary.ended,
+        "complete": summary is not None and not recording.problems,
         "error": None if summary is None else summary.error,
         "messages": len(recording.records),
         "kinds": _kinds(recording),
@@ -148,6 +149,7 @@ def render(document: Mapping[str, Any]) -> str:
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),
         ("ended", ended + (f": {document['error']}" if document["error"] else "")),
+        ("complete", "yes" if document["complete"] else "no"),
         ("rounds", document["rounds"]),
         ("moves", document["moves"]),
     ]

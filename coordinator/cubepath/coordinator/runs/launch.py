@@ -39,7 +39,7 @@ from cubepath.coordinator.runs.schedule import (
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.recording import TOPICS_MAX, RecordingWriter
 from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
@@ -58,6 +58,9 @@ Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
+_SAID = ("here", "note", "claim", "verdict", "report")
+"""The kinds of messages that each module may say; notes only where its rule talks."""
+_SAID_HERE = ("go", "edges", "cube", "certificate", "summary")
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -138,6 +141,7 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     called after each round.
     """
     task = task_of(plan)
+    _check_topics(task, plan.processes)
     path = plan.log or Path("logs") / _file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
@@ -210,6 +214,21 @@ def _rule_of(plan: Plan, scene: Scene) -> str:
     rule = own if plan.rule is None else plan.rule
     rule_named(rule, scene.system)
     return rule
+
+
+def _check_topics(task: Task, processes: int) -> None:
+    """Refuse at once what could not be recorded to its end: each kind and speaker has a topic."""
+    modules = len(task.scene.start)
+    talks = rule_named(task.rule, task.scene.system).note_length(modules) > 0
+    kinds = len(_SAID) - (not talks)
+    others = len(_SAID_HERE) + processes
+    topics = kinds * modules + others
+    if topics > TOPICS_MAX:
+        raise InputError(
+            f"{task.scene.spec}: what {modules} modules say takes {topics} topics, and a recording"
+            f" has {TOPICS_MAX} at most: expected at most"
+            f" {(TOPICS_MAX - others) // kinds} modules"
+        )
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
+from cubepath.coordinator.search.said import potential_of, ways_of
 from cubepath.coordinator.search.transitions import Transitions, bits_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
@@ -23,7 +24,7 @@ class Ways:
 
     def __init__(self, system: System | None) -> None:
         """Ask the system."""
-        found = None if system is None else system.ways()
+        found = None if system is None else ways_of(system)
         self._near = None if found is None else found.near
         self._known: dict[Site, tuple[Site, ...]] = {}
 
@@ -80,7 +81,7 @@ class Potential:
 def _measure(steps: Transitions, start: int, goal: int, ways: Ways) -> Callable[[Site], int]:
     goals = steps.decode(goal)
     system = steps.system
-    said = None if system is None else system.potential(goals)
+    said = None if system is None else potential_of(system, goals)
     if said is not None:
         return said
     if not ways.known:

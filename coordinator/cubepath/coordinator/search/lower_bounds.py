@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 
 from cubepath.coordinator.search.budget import Budget, SpentError
+from cubepath.coordinator.search.said import bounds_of, ways_of
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.catalogue import Catalogue
 from cubepath.protocol.core.sites import Site, in_order
@@ -40,7 +41,7 @@ def lower_bound(
         with suppress(SpentError):
             farthest = module_bound(system, start, goal, within=within, budget=budget)
             found.append(Bound(farthest, "way of a module"))
-        found += system.bounds(start, goal)
+        found += bounds_of(system, start, goal)
     return max(found, key=lambda bound: bound.cubes)
 
 
@@ -66,7 +67,7 @@ def module_bound(
     steps. SpentError where the budget does not do for them.
     """
     budget = Budget() if budget is None else budget
-    ways = system.ways()
+    ways = ways_of(system)
     if ways is None:
         return 0
     near, one_to_one = ways

@@ -25,10 +25,14 @@ from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 
 @dataclass(frozen=True, slots=True)
 class Converted:
-    """What was written: "moves" or "cubes", and how many of them."""
+    """What was written: "moves" or "cubes", and how many of them.
+
+    `unsolved` says in a line where a plan does not end as its instance asks.
+    """
 
     what: str
     count: int
+    unsolved: str | None = None
 
 
 def convert(
@@ -57,9 +61,10 @@ def convert(
             cubes = read_cubes_npz(file)
             write_cubes(target, cubes)
             return Converted("cubes", len(cubes))
-        path = read_input(file, system, hints, progress).numbered
+        given = read_input(file, system, hints, progress)
+    path = given.numbered
     if binary:
         write_moves_npz(target, path)
     else:
         write_path(target, path)
-    return Converted("moves", len(path.numbers))
+    return Converted("moves", len(path.numbers), given.unsolved)

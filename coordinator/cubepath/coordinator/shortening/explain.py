@@ -12,6 +12,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 import msgspec
+import numpy as np
 
 from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
@@ -23,7 +24,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.durations import Durations, time_text
-from cubepath.protocol.path_files.moves import PathMove, known_of_named
+from cubepath.protocol.path_files.moves import CubeName, PathMove, known_of_named
 from cubepath.protocol.path_files.numbered import NumberedPath
 from cubepath.protocol.path_files.timetables import TimedLine
 
@@ -104,10 +105,12 @@ def _count(number: int, what: str) -> str:
 class TimedPath:
     """The moves of a path that are left, with their times.
 
-    `places` are those of the moves in the input, from 1, in its order; `times` has as many starts.
+    `names` is how a file has them. `places` are those of the moves in the input, from 1, in its
+    order; `times` has as many starts.
     """
 
     moves: tuple[PathMove, ...]
+    names: tuple[CubeName, ...]
     places: tuple[int, ...]
     durations: tuple[Fraction, ...]
     times: Timetable
@@ -124,7 +127,7 @@ class TimedPath:
             TimedLine(
                 time_text(self.times.starts[place]),
                 time_text(self.durations[place]),
-                self.moves[place].name,
+                self.names[place],
             )
             for place in order
         ]
@@ -147,4 +150,5 @@ def timed_path(path: PathInput, certificate: Certificate, durations: Durations) 
     places = tuple(sorted(move for cube in certificate.cubes for move in cube))
     left = tuple(path.moves[place - 1] for place in places)
     taken = tuple(times[place - 1] for place in places)
-    return TimedPath(left, places, taken, earliest([move.action for move in left], taken))
+    names = tuple(path.numbered.cube_names(np.array(places, dtype=np.int64) - 1))
+    return TimedPath(left, names, places, taken, earliest([move.action for move in left], taken))

@@ -20,7 +20,7 @@ from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.path_files.moves import MoveName
+from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.npz import NumberedCubes
 from cubepath.protocol.path_files.numbered import NumberedPath, Progress
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
@@ -78,9 +78,12 @@ class Shortened:
         return self._cubes([actions[number] for number in numbers.tolist()])
 
     @cached_property
-    def named(self) -> tuple[tuple[MoveName, ...], ...]:
-        """The cubes with each move as a cubes file has it: as the input names it."""
-        return self._cubes([self.path.name(move) for move in self.left.moves.tolist()])
+    def named(self) -> tuple[tuple[CubeName, ...], ...]:
+        """The cubes with each move as a cubes file has it: as the input names it.
+
+        Where that is an id that other contents have too, the number of the move stands beside it.
+        """
+        return self._cubes(self.path.cube_names(self.left.moves))
 
     def _cubes(self, each: Sequence[_T]) -> tuple[tuple[_T, ...], ...]:
         starts = self.left.starts.tolist()

@@ -30,7 +30,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Bound, System
-from cubepath.protocol.path_files.moves import MoveName, id_of
+from cubepath.protocol.path_files.moves import CubeName, id_of
 
 State = frozenset[Site]
 
@@ -71,7 +71,7 @@ class Beyond:
     only_class: bool | None
     why: str
     cube_path: CubePath
-    named: tuple[tuple[MoveName, ...], ...]
+    named: tuple[tuple[CubeName, ...], ...]
     spent: tuple[Stage, ...] = ()
 
     def document(self) -> dict[str, Any]:
@@ -377,16 +377,16 @@ def _check(task: Task, cubes: CubePath) -> None:
             raise CheckError("the improved path takes a vehicle to another's end")
 
 
-def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[MoveName, ...], ...]:
+def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[CubeName, ...], ...]:
     if cubes == found.cube_path:
         return found.named
-    known: dict[Action, MoveName] = {
+    known: dict[Action, CubeName] = {
         action: name
         for path, names in zip(found.cube_path, found.named, strict=True)
         for action, name in zip(path, names, strict=True)
     }
 
-    def name(action: Action) -> MoveName:
+    def name(action: Action) -> CubeName:
         if action not in known:
             placed = None if task.system is None else _placed(task.system, action)
             known[action] = id_of(action) if placed is None else placed

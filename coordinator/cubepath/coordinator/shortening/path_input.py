@@ -50,8 +50,9 @@ class PathInput:
     table of their actions and their names. `given_scene` is that of the recording, or of the system
     that was named beside the file; `plan_scene` builds that of a plan, which can take long.
     `planner_rounds` is how many rounds the planner of a plan counts itself, None where nobody says;
-    with `labelled_goals` its vehicles bear no labels, but each is to end where it does. `seconds`
-    is how long reading took.
+    with `labelled_goals` its vehicles bear no labels, but each is to end where it does. `unsolved`
+    says in a line where a plan does not end as its instance asks. `seconds` is how long reading
+    took.
     """
 
     source: Path
@@ -62,6 +63,7 @@ class PathInput:
     plan_scene: Callable[[], Scene] | None = None
     planner_rounds: int | None = None
     labelled_goals: bool = False
+    unsolved: str | None = None
 
     @cached_property
     def scene(self) -> Scene | None:
@@ -168,6 +170,7 @@ class _Reading:
             plan_scene=plan.scene,
             planner_rounds=plan.rounds,
             labelled_goals=plan.labelled_goals,
+            unsolved=plan.unsolved(),
         )
 
     def _of_recording(self) -> PathInput:

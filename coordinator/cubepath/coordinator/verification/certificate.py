@@ -19,7 +19,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.path_files.moves import MoveName, PathMove
+from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
 
 CHECKS = {
     "form": "each move of the path is in one cancelled pair or in one cube",
@@ -41,8 +41,8 @@ def check_certificate(
 ) -> Found:
     """Return what comes of checking a certificate against its path; nothing is raised.
 
-    Where the start is known, the cubes are carried out from there: the check `end`. Where it is
-    not, a certificate that says where the path ends fails it.
+    Where the start is known, the cubes are carried out from there: the check `end`, which asks that
+    the certificate says where the path ends. Where it is not, one that says so fails it.
     """
     if certificate.moves != len(path):
         return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}
@@ -64,11 +64,19 @@ def _end(
     why = why or _carry_out(after_cubes, moves)
     if why is None and after_cubes != after_path:
         why = f"{_stray(after_cubes ^ after_path)} is not after the cubes as after the path"
-    if why is None and certificate.end is not None:
-        told = {site_in(site) for site in certificate.end}
-        if told != after_path:
-            why = f"{_stray(told ^ after_path)} is not at the end as it says"
-    return why
+    return why or _told_end(certificate.end, after_path)
+
+
+def _told_end(end: Sequence[object] | None, state: set[Site]) -> str | None:
+    if end is None:
+        return 'it has no "end", expected one: what is on at the start is known'
+    told: set[Site] = set()
+    for value in end:
+        site = site_in(value)
+        if site in told:
+            return f"{site_text(site)} stands twice at the end"
+        told.add(site)
+    return f"{_stray(told ^ state)} is not at the end as it says" if told != state else None
 
 
 def _carry_out(state: set[Site], steps: Iterable[tuple[str, Action]]) -> str | None:
@@ -85,14 +93,23 @@ def _stray(sites: set[Site]) -> str:
 
 
 def compare_cubes(
-    certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[MoveName]]
+    certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[CubeName]]
 ) -> str | None:
     """Return where the cubes of a cubes file are not those of the certificate; None if they are.
 
-    Moves are compared by how they are written. Only for a certificate whose `form` holds.
+    Moves are compared by how they are written; an id that moves with different contents have says
+    nothing without the number of the move. Only for a certificate whose `form` holds.
     """
+    shared = _shared_ids(moves[move - 1] for cube in certificate.cubes for move in cube)
     for number, (ours, theirs) in enumerate(zip(certificate.cubes, cubes, strict=False), 1):
-        names = sorted(_name(moves[move - 1].name) for move in ours)
+        unclear = [name for name in theirs if isinstance(name, str | int) and name in shared]
+        if unclear:
+            return (
+                f"cube {number}: moves with different contents have the id"
+                f" {site_text(unclear[0])}, expected [id, number of the move]"
+            )
+        numbered = {name.move for name in theirs if isinstance(name, NumberedId)}
+        names = sorted(_name(_written(moves, move, numbered)) for move in ours)
         if names != sorted(map(_name, theirs)):
             return f"cube {number} has other moves than the certificate"
     if len(cubes) != len(certificate.cubes):
@@ -100,7 +117,25 @@ def compare_cubes(
     return None
 
 
-def _name(name: MoveName) -> str:
+def _shared_ids(moves: Iterable[PathMove]) -> set[str | int]:
+    """Return the ids that moves with different contents have."""
+    first: dict[str | int, Action] = {}
+    return {
+        move.name
+        for move in moves
+        if isinstance(move.name, str | int)
+        and first.setdefault(move.name, move.action) != move.action
+    }
+
+
+def _written(moves: Sequence[PathMove], move: int, numbered: set[int]) -> CubeName:
+    name = moves[move - 1].name
+    if isinstance(name, str | int) and move in numbered:
+        return NumberedId(name, move)
+    return name
+
+
+def _name(name: CubeName) -> str:
     if isinstance(name, GeneratorPlacement):
         return site_text((name.generator, site_in(name.at)))
     return site_text(name)

@@ -9,7 +9,8 @@ no schedule in the class has fewer of them:
    empty.
 2. `cancelled`: going through the path, when the later move of a pair comes, it equals the earlier,
    and of the moves between them each commutes with them or has been taken out before. So the two
-   can be brought side by side and taken out: they are a detour there and back.
+   can be brought side by side and taken out: they are a detour there and back. The pairs are in
+   order of the later move, so that whoever reads along needs no list of all of them.
 3. `schedule`: of two moves that remain and do not commute, the earlier is in an earlier cube. So
    the moves of a cube commute, and cube by cube is the path again, with commuting moves swapped.
 4. `reduced`: between two equal moves that remain lies one that does not commute with them. So there
@@ -108,6 +109,17 @@ def _cancelled(path: Sequence[Action], cancelled: Pairs) -> str | None:
             if first is not None and writer > first:
                 return _between(path, cancelled, first, move)
             column[-1] = (writer, readers + (1 if first is None else -1))
+    return _disorder(cancelled)
+
+
+def _disorder(cancelled: Pairs) -> str | None:
+    """Return which pair comes before one whose later move is earlier, in words."""
+    for number, (before, pair) in enumerate(pairwise(cancelled), 2):
+        if pair[1] < before[1]:
+            return (
+                f"pair {number} ends at move {pair[1]}, and the one before at move {before[1]}:"
+                " expected them in order of the later move"
+            )
     return None
 
 

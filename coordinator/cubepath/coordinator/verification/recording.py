@@ -20,7 +20,13 @@ from cubepath.coordinator.normal_form.definitions import is_cube, is_normal, obv
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.rounds import Rederivation, make, why_not
 from cubepath.coordinator.verification.schedule import check_schedule
-from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in, transcript_of
+from cubepath.coordinator.verification.transcript import (
+    RECOVERED,
+    Fail,
+    Transcript,
+    site_in,
+    transcript_of,
+)
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -31,7 +37,7 @@ from cubepath.protocol.wire.messages import Cube, Summary
 CHECKS = {
     "readable": "the file is whole",
     "messages": "each message decodes, and stands under its own topic and round",
-    "complete": "the run came to its end: a summary, and all cubes that it counts",
+    "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
     "reports": "each round has one report of each module",
     "said": "modules say that they are here, and speak from where they stand",
     "admissible": "every move was admissible when it was made",
@@ -65,9 +71,14 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What came of verifying a recording; the numbers are those derived, not those recorded."""
+    """What came of verifying a recording; the numbers are those derived, not those recorded.
+
+    `complete` is False where the end is missing. Of a run that was cut off, what was recovered is
+    `ok` as far as it goes.
+    """
 
     ok: bool
+    complete: bool
     checks: tuple[Check, ...]
     moves: int
     rounds: int
@@ -119,7 +130,8 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
 
     Every check of `CHECKS` is made whatever becomes of the others; those on rounds are made on the
     rounds from the first on that all modules have reported, and what a recording lost of its end
-    fails `complete` and nothing else. Nothing is raised.
+    fails `complete` and nothing else, or nothing at all where the recording says that it was
+    recovered. Nothing is raised.
     """
     fail = _Failures()
     for problem in recording.problems:
@@ -150,8 +162,10 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
         most = recording.parameters.get("max_rounds")
         _check_summary(transcript.summary, expected, most, fail)
     checks = fail.checks()
+    whole = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),
+        complete=whole and transcript.summary is not None,
         checks=checks,
         moves=len(derived.executed),
         rounds=transcript.complete_rounds,
@@ -171,7 +185,7 @@ def recover(source: Path | Recording, out: Path) -> Recovered:
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
     note = f"{count} messages of {recording.path.name}: {problems}"
-    messages = copy_recording(recording, out, {"recovered": note})
+    messages = copy_recording(recording, out, {RECOVERED: note})
     return Recovered(out, messages, transcript.complete_rounds, recording.problems)
 
 

@@ -21,13 +21,19 @@ Site = Hashable
 _encode = msgspec.json.Encoder().encode
 
 
-def site_from_json(value: object) -> Site:
-    """Return the site that a JSON value stands for: lists become tuples, at any depth.
+DEPTH_MAX = 64
+"""How deep the lists of a site may be nested: far fewer than Python's calls may be."""
 
-    Raises InputError for objects and null, which name no place.
+
+def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
+    """Return the site that a JSON value stands for: lists become tuples, `deep` levels of them.
+
+    Raises InputError for objects and null, which name no place, and for lists nested deeper.
     """
     if isinstance(value, list | tuple):
-        return tuple(site_from_json(item) for item in value)
+        if not deep:
+            raise InputError(f"a site is lists in lists {DEPTH_MAX} deep at most, found more")
+        return tuple([site_from_json(item, deep - 1) for item in value])
     if isinstance(value, float) and value.is_integer():
         return int(value)  # 1.0 and 1 are one site, so they need one text
     if isinstance(value, str | int | float):

@@ -204,6 +204,19 @@ class System(ABC):
     def has_place(self, place: Site) -> bool:
         """Tell whether a module could ever stand at `place`."""
 
+    def check_place(self, place: Site) -> None:
+        """Raise InputError where no module could ever stand at `place`."""
+        if not self.has_place(place):
+            raise InputError("an obstacle or no place")
+
+    def modules_among(self, sites: Iterable[Site]) -> tuple[Site, ...]:
+        """Return the sites of modules that a file means by these, in their order.
+
+        They are the same, unless a file may say more than where modules are. InputError where
+        these cannot be meant.
+        """
+        return tuple(sites)
+
     def legal(self, state: AbstractSet[Site]) -> bool:
         """Tell whether the rule for the whole aggregate, if there is one, allows the state."""
         del state
@@ -332,6 +345,7 @@ class Scene:
             raise InputError(
                 f"{self.spec}: {len(self.start)} modules, goals for {len(self.goals)} of them"
             )
+        self._check_goals()
 
     def _check_sites(self, name: str, what: str, sites: Collection[Site]) -> None:
         if not sites:
@@ -343,11 +357,40 @@ class Scene:
         seen: set[Site] = set()
         for site in sites:
             place = self.system.place_of(site)
-            if not self.system.has_place(place):
-                raise InputError(f"{self.spec}: {what} at {site!r}: an obstacle or no place")
+            try:
+                self.system.check_place(place)
+            except InputError as error:
+                raise InputError(f"{self.spec}: {what} at {site!r}: {error}") from None
             if place in seen:
                 raise InputError(f"{self.spec}: {what} twice at {place!r}")
             seen.add(place)
+
+    def _check_goals(self) -> None:
+        labelled = self.system.labels is not None
+        owners: dict[Site, int] = {}
+        checked: set[int] = set()
+        for number, goals in enumerate(self.goals):
+            where = f"{self.spec}: goals[{number}]"
+            if id(goals) not in checked:  # modules of a chain share one tuple
+                checked.add(id(goals))
+                self._check_goals_of(where, goals)
+            if labelled and len(goals) == 1:
+                other = owners.setdefault(goals[0], number)
+                if other != number:
+                    raise InputError(f"{where}: {goals[0]!r} is the goal of module {other} too")
+
+    def _check_goals_of(self, where: str, goals: Sequence[Site]) -> None:
+        labelled = self.system.labels is not None
+        seen: set[Site] = set()
+        for site in goals:
+            try:
+                self.system.check_place(site if labelled else self.system.place_of(site))
+            except InputError as error:
+                more = ", expected a place without a label" if labelled else ""
+                raise InputError(f"{where}: {site!r}: {error}{more}") from None
+            if site in seen:
+                raise InputError(f"{where}: {site!r} stands twice")
+            seen.add(site)
 
     @property
     def modules(self) -> tuple[str, ...]:

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
         time_text,
     )
     from cubepath.protocol.path_files.moves import (
+        CubeName,
         MoveName,
+        NumberedId,
         PathMove,
         cube_schema,
         id_of,
@@ -75,8 +77,8 @@ else:
             ),
             "durations": ("Durations duration_from durations_in_words read_durations time_text"),
             "moves": (
-                "MoveName PathMove cube_schema id_of known_of_named move_schemas read_cubes "
-                "read_moves write_cubes write_moves"
+                "CubeName MoveName NumberedId PathMove cube_schema id_of known_of_named "
+                "move_schemas read_cubes read_moves write_cubes write_moves"
             ),
             "npz": (
                 "NumberedCubes holds_cubes is_npz read_cubes_npz read_moves_npz write_cubes_npz "
@@ -90,11 +92,13 @@ else:
 
 __all__ = [
     "Certificate",
+    "CubeName",
     "Cubes",
     "Durations",
     "IrregularError",
     "MoveName",
     "NumberedCubes",
+    "NumberedId",
     "NumberedPath",
     "OwnMoves",
     "PathMove",

@@ -13,6 +13,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.path_files.jsonl import line_schema, write_lines
 
 FORMAT = "cubepath-certificate-1"
@@ -49,9 +50,11 @@ _decode = msgspec.json.Decoder(Certificate).decode
 def certificate_from_json(text: bytes) -> Certificate:
     """Return the certificate in a JSON text; InputError says what in it is none, and where."""
     try:
-        return _decode(text)
+        found = _decode(text)
+        check_keys(text, 5 + (found.end is not None), where="line ")
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"no {FORMAT}: {error}") from None
+    return found
 
 
 def read_certificate(source: Source) -> Certificate:

@@ -14,10 +14,11 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from typing import Any, TypeAlias, cast
+from typing import TypeAlias, cast
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.suggestions import did_you_mean
@@ -168,19 +169,10 @@ def _toml(text: str) -> object:
 
 def _json(text: str) -> object:
     try:
-        return json.loads(
-            text, parse_float=_Decimal, parse_constant=_Decimal, object_pairs_hook=_object
-        )
+        found: object = json.loads(text, parse_float=_Decimal, parse_constant=_Decimal)
     except (ValueError, RecursionError) as error:
         raise InputError(f"not JSON: {error}") from None
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
-    for key, value in pairs:
-        if key in found:
-            raise InputError(f"key {key!r} stands twice")
-        found[key] = value
+    check_keys(text.encode(), where="line ")
     return found
 
 

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import schema_with_definitions
 from cubepath.protocol.core.output_files import written_whole
 
@@ -19,14 +20,24 @@ _Line = TypeVar("_Line")
 _encode = msgspec.json.Encoder().encode
 
 
-def decode_line(decode: Callable[[bytes], _Line], line: bytes, keys: str) -> _Line:
-    """Return what `decode` makes of a line; InputError says what was found and the keys."""
+def decode_line(
+    decode: Callable[[bytes], _Line],
+    line: bytes,
+    keys: str,
+    least: Callable[[_Line], int] = lambda _: 1,
+) -> _Line:
+    """Return what `decode` makes of a line; InputError says what was found and the keys.
+
+    `least` says how many keys a line with this content must have, see `check_keys`.
+    """
     try:
-        return decode(line)
+        found = decode(line)
+        check_keys(line, least(found))
     except msgspec.ValidationError as error:
         raise InputError(f"{error}; a line has {keys}") from None
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"found no whole JSON object, expected one a line: {error}") from None
+    return found
 
 
 def line_schema(line: type[msgspec.Struct]) -> dict[str, Any]:

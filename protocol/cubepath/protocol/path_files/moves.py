@@ -26,7 +26,20 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
 
 MoveName: TypeAlias = str | int | GeneratorPlacement
-"""How a move is written in a cubes file: its id, or its generator and where that is placed."""
+"""How a move is written: its id, or its generator and where that is placed."""
+
+
+class NumberedId(NamedTuple):
+    """An id that moves with different contents have, and which of the input's moves is meant."""
+
+    id: str | int
+    move: int
+    """Counted from 1."""
+
+
+CubeName: TypeAlias = MoveName | NumberedId
+"""How a move is written in a cubes file: as in its input, with its number where that is not enough.
+"""
 
 _encode = msgspec.json.Encoder().encode
 # The name of a move of which only support and trace are known, as one more site that it writes.
@@ -55,9 +68,12 @@ class ContentsLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True, omit
 
 
 class CubeLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
-    """A cube: the moves that can be executed at one time."""
+    """A cube: the moves that can be executed at one time.
 
-    moves: list[MoveName]
+    An id that several contents have in the input stands with the number of the move: [id, number].
+    """
+
+    moves: list[CubeName]
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +160,7 @@ def known_of_named(name: MoveName, sites: Iterable[Site]) -> frozenset[Site]:
     return frozenset(sites) - {(_NAME, name)}
 
 
-def read_cubes(source: Source) -> Iterator[tuple[MoveName, ...]]:
+def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
     """Yield the cubes of a cubes file, each as the names of its moves; InputError as `read_moves`.
 
     Whether they are cubes is not asked: names alone do not tell.
@@ -152,12 +168,12 @@ def read_cubes(source: Source) -> Iterator[tuple[MoveName, ...]]:
     with opened(source) as file:
         for number, line in file.numbered_lines():
             try:
-                yield tuple(decode_line(_cube, line, 'the key "moves"').moves)
+                yield tuple(decode_line(_cube, line, 'the key "moves"', keys_of_cube).moves)
             except InputError as error:
                 raise InputError(f"{file.path}:{number}: {error}") from None
 
 
-def write_cubes(path: Path, cubes: Iterable[Iterable[MoveName]]) -> None:
+def write_cubes(path: Path, cubes: Iterable[Iterable[CubeName]]) -> None:
     """Write a cubes file; it is complete or as it was before. InputError where it cannot be."""
     write_lines(path, (CubeLine(list(cube)) for cube in cubes))
 
@@ -200,6 +216,17 @@ _CONTENTS = _Form(
 )
 _id: Callable[[str], str | int] = msgspec.json.Decoder(str | int).decode
 _cube = msgspec.json.Decoder(CubeLine).decode
+
+
+def keys_of_cube(line: CubeLine) -> int:
+    """Return how many keys a line with this cube has at least."""
+    return 1 + 2 * sum(isinstance(move, GeneratorPlacement) for move in line.moves)
+
+
+def _keys_of(line: GeneratorPlacement | ContentsLine) -> int:
+    if isinstance(line, GeneratorPlacement):
+        return 2
+    return 3 + (line.before is not None) + (line.after is not None)
 
 
 def _form_of(line: bytes) -> _Form | None:
@@ -249,7 +276,7 @@ class _Reader:
         if self._form is None:
             return decode_line(_CONTENTS.decode, line, f"{_GENERATOR.keys}, or {_CONTENTS.keys}")
         try:
-            return decode_line(self._form.decode, line, self._form.keys)
+            return decode_line(self._form.decode, line, self._form.keys, _keys_of)
         except InputError:
             form = _form_of(line)
             if form is None or form is self._form:

@@ -28,7 +28,7 @@ from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, in_order, site_from_json
-from cubepath.protocol.path_files.moves import MoveName, known_of_named, named_action
+from cubepath.protocol.path_files.moves import CubeName, MoveName, known_of_named, named_action
 from cubepath.protocol.path_files.numbered import NumberedPath
 
 _MAGIC = b"PK\x03\x04"
@@ -89,15 +89,17 @@ def read_moves_npz(source: Source) -> NumberedPath:
     return _refusing(file, lambda: _path(arrays))
 
 
-def read_cubes_npz(source: Source) -> tuple[tuple[MoveName, ...], ...]:
+def read_cubes_npz(source: Source) -> tuple[tuple[CubeName, ...], ...]:
     """Return the cubes in a file as the names of their moves; InputError as `read_moves_npz`."""
     with opened(source) as file:
         arrays = _read(file, _CUBES)
 
-    def cubes() -> tuple[tuple[MoveName, ...], ...]:
+    def cubes() -> tuple[tuple[CubeName, ...], ...]:
         path = _path(arrays)
         starts = _starts(arrays, "cube_starts", len(path.numbers), least=1).tolist()
-        names = [path.name(move) for move in range(len(path.numbers))]
+        count = len(path.numbers)
+        places = _integers(arrays, "places", 0, 1 << 62, size=count).astype(np.int64)
+        names = path.cube_names(np.arange(count), places)
         return tuple(tuple(names[begin:end]) for begin, end in pairwise(starts))
 
     return _refusing(file, cubes)

@@ -21,13 +21,16 @@ from numpy.typing import NDArray
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import (
     ContentsLine,
+    CubeName,
     MoveName,
+    NumberedId,
     PathMove,
     contents_line,
     known_of_named,
@@ -69,6 +72,33 @@ class NumberedPath:
         if self.names is not None:
             return self.names[move]
         return self.action_names[int(self.numbers[move])]
+
+    def cube_names(
+        self, moves: NDArray[np.int64], places: NDArray[np.int64] | None = None
+    ) -> list[CubeName]:
+        """Return how these moves are written in a cubes file, so that each is told from all others.
+
+        That is the name, with the number of the move in its input where moves with other contents
+        have the same id. `places` are the places in the input, where this is not all of it.
+        """
+        names: list[CubeName] = [self.name(move) for move in moves.tolist()]
+        shared = self._shared_ids()
+        if shared:
+            numbers = (moves if places is None else places).tolist()
+            for place, name in enumerate(names):
+                if isinstance(name, str | int) and name in shared:
+                    names[place] = NumberedId(name, numbers[place] + 1)
+        return names
+
+    def _shared_ids(self) -> set[str | int]:
+        """Return the ids that moves with different contents have."""
+        if self.names is None:
+            pairs = list(zip(self.action_names, range(len(self.actions)), strict=True))
+        else:
+            pairs = list(zip(self.names, self.numbers.tolist(), strict=True))
+        by_id = [(name, number) for name, number in pairs if isinstance(name, str | int)]
+        last = dict(by_id)
+        return {name for name, number in by_id if last[name] != number}
 
     def move(self, place: int) -> PathMove:
         """Return the move at a place, from 0; an id is also its action's label, as JSON text."""
@@ -293,6 +323,7 @@ class _Numberer:
         if self._scene is None:
             raise IrregularError("a generator without a system")
         found = placement_in(line)
+        check_keys(line, 2)
         action = self._scene.system.action(found.generator, site_from_json(found.at))
         number = self._kept.add(action, found)
         if len(self._lines) >= _KEPT:
@@ -306,6 +337,9 @@ class _Numberer:
         for line in lines:
             raw = _raw(line)
             before, after = raw.before, raw.after
+            due = 3 + (before is not msgspec.UNSET) + (after is not msgspec.UNSET)
+            if line.count(b":") > due:
+                check_keys(line, due)
             key: tuple[object, ...]
             if before is msgspec.UNSET or after is msgspec.UNSET:
                 key = bytes(raw.support), bytes(raw.trace), raw.id

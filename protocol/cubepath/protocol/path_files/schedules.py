@@ -12,9 +12,10 @@ from typing import TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
-from cubepath.protocol.path_files.moves import CubeLine
+from cubepath.protocol.path_files.moves import CubeLine, CubeName
 
 Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
 """The cubes of a schedule; the first is that of round 1."""
@@ -36,12 +37,15 @@ def schedule_from_jsonl(text: bytes) -> Cubes:
         lines = _decoder.decode_lines(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"no schedule: {error}") from None
+    for number, line in enumerate(text.splitlines(), 1):
+        try:
+            check_keys(line)
+        except InputError as error:
+            raise InputError(f"no schedule: line {number}: {error}") from None
     return tuple(by_generator(number, line.moves) for number, line in enumerate(lines, 1))
 
 
-def by_generator(
-    number: int, moves: Iterable[str | int | GeneratorPlacement]
-) -> tuple[GeneratorPlacement, ...]:
+def by_generator(number: int, moves: Iterable[CubeName]) -> tuple[GeneratorPlacement, ...]:
     """Return the moves of a cube; InputError where one is named by an id, or is at no site.
 
     `number` is that of the cube, for the error.

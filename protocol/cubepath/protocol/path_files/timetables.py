@@ -15,7 +15,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.path_files.durations import Number, duration_from, time_from
 from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
-from cubepath.protocol.path_files.moves import MoveName
+from cubepath.protocol.path_files.moves import CubeName
 
 
 class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -23,7 +23,7 @@ class TimedLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
     start: Number
     duration: Number
-    move: MoveName
+    move: CubeName
 
 
 _line = msgspec.json.Decoder(TimedLine).decode

@@ -16,7 +16,8 @@ bounded there: the workspace here is the box of all that is named or visited, an
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 
 import msgspec
 
@@ -24,11 +25,22 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only, text
-from cubepath.protocol.plans.vehicles import Cell, Vehicles, vehicles_scene
+from cubepath.protocol.plans.vehicles import (
+    Cell,
+    Vehicles,
+    fits,
+    off_targets,
+    vehicles_scene,
+)
 from cubepath.protocol.systems.graphs import graph_round
 
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _DIRECTIONS = {"N": (0, 1), "E": (1, 0), "S": (0, -1), "W": (-1, 0)}
+_MIRRORED = {
+    "N and S exchanged, y downwards": {**_DIRECTIONS, "N": (0, -1), "S": (0, 1)},
+    "x and y exchanged": {letter: (y, x) for letter, (x, y) in _DIRECTIONS.items()},
+}
+"""Other readings of the directions, which a plan may have been written with."""
 
 
 class _Instance(msgspec.Struct):
@@ -53,19 +65,14 @@ def read_cgshop2021(request: Request) -> Imported:
     path = request.path
     no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
     companion = only(request, "instance")
-    instance = decode_file(companion, _Instance)
-    solution = decode_file(request.file, _Solution)
-    if instance.name not in (None, solution.instance):
-        raise InputError(
-            f"{path}: a solution of {solution.instance!r}, but {companion} is {instance.name!r}"
-        )
-    if len(instance.starts) != len(instance.targets):
-        raise InputError(
-            f"{companion}: {len(instance.starts)} starts and {len(instance.targets)} targets"
-        )
+    instance, solution = _pair(request, companion)
     obstacles = frozenset(instance.obstacles)
+
+    def is_free(cell: Cell) -> bool:
+        return cell not in obstacles
+
     try:
-        vehicles = Vehicles(instance.starts, lambda cell: cell not in obstacles, called="robot")
+        vehicles = Vehicles(instance.starts, is_free, called="robot")
     except InputError as error:
         raise InputError(f"{companion}: {error}") from None
 
@@ -74,7 +81,12 @@ def read_cgshop2021(request: Request) -> Imported:
             try:
                 yield from vehicles.go(_targets(step, vehicles.at))
             except InputError as error:
-                raise InputError(f"{path}: steps[{number}], {error}") from None
+                mirrored = _mirrored(instance, solution, is_free)
+                raise InputError(f"{path}: steps[{number}], {error}{mirrored}") from None
+
+    def unsolved() -> str | None:
+        off = off_targets(vehicles.at, instance.targets, "robot")
+        return None if off is None else f"{off}{_mirrored(instance, solution, is_free)}"
 
     def scene() -> Scene:
         named = [*instance.starts, *instance.targets, *instance.obstacles]
@@ -86,10 +98,42 @@ def read_cgshop2021(request: Request) -> Imported:
         graph = graph_round(str(companion), named, obstacles)
         return vehicles_scene(str(path), graph, instance.starts, instance.targets)
 
-    return Imported(moves(), len(solution.steps), scene, labelled_goals=True)
+    return Imported(moves(), len(solution.steps), scene, labelled_goals=True, unsolved=unsolved)
 
 
-def _targets(step: Mapping[str, str], at: list[Cell]) -> dict[int, Cell]:
+def _pair(request: Request, companion: Path) -> tuple[_Instance, _Solution]:
+    """Return instance and solution; InputError where they do not belong together."""
+    path = request.path
+    instance = decode_file(companion, _Instance)
+    solution = decode_file(request.file, _Solution)
+    if instance.name not in (None, solution.instance):
+        raise InputError(
+            f"{path}: a solution of {solution.instance!r}, but {companion} is {instance.name!r}"
+        )
+    if len(instance.starts) != len(instance.targets):
+        raise InputError(
+            f"{companion}: {len(instance.starts)} starts and {len(instance.targets)} targets"
+        )
+    return instance, solution
+
+
+def _mirrored(instance: _Instance, solution: _Solution, is_free: Callable[[Cell], bool]) -> str:
+    """Return with which directions a plan would solve its instance, for the end of a line."""
+    for how, directions in _MIRRORED.items():
+
+        def rounds(
+            vehicles: Vehicles, directions: Mapping[str, Cell] = directions
+        ) -> Iterator[Mapping[int, Cell]]:
+            return (_targets(step, vehicles.at, directions) for step in solution.steps)
+
+        if fits(instance.starts, is_free, rounds, instance.targets):
+            return f"; it solves the instance with {how}"
+    return ""
+
+
+def _targets(
+    step: Mapping[str, str], at: Sequence[Cell], directions: Mapping[str, Cell] = _DIRECTIONS
+) -> dict[int, Cell]:
     """Return where the robots of a step go, by number; `at` is where each of them is."""
     found: dict[int, Cell] = {}
     for name, letter in step.items():
@@ -101,6 +145,6 @@ def _targets(step: Mapping[str, str], at: list[Cell]) -> dict[int, Cell]:
         if who in found:
             raise InputError(f"robot {who} is named twice, expected once")
         x, y = at[who]
-        dx, dy = _DIRECTIONS[letter]
+        dx, dy = directions[letter]
         found[who] = (x + dx, y + dy)
     return dict(sorted(found.items()))

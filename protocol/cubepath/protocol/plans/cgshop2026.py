@@ -33,7 +33,13 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only
 from cubepath.protocol.systems.flips import FlipSystem, flip_of
-from cubepath.protocol.systems.point_sets import Edge, Point, edge_of, quadrilateral
+from cubepath.protocol.systems.point_sets import (
+    Edge,
+    Point,
+    distinct_edges,
+    edge_of,
+    quadrilateral,
+)
 from cubepath.protocol.systems.triangles import Triangles
 
 _INSTANCE, _SOLUTION = "CGSHOP2026_Instance", "CGSHOP2026_Solution"
@@ -70,8 +76,8 @@ def read_cgshop2026(request: Request) -> Imported:
     points = _points(companion, instance)
     chosen = _chosen(path, request.values["triangulation"], len(solution.flips))
     where = f"{companion}: triangulations[{chosen}]"
-    edges = [_edge(edge, len(points), where) for edge in instance.triangulations[chosen]]
     try:
+        edges = distinct_edges(instance.triangulations[chosen], len(points))
         triangles = Triangles(points, edges)
     except InputError as error:
         raise InputError(f"{where}: {error}") from None
@@ -94,7 +100,41 @@ def read_cgshop2026(request: Request) -> Imported:
             raise InputError(f"{companion}: {error}") from None
         return Scene(str(path), "triangulation", system, system.modules_of(start))
 
-    return Imported(moves(), len(rounds), scene)
+    def unsolved() -> str | None:
+        end = frozenset(triangles.edges())
+        others = (k for k in range(len(solution.flips)) if k != chosen)
+        off = [(k, why) for k in others if (why := _apart(points, instance, solution, k, end))]
+        if not off:
+            return None
+        first, why = off[0]
+        many = "triangulation does not end" if len(off) == 1 else "triangulations do not end"
+        return (
+            f"{len(off)} other {many} as triangulation {chosen} does, the first is triangulation"
+            f" {first}: {why}"
+        )
+
+    return Imported(moves(), len(rounds), scene, unsolved=unsolved)
+
+
+def _apart(
+    points: Sequence[Point],
+    instance: _Instance,
+    solution: _Solution,
+    number: int,
+    end: frozenset[Edge],
+) -> str | None:
+    """Return why a triangulation's own flips do not take it to this end, None if they do."""
+    try:
+        triangles = Triangles(points, distinct_edges(instance.triangulations[number], len(points)))
+        for flips in solution.flips[number]:
+            _round(triangles, flips)
+    except InputError as error:
+        return str(error)
+    stray = sorted(end.symmetric_difference(triangles.edges()))
+    if not stray:
+        return None
+    has = "lacks" if stray[0] in end else "has"
+    return f"it {has} edge {list(stray[0])}, expected all to end alike"
 
 
 def _check_pair(
@@ -143,13 +183,6 @@ def _chosen(path: Path, value: str, count: int) -> int:
     if not (value.isascii() and value.isdecimal() and int(value[:9]) <= last):
         raise InputError(f"{path}: triangulation={value}: expected 0 to {last}")
     return int(value)
-
-
-def _edge(edge: Edge, count: int, where: str) -> Edge:
-    one, other = edge
-    if not (0 <= one < count and 0 <= other < count and one != other):
-        raise InputError(f"{where}: edge {list(edge)}: expected two points of 0 to {count - 1}")
-    return edge_of(one, other)
 
 
 def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:

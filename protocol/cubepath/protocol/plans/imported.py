@@ -14,11 +14,16 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 
 _T = TypeVar("_T")
+
+
+def _solved() -> None:
+    return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +48,16 @@ class Imported:
     `moves` yields each move as soon as it is checked, and raises InputError at the first that is
     not as it must be. `rounds` is how many rounds the planner has counted itself, None where the
     file does not say. `scene` builds the system with the start, which can take long; its vehicles
-    have `labelled_goals` where they bear no labels but each is to end where it does.
+    have `labelled_goals` where they bear no labels but each is to end where it does. `unsolved`,
+    asked once all moves have come, says in a line where the plan does not end as its instance asks,
+    None where it does or nothing is asked.
     """
 
     moves: Iterator[PathMove]
     rounds: int | None
     scene: Callable[[], Scene]
     labelled_goals: bool = False
+    unsolved: Callable[[], str | None] = _solved
 
 
 def decode_file(source: Source, type_: type[_T]) -> _T:
@@ -57,11 +65,13 @@ def decode_file(source: Source, type_: type[_T]) -> _T:
     with opened(source) as file:
         path, text = file.path, file.whole()
     try:
-        return msgspec.json.decode(text, type=type_)
+        found = msgspec.json.decode(text, type=type_)
+        check_keys(text, where=f"{path}:")
     except RecursionError:
         raise InputError(f"{path}: lists in lists, nested too deeply") from None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: {error}") from None
+    return found
 
 
 def only(request: Request, what: str) -> Path:

@@ -36,17 +36,24 @@ Planners let an agent follow another into a cell; see `cubepath.protocol.plans.v
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, text
-from cubepath.protocol.plans.vehicles import Cell, Vehicles, vehicles_scene
+from cubepath.protocol.plans.vehicles import (
+    Cell,
+    Vehicles,
+    fits,
+    off_targets,
+    vehicles_scene,
+)
 from cubepath.protocol.systems.graphs import Graph, graph_from_map
 
 _CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
@@ -72,10 +79,24 @@ class _Plan:
         """Return how many rounds the planner counts: up to the last that is planned."""
         return max((len(path) for path in self.paths), default=1) - 1
 
+    def rounds(self) -> Iterator[dict[int, Cell]]:
+        """Yield for each timestep from 1 on where the agents go whose paths have not ended."""
+        for step in range(1, self.steps + 1):
+            yield {
+                who: planned[step] for who, planned in enumerate(self.paths) if step < len(planned)
+            }
+
     def turned(self) -> _Plan:
         """Return the plan with both numbers of each cell exchanged."""
-        paths = [[(y, x) for x, y in path] for path in self.paths]
-        goals = None if self.goals is None else [(y, x) for x, y in self.goals]
+        return self._with(lambda cell: (cell[1], cell[0]))
+
+    def flipped(self, height: int) -> _Plan:
+        """Return the plan with rows counted from the other side; the last one is `height`."""
+        return self._with(lambda cell: (cell[0], height - cell[1]))
+
+    def _with(self, put: Callable[[Cell], Cell]) -> _Plan:
+        goals = None if self.goals is None else list(map(put, self.goals))
+        paths = [list(map(put, path)) for path in self.paths]
         return _Plan(paths, self.lines, goals, self.map_name)
 
 
@@ -216,36 +237,79 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
     path = request.path
     no_system(request, "a plan on a map")
     graph, starts, goals = _beside(request, plan)
-    free: AbstractSet[object] = frozenset(graph.vertices)
+    free = cast("frozenset[Cell]", frozenset(graph.vertices))  # of a map, so cells
+    as_written = plan
     plan = _in_order(request, plan, order, free, starts)
-    for number, (planned, start) in enumerate(zip(plan.paths, starts or (), strict=False)):
-        if planned[0] != start:
-            raise InputError(
-                f"{path}: agent {number} starts at {text(planned[0])}, in the scenario at"
-                f" {text(start)}"
-            )
+
+    def mirrored() -> str:
+        other = "rc" if plan is as_written else "xy"
+        return _mirrored(plan, other, free, starts, goals)
+
     first = [planned[0] for planned in plan.paths]
     try:
+        _check_starts(first, starts or ())
         vehicles = Vehicles(first, free.__contains__, called="agent")
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {error}{mirrored()}") from None
 
     def moves() -> Iterator[PathMove]:
-        for step in range(1, plan.steps + 1):
-            targets = {
-                who: planned[step] for who, planned in enumerate(plan.paths) if step < len(planned)
-            }
+        for step, targets in enumerate(plan.rounds(), 1):
             try:
                 yield from vehicles.go(targets)
             except InputError as error:
                 where = f"{path}:{plan.lines[step]}" if plan.lines else f"{path}"
-                raise InputError(f"{where}: timestep {step}, {error}") from None
+                raise InputError(f"{where}: timestep {step}, {error}{mirrored()}") from None
+
+    known = plan.goals if goals is None else goals[: len(first)]
 
     def scene() -> Scene:
-        known = plan.goals if goals is None else goals[: len(first)]
         return vehicles_scene(str(path), graph, first, known)
 
-    return Imported(moves(), plan.steps, scene, labelled_goals=True)
+    def unsolved() -> str | None:
+        off = None if known is None else off_targets(vehicles.at, known, "agent")
+        return None if off is None else f"{off}{mirrored()}"
+
+    return Imported(moves(), plan.steps, scene, labelled_goals=True, unsolved=unsolved)
+
+
+def _check_starts(first: Sequence[Cell], starts: Sequence[Cell]) -> None:
+    for number, (found, start) in enumerate(zip(first, starts, strict=False)):
+        if found != start:
+            raise InputError(
+                f"agent {number} starts at {text(found)}, in the scenario at {text(start)}"
+            )
+
+
+def _mirrored(
+    plan: _Plan,
+    other: str,
+    free: AbstractSet[Cell],
+    starts: Sequence[Cell] | None,
+    goals: Sequence[Cell] | None,
+) -> str:
+    """Return how a plan's cells would fit, for the end of a line; `other` is the other order."""
+    if _fits(plan.turned(), free, starts, goals):
+        return f"; it fits with x and y exchanged, order={other}"
+    rows = {y for _, y in free}
+    # A border of obstacles is as thick on both sides, or there is none below the last free row.
+    for height in sorted({min(rows) + max(rows), max(rows)}):
+        if _fits(plan.flipped(height), free, starts, goals):
+            return "; it fits with y counted from the bottom of the map"
+    return ""
+
+
+def _fits(
+    plan: _Plan,
+    free: AbstractSet[Cell],
+    starts: Sequence[Cell] | None,
+    goals: Sequence[Cell] | None,
+) -> bool:
+    """Tell whether a plan is legal on a map, and of the scenario if there is one."""
+    first = [planned[0] for planned in plan.paths]
+    if starts is not None and first != list(starts[: len(first)]):
+        return False
+    known = plan.goals if goals is None else goals[: len(first)]
+    return fits(first, free.__contains__, lambda _: plan.rounds(), known)
 
 
 def _beside(
@@ -300,7 +364,7 @@ def _in_order(
     request: Request,
     plan: _Plan,
     order: str,
-    free: AbstractSet[object],
+    free: AbstractSet[Cell],
     starts: Sequence[Cell] | None,
 ) -> _Plan:
     """Return the plan with its cells as (x, y); InputError where nothing says which order it has.

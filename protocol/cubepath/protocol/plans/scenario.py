@@ -55,6 +55,29 @@ def read_scenario(file: InputFile) -> Imported:
         scenario.planner_rounds,
         lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
         labelled_goals=True,
+        unsolved=lambda: _unsolved(scenario),
+    )
+
+
+def _unsolved(scenario: Scenario) -> str | None:
+    """Say where the moves do not end; the goals are of all vehicles together, as for `agv`.
+
+    A scenario without moves is a place to start from, and no plan.
+    """
+    if not scenario.moves:
+        return None
+    at = {cell: who for who, cell in enumerate(scenario.starts)}
+    for source, target in scenario.moves:
+        at[target] = at.pop(source)
+    goals = set(scenario.goals)
+    off = sorted((who, cell) for cell, who in at.items() if cell not in goals)
+    if not off:
+        return None
+    who, cell = off[0]
+    many = "ends" if len(off) == 1 else "end"
+    return (
+        f"{len(off)} of {len(at)} vehicles {many} off the goals, the first is vehicle {who}: it"
+        f" ends at {text(cell)}, its own goal is {text(scenario.goals[who])}"
     )
 
 

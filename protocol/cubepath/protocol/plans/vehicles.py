@@ -11,7 +11,7 @@ moved at either end between them, so both are moves of one vehicle; each ends wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
@@ -125,6 +125,38 @@ class Vehicles:
             made = PathMove(action, GeneratorPlacement("edge", ends), frozenset((source,)))
             self._made[source, cell] = made
         return made
+
+
+def off_targets(at: Sequence[Cell], targets: Sequence[Cell], called: str) -> str | None:
+    """Return how many vehicles end off their targets, and which is the first; None if none does."""
+    off = [who for who, ends in enumerate(zip(at, targets, strict=True)) if ends[0] != ends[1]]
+    if not off:
+        return None
+    first = off[0]
+    many = "ends off its target" if len(off) == 1 else "end off their targets"
+    return (
+        f"{len(off)} of {len(at)} {called}s {many}, the first is {called} {first}: it ends at"
+        f" {text(at[first])}, expected {text(targets[first])}"
+    )
+
+
+def fits(
+    starts: Sequence[Cell],
+    is_free: Callable[[Cell], bool],
+    rounds: Callable[[Vehicles], Iterable[Mapping[int, Cell]]],
+    targets: Sequence[Cell] | None,
+) -> bool:
+    """Tell whether all rounds are legal and end at the targets, if there are any.
+
+    `rounds` is given the vehicles, and gives each round once the one before has been made.
+    """
+    try:
+        vehicles = Vehicles(starts, is_free, called="vehicle")
+        for each in rounds(vehicles):
+            vehicles.go(each)
+    except InputError:
+        return False
+    return targets is None or vehicles.at == list(targets)
 
 
 def vehicles_scene(

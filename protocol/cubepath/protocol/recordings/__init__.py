@@ -11,6 +11,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import (
         FORMAT,
+        TOPICS_MAX,
         Record,
         Recording,
         RecordingWriter,
@@ -24,14 +25,15 @@ else:
         __name__,
         {
             "recording": (
-                "FORMAT Record Recording RecordingWriter copy_recording is_recording "
-                "read_recording read_undamaged"
+                "FORMAT TOPICS_MAX Record Recording RecordingWriter copy_recording "
+                "is_recording read_recording read_undamaged"
             ),
         },
     )
 
 __all__ = [
     "FORMAT",
+    "TOPICS_MAX",
     "Record",
     "Recording",
     "RecordingWriter",

@@ -37,6 +37,8 @@ SCENE = "scene.toml"
 SCHEDULE = "schedule.jsonl"
 FLUSH_EVERY = 50
 """Messages between two flushes: a kill loses fewer than this, and what was still in a queue."""
+TOPICS_MAX = (1 << 16) - 1
+"""Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 _METADATA = "cubepath"
 
 
@@ -119,8 +121,18 @@ class RecordingWriter:
         self._guard(lambda: self._add(topic, data, round_number, wall_ns))
 
     def _add(self, topic: str, data: bytes, round_number: int, wall_ns: int) -> None:
+        if not 0 <= round_number < 1 << 64:
+            raise InputError(
+                f"{self.path}: message {self.messages} ({topic}) is of round {round_number},"
+                " expected 0 or more, in 64 bits"
+            )
         channel = self._channels.get(topic)
         if channel is None:
+            if len(self._channels) == TOPICS_MAX:
+                raise InputError(
+                    f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
+                    f" recording can have, expected {TOPICS_MAX} at most"
+                )
             channel = self._channels[topic] = self._writer.register_channel(
                 topic, "json", self._schema(topic.partition("/")[0])
             )
@@ -280,7 +292,12 @@ def _checksum(parameters: Mapping[str, str]) -> str:
 def _scene(path: Path, found: Salvage) -> Scene:
     for attachment in found.attachments:
         if attachment.name == SCENE:
-            return scene_from_toml(attachment.data.decode(), f"{path} ({SCENE})")
+            where = f"{path} ({SCENE})"
+            try:
+                text = attachment.data.decode()
+            except UnicodeDecodeError as error:
+                raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
+            return scene_from_toml(text, where)
     raise InputError(f"{path}: the attachment {SCENE} is lost, so nothing can be checked")
 
 

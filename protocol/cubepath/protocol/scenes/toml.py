@@ -7,6 +7,7 @@ What stands in the table of a system is for its own class to say.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import tomli_w
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
-from cubepath.protocol.core.sites import in_order, sites_from_json, to_json
+from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.scenes.registry import OWN_KINDS, SCENE_KEYS, kinds
 
@@ -42,6 +43,8 @@ def scene_from_toml(text: str, where: str) -> Scene:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{where}: not TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{where}: lists in lists, nested too deeply") from None
     if table.get("format") != FORMAT:
         raise InputError(f"{where}: format is {table.get('format')!r}, expected {FORMAT!r}")
     try:
@@ -61,16 +64,30 @@ def _scene(table: dict[str, Any], where: str) -> Scene:
     names = [name for name in known if name in table]
     if len(names) != 1:
         raise InputError(f"expected one of the tables {', '.join(f'[{name}]' for name in known)}")
-    start = sites_from_json(found.start)
-    goals = tuple(sites_from_json(each) for each in found.goals)
+    system = _system(known[names[0]], table[names[0]])
+    start = _modules(system, "start", found.start)
+    goals = tuple(
+        _modules(system, f"goals[{number}]", each) for number, each in enumerate(found.goals)
+    )
+    goal = None if found.goal is None else _modules(system, "goal", found.goal)
+    if goal is not None and len(set(goal)) < len(goal):
+        twice = next(site for site in goal if goal.count(site) > 1)
+        raise InputError(f"goal: {twice!r} stands twice")
     return Scene(
         spec=found.name or where,
         family=found.family,
-        system=_system(known[names[0]], table[names[0]]),
+        system=system,
         start=start,
-        goal=None if found.goal is None else frozenset(sites_from_json(found.goal)),
+        goal=None if goal is None else frozenset(goal),
         goals=goals * len(start) if len(goals) == 1 else goals,
     )
+
+
+def _modules(system: System, key: str, values: Iterable[object]) -> tuple[Site, ...]:
+    try:
+        return system.modules_among(sites_from_json(values))
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
 
 
 def _system(kind: type[System], table: object) -> System:

@@ -22,6 +22,7 @@ from cubepath.protocol.systems.point_sets import (
     Point,
     PointSet,
     Quadrilateral,
+    distinct_edges,
     edge_of,
     quadrilateral,
 )
@@ -82,6 +83,15 @@ class FlipSystem(System):
         """
         edges = _rows(_edges(goal))
         return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
+
+    def modules_among(self, sites: Iterable[Site]) -> tuple[Edge, ...]:
+        """Return the diagonals among the edges of a triangulation, in their order.
+
+        A file says all edges, or leaves out those that are in every triangulation; either end of
+        an edge may come first.
+        """
+        edges = distinct_edges(sites, len(self.plane.points))
+        return tuple(edge for edge in edges if edge not in self.kept)
 
     def modules_of(self, edges: Iterable[Edge]) -> tuple[Edge, ...]:
         """Return the edges of a triangulation that are modules, in order."""
@@ -219,7 +229,7 @@ class FlipSystem(System):
         last = len(self.plane.points) - 1
         for site in sites:
             match site:
-                case (int(one), int(other)) if 0 <= one < other <= last:
+                case (one, other) if type(one) is type(other) is int and 0 <= one < other <= last:
                     edges.append((one, other))
                 case _:
                     raise InputError(f"{site!r} is no edge [a, b] of points a < b up to {last}")

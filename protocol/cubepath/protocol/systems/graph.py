@@ -16,6 +16,7 @@ from cubepath.protocol.core.sites import (
     Site,
     in_order,
     pairs_from_json,
+    site_text,
     sites_from_json,
     to_json,
 )
@@ -179,7 +180,7 @@ class GraphSystem(System):
             isinstance(site, tuple)
             and len(site) == 2
             and site[0] in self.index
-            and isinstance(site[1], int)
+            and type(site[1]) is int
             and 0 <= site[1] < self.labels
         ):
             return site[0], site[1]
@@ -234,6 +235,13 @@ class GraphSystem(System):
     def has_place(self, place: Site) -> bool:
         """Tell whether `place` is a vertex."""
         return place in self.index
+
+    def check_place(self, place: Site) -> None:
+        """Raise InputError for what is no vertex as the graph writes it: true is not 1."""
+        super().check_place(place)
+        vertex = self.vertices[self.index[place]]
+        if site_text(place) != site_text(vertex):
+            raise InputError(f"the vertex is {site_text(vertex)}")
 
     def place_of(self, site: Site) -> Site:
         """Return the vertex of a site."""

@@ -17,6 +17,7 @@ import msgspec
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source, opened, read_text
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.sites import Site
 
 Edge = tuple[Site, Site]
@@ -194,6 +195,9 @@ def scenario_from_json(source: Source) -> Scenario:
         path, text = file.path, file.text()
     try:
         found = msgspec.json.decode(text, type=_ScenarioFile)
+        check_keys(text.encode(), where=f"{path}:")
+    except RecursionError:
+        raise InputError(f"{path}: lists in lists, nested too deeply") from None
     except msgspec.DecodeError as error:
         raise InputError(f"{path}: {error}") from None
     obstacles = frozenset(found.obstacles)

@@ -188,6 +188,11 @@ class LatticeSystem(System):
         """Tell whether `place` is in the workspace and no obstacle."""
         return place not in self.obstacles and (self.workspace is None or place in self.workspace)
 
+    def check_place(self, place: Site) -> None:
+        """Raise InputError for what is no cell of the lattice, and where no module can stand."""
+        self.catalogue.lattice.check(place)
+        super().check_place(place)
+
     def legal(self, state: AbstractSet[Site]) -> bool:
         """Tell whether the cells that are on are connected, where they have to be."""
         if self.local:

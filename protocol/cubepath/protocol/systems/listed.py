@@ -272,6 +272,13 @@ class TabledSystem(System):
         """Tell whether some move concerns `place`, and it is not fixed."""
         return place in self._index and place not in self.filled
 
+    def check_place(self, place: Site) -> None:
+        """Raise InputError for what is no place as the moves write it: true is not 1."""
+        super().check_place(place)
+        known = self.places[self._index[place]]
+        if site_text(place) != site_text(known):
+            raise InputError(f"the place is {site_text(known)}")
+
     def _split(self, site: Site) -> tuple[Site, str | None]:
         if isinstance(site, tuple) and len(site) == 2:
             place, letter = site

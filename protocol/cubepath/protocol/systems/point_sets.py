@@ -274,6 +274,30 @@ def _chain(points: Sequence[Point], order: Iterable[int]) -> list[int]:
     return chain
 
 
+def distinct_edges(values: Iterable[object], count: int) -> tuple[Edge, ...]:
+    """Return the edges between `count` points that pairs of numbers stand for, in their order.
+
+    Either end may come first. InputError names the first that is none, or stands twice.
+    """
+    found: dict[Edge, None] = {}
+    for value in values:
+        edge = _edge(value, count)
+        if edge is None:
+            raise InputError(f"{value!r} is no edge between two points of 0 to {count - 1}")
+        if edge in found:
+            raise InputError(f"edge {list(edge)} stands twice")
+        found[edge] = None
+    return tuple(found)
+
+
+def _edge(value: object, count: int) -> Edge | None:
+    match value:
+        case (one, other) if type(one) is int and type(other) is int and one != other:
+            return edge_of(one, other) if min(one, other) >= 0 and max(one, other) < count else None
+        case _:
+            return None
+
+
 def edge_of(one: int, other: int) -> Edge:
     """Return the edge between two points."""
     return (one, other) if one < other else (other, one)

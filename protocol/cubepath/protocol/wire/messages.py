@@ -230,7 +230,7 @@ def decode(data: bytes) -> Message:
     """Return the message that the bytes hold; InputError where they hold none."""
     try:
         return _decoder.decode(data)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"not a cubepath message: {error}") from None
 
 

@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import time
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any, cast
 
 import zenoh
@@ -19,6 +21,9 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 
 _STALL_US_MAX = 60_000_000
 _PATIENCE_S_MAX = 10.0
+_FOR_SESSIONS = 24
+"""Descriptors that a router and two clients take, and a few more."""
+_FOR_A_PROCESS = 4
 _POLL_S = 0.0005
 _ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^/\s:\[\]]+):[0-9]{1,5}")
 
@@ -39,11 +44,29 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
     return config
 
 
-def open_router(endpoint: str | None = None) -> tuple[zenoh.Session, str]:
+def _check_descriptors(needed: int) -> None:
+    most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+    if most == resource.RLIM_INFINITY:
+        return
+    try:
+        taken = len(list(Path("/dev/fd").iterdir())) - 1  # one of them is the list itself
+    except OSError:
+        taken = most  # there is none left even to look
+    if most - taken < needed:
+        raise CubepathError(
+            f"too few open files are allowed: {most}, expected at least {taken + needed}"
+            " (ulimit -n)"
+        )
+
+
+def open_router(endpoint: str | None = None, processes: int = 0) -> tuple[zenoh.Session, str]:
     """Open a router at an endpoint, or a free loopback port; return it with its endpoint.
 
     An endpoint is ``tcp/HOST:PORT``; InputError where it is none or cannot be listened at.
+    CubepathError where files cannot be opened for it, two clients here and so many in other
+    processes: zenoh does not say so, but panics.
     """
+    _check_descriptors(_FOR_SESSIONS + _FOR_A_PROCESS * processes)
     if endpoint is not None and not _ENDPOINT.fullmatch(endpoint):
         raise InputError(f"endpoint={endpoint}: expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
     settings: Mapping[str, Any] = {

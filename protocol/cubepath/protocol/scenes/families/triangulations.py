@@ -18,10 +18,17 @@ from typing import Any
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
+from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, edge_of
+from cubepath.protocol.systems.point_sets import (
+    SWEEPS,
+    Edge,
+    Point,
+    distinct_edges,
+    edge_of,
+)
 
 _RADIUS = 10**6
 """Of a polygon: corners on whole numbers stay strictly convex."""
@@ -90,6 +97,7 @@ def _points_from_json(text: str, where: str) -> Points:
 
     try:
         value: Any = json.loads(text, parse_int=exact, parse_float=exact, parse_constant=exact)
+        check_keys(text.encode(), where=f"{where}:")
     except json.JSONDecodeError as error:
         raise InputError(f"{where}:{error.lineno}: not JSON: {error.msg}") from None
     if not isinstance(value, dict):
@@ -130,14 +138,15 @@ def _pairs(value: Any, where: str, what: str) -> list[tuple[Fraction, Fraction]]
 
 
 def _edges(value: Any, where: str, count: int) -> frozenset[Edge]:
-    found = set()
-    for number, (one, other) in enumerate(_pairs(value, where, "edges")):
-        if not (one in range(count) and other in range(count) and one != other):
-            raise InputError(
-                f"{where}: edges[{number}]: expected two numbers of points, 0 to {count - 1}"
-            )
-        found.add(edge_of(int(one), int(other)))
-    return frozenset(found)
+    pairs = [tuple(map(_whole_or_not, pair)) for pair in _pairs(value, where, "edges")]
+    try:
+        return frozenset(distinct_edges(pairs, count))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def _whole_or_not(number: Fraction) -> int | float:
+    return int(number) if number.denominator == 1 else float(number)
 
 
 def _exact(text: str, where: str) -> Fraction:

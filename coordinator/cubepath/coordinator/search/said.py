@@ -1,0 +1,57 @@
+"""What a system says of its paths: ways, bounds and a potential.
+
+The class may be of another distribution. What goes wrong in its methods is one line that names the
+class and the method.
+
+Room: coordinator; touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar
+
+from cubepath.protocol.core.actions import State
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Bound, System, Ways
+
+_P = ParamSpec("_P")
+_T = TypeVar("_T")
+
+
+def ways_of(system: System) -> Ways | None:
+    """Return where modules can go, None where the system does not say."""
+    found = _named(system, "ways", system.ways)()
+    if found is None:
+        return None
+    near = _named(system, "ways", lambda site: tuple(found.near(site)))
+    return Ways(near, found.one_to_one)
+
+
+def bounds_of(system: System, start: State, goal: State) -> list[Bound]:
+    """Return the bounds that the system itself has."""
+    return _named(system, "bounds", lambda: list(system.bounds(start, goal)))()
+
+
+def potential_of(system: System, goal: State) -> Callable[[Site], int] | None:
+    """Return how far a site is from the goal, None where the system does not say."""
+    found = _named(system, "potential", system.potential)(goal)
+    return None if found is None else _named(system, "potential", found)
+
+
+def _named(system: System, method: str, ask: Callable[_P, _T]) -> Callable[_P, _T]:
+    """Return `ask` with its errors as InputError in one line; those of the project go through."""
+
+    def asked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        try:
+            return ask(*args, **kwargs)
+        except CubepathError:
+            raise
+        except Exception as error:
+            kind, text = type(system), " ".join(str(error).split())
+            raise InputError(
+                f"{kind.__name__}.{method} of {kind.__module__}: {type(error).__name__}: {text}"
+            ) from error
+
+    return asked

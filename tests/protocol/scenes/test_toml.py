@@ -1,0 +1,161 @@
+"""Scenes as TOML: what `start`, `goal` and `goals` may hold, and how they are refused."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_from_toml
+
+YARD = """
+format = "cubepath-system-1"
+name = "yard"
+start = [["gate", 0], ["dock", 1]]
+goal = [["dock", 0], ["lane", 1]]
+goals = GOALS
+
+[graph]
+vertices = ["gate", "lane", "dock", 1]
+edges = [["gate", "lane"], ["lane", "dock"], ["dock", "gate"], ["dock", 1]]
+labels = 2
+"""
+FLOOR = """
+format = "cubepath-system-1"
+start = START
+goals = GOALS
+
+[lattice]
+name = "squares"
+filled = [[0, 0], [1, 0]]
+
+[[lattice.generators]]
+name = "crawl"
+support = [[0, 0], [1, 0], [0, -1], [1, -1]]
+trace = [[0, 0], [1, 0]]
+before = [[0, 0], [0, -1], [1, -1]]
+after = [[1, 0], [0, -1], [1, -1]]
+goes = [[[0, 0], [1, 0]]]
+"""
+HOUSE = """
+format = "cubepath-system-1"
+name = "house"
+start = START
+goal = GOAL
+goals = GOALS
+
+[triangulation]
+points = [[0, 0], [4, 0], [4, 3], [2, 5], [0, 3]]
+"""
+
+
+def scene(text: str, **values: str) -> Scene:
+    for key, value in values.items():
+        text = re.sub(rf"\b{key.upper()}\b", value, text)
+    return scene_from_toml(text, "file.toml")
+
+
+def test_goals_of_labelled_vehicles_are_vertices() -> None:
+    """Each vehicle knows its own, by the vertex alone."""
+    assert scene(YARD, goals='[["dock"], ["lane"]]').goals == (("dock",), ("lane",))
+
+
+@pytest.mark.parametrize(
+    ("goals", "message"),
+    [
+        ('[["dock"], [7]]', r"goals\[1\]: 7: an obstacle or no place"),
+        ('[["dock"], ["dock"]]', r"goals\[1\]: 'dock' is the goal of module 0 too"),
+        ('[["dock"]]', r"goals\[1\]: 'dock' is the goal of module 0 too"),
+        ('[["dock", "dock"], ["lane"]]', r"goals\[0\]: 'dock' stands twice"),
+        ('[["dock"], ["lane"], ["gate"]]', "2 modules, goals for 3 of them"),
+        ('[[["dock", 0]], ["lane"]]', "no place, expected a place without a label"),
+        ('[["dock"], [true]]', r"goals\[1\]: True: the vertex is 1"),
+        ('[["dock"], [1979-05-27]]', r"goals\[1\]: a site is a JSON number, string or list"),
+        ('["dock", "lane"]', r"Expected `array`, got `str` - at `\$.goals\[0\]`"),
+        ('[["dock"], [{a = 1}]]', r"goals\[1\]: a site is a JSON number, string or list"),
+    ],
+)
+def test_goals_of_labelled_vehicles_that_cannot_be(goals: str, message: str) -> None:
+    """Count, known places, doubles and types are refused, with the module's number."""
+    with pytest.raises(InputError, match=message) as error:
+        scene(YARD, goals=goals)
+    assert str(error.value).startswith("file.toml: ")
+
+
+@pytest.mark.parametrize(
+    ("start", "goals", "message"),
+    [
+        ("[[0, 1]]", "[[[1, 0]]]", r"goals\[0\]: \(1, 0\): an obstacle or no place"),
+        ("[[0, 1]]", "[[[2, 1], [2.5, 1]]]", r"\(2.5, 1\): a site of lattice squares is 2 integ"),
+        ("[[0, 1]]", "[[[2, 1], [true, 1]]]", r"\(True, 1\): a site of lattice squares is 2 int"),
+        ("[[true, 1]]", "[]", r"module starts at \(True, 1\): a site of lattice squares"),
+        ('["here"]', "[]", "module starts at 'here': a site of lattice squares is 2 integers"),
+    ],
+)
+def test_cells_that_cannot_be(start: str, goals: str, message: str) -> None:
+    """A cell is integers, also where the lattice is open, and a goal is no obstacle."""
+    with pytest.raises(InputError, match=message):
+        scene(FLOOR, start=start, goals=goals)
+
+
+def test_booleans_are_no_labels() -> None:
+    """A label is a whole number: true is not 1."""
+    with pytest.raises(InputError, match=r"a site is \[vertex, label\] with label below 2"):
+        scene(YARD.replace('["dock", 1]', '["dock", true]', 1), goals="[]")
+
+
+@pytest.mark.parametrize("depth", [65, 500, 50_000])
+def test_lists_in_lists_are_refused(depth: int) -> None:
+    """However deep they are, as a site and in a label, in one line that names the file."""
+    deep = "[" * depth + "]" * depth
+    for text in (FLOOR.replace("START", f"[{deep}]"), YARD.replace('"yard"', deep)):
+        with pytest.raises(InputError, match=r"file\.toml: ") as error:
+            scene(text, goals="[]")
+        assert "\n" not in str(error.value)
+
+
+WHOLE = "[[0, 2], [1, 0], [1, 2], [2, 3], [3, 0], [3, 4], [0, 4]]"
+
+
+def test_start_is_a_whole_triangulation_or_its_diagonals() -> None:
+    """Edges of the hull may be left out, and either end may come first, in all three keys."""
+    short = scene(HOUSE, start="[[0, 2], [0, 3]]", goal="[[1, 3], [1, 4]]", goals="[[[1, 3]]]")
+    told = scene(HOUSE, start=WHOLE, goal="[[3, 1], [4, 1], [0, 1]]", goals="[[[3, 1], [0, 1]]]")
+    assert (told.start, told.goal, told.goals) == (short.start, short.goal, short.goals)
+
+
+POINTS = '{"points_x": [0, 4, 4, 2, 0], "points_y": [0, 0, 3, 5, 3], "triangulations": [%s]}'
+
+
+@pytest.mark.parametrize(
+    "edges",
+    [
+        "[[0, 2], [0, 3]]",
+        "[[2, 0], [3, 0]]",
+        WHOLE,
+        "[[0, 2], [2, 0]]",
+        "[[0, 2], [0, 3], [0, 3]]",
+        "[[0, 2], [0, 5]]",
+        "[[0, 2], [0, 0]]",
+        "[[0, 2], [1, 3]]",
+        "[[0, 2]]",
+    ],
+)
+def test_toml_and_json_agree_on_triangulations(tmp_path: Path, edges: str) -> None:
+    """What one takes the other takes as the same modules; what one refuses the other refuses."""
+    path = tmp_path / "house.json"
+    path.write_text(POINTS % edges)
+
+    def modules(read: str) -> set[object] | None:
+        try:
+            if read == "json":
+                return set(scene_from_spec(f"triangulation:points={path},start=0,goal=0").start)
+            return set(scene(HOUSE, start=edges, goal="[[1, 3], [1, 4]]", goals="[]").start)
+        except InputError:
+            return None
+
+    assert modules("json") == modules("toml")

@@ -1,0 +1,49 @@
+"""Sessions: too few file descriptors are told in one line, before zenoh panics."""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+GOLDEN = Path(__file__).parents[3] / "logs" / "golden" / "hex-5.mcap"
+REPLAY = ("replay", str(GOLDEN))
+RUN = ("run", "hex:n=5", "--max-rounds=3", "--log=run.mcap")
+MANY = ("run", "hex:n=30", "--processes=30", "--max-rounds=3", "--log=run.mcap")
+
+
+def with_descriptors(folder: Path, most: int, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command that may open so many files."""
+    return subprocess.run(
+        [sys.executable, "-m", "cubepath.coordinator", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+        cwd=folder,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (most, most)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "most"), [(REPLAY, 16), (RUN, 16), (REPLAY, 22), (RUN, 30), (MANY, 64)]
+)
+def test_too_few_descriptors_are_one_line(
+    tmp_path: Path, arguments: tuple[str, ...], most: int
+) -> None:
+    """With how many there are and how many it takes."""
+    done = with_descriptors(tmp_path, most, *arguments)
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"cubepath: too few open files are allowed: {most}, expected at")
+    assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("arguments", [REPLAY, RUN])
+def test_enough_descriptors_are_enough(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    """What is asked for before is enough for what comes."""
+    assert with_descriptors(tmp_path, 64, *arguments).returncode == 0
