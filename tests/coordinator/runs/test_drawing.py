@@ -1,4 +1,4 @@
-"""Pictures of a run follow its modules, hold all its moves, and are written whole or not at all."""
+"""Pictures of a run hold all its moves, and are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -12,65 +12,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cubepath.agents.environments.world import World
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs import drawing as pictures
-from cubepath.coordinator.runs.drawing import animate, run_picture, snapshots
-from cubepath.protocol.core.actions import Action
+from cubepath.coordinator.runs.drawing import run_picture
+from cubepath.coordinator.runs.films import animate
+from cubepath.coordinator.runs.snapshots import snapshots
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-
-Rounds = list[list[Action]]
-
-
-def random_run(spec: str, count: int) -> tuple[Scene, Rounds, list[tuple[Site, ...]]]:
-    """Return the scene, the actions of each round, and where modules were after each."""
-    scene = scene_from_spec(spec)
-    world, random = World(scene, seed=2), np.random.default_rng(2)
-    rounds, where = [], [tuple(world.sites)]
-    for _ in range(count):
-        masks = [world.observe(module)["action_mask"] for module in range(len(world.sites))]
-        chosen = {
-            module: int(random.choice(mask.nonzero()[0])) for module, mask in enumerate(masks)
-        }
-        rounds.append([move.action for move in world.step(chosen).moves.values()])
-        where.append(tuple(world.sites))
-    return scene, rounds, where
-
-
-SPECS = ["hex:n=6", "arm:n=6", "agv:graph=grid4x4,n=5", "agv-labelled:graph=C6,n=3", "agv:graph=K5"]
-
-
-@pytest.mark.parametrize("spec", [*SPECS, "sliding:p=2,q=2,n=5", "arms:n=2"])
-def test_modules_are_followed(spec: str) -> None:
-    """From the actions alone follows where each module is, as in the world that moved them."""
-    scene, rounds, where = random_run(spec, 30)
-    found = list(snapshots(scene, rounds))
-    assert [snapshot.sites for snapshot in found] == where
-    for before, after, snapshot in zip(where, where[1:], found[1:], strict=False):
-        left = {n: site for n, site in enumerate(before) if site != after[n]}
-        assert snapshot.moved == left
-        assert set(snapshot.by) == set(left)
-
-
-@pytest.mark.parametrize("spec", SPECS)
-def test_each_module_ends_at_the_same_place_by_the_cubes(spec: str) -> None:
-    """The normal cube path takes every single module where the run took it."""
-    scene, rounds, where = random_run(spec, 30)
-    *_, last = snapshots(scene, normal_cube_path(chain.from_iterable(rounds)))
-    assert last.sites == where[-1]
-
-
-def test_a_flip_of_an_arm_moves_two_segments() -> None:
-    """One action, two modules, each turning in its place."""
-    scene = scene_from_spec("arm:n=2")
-    rotate = scene.system.action("rotate", (0, 1))
-    flip = scene.system.action("flip", (0, 0))
-    *_, last = snapshots(scene, [[rotate], [flip]])
-    assert last.sites == ((0, 0, 0), (1, 0, 1))
-    assert last.moved == {0: (0, 0, 1), 1: (0, 1, 0)}
+from random_runs import SPECS, random_run
 
 
 def test_an_inadmissible_move_is_refused(tmp_path: Path) -> None:
@@ -173,37 +122,6 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
         run_picture(scene, [], [], path)
     with pytest.raises(InputError, match=r"run\.gif: No such file"):
         animate(scene, [], path.with_suffix(".gif"))
-
-
-@pytest.mark.slow
-def test_a_film(tmp_path: Path) -> None:
-    """A frame for the start and each step; progress counts them; nothing else is left behind."""
-    scene, rounds, _ = random_run("hex:n=4", 6)
-    path, told = tmp_path / "film.gif", list[tuple[int, int]]()
-    animate(scene, rounds, path, progress=lambda done, total: told.append((done, total)))
-    assert path.read_bytes().startswith(b"GIF89a")
-    with Image.open(path) as image:
-        assert getattr(image, "n_frames", 1) == 7
-    assert told == [(done, 7) for done in range(1, 8)]
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.slow
-def test_a_film_that_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
-    """An interrupt in the middle leaves neither a film nor a part of one, and an old film stays."""
-    scene, rounds, _ = random_run("hex:n=4", 3)
-    path = tmp_path / "film.gif"
-    path.write_bytes(b"old")
-
-    def stop(done: int, total: int) -> None:
-        if done == 2 < total:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        animate(scene, rounds, path, progress=stop)
-    assert [(found.name, found.read_bytes()) for found in tmp_path.iterdir()] == [
-        ("film.gif", b"old")
-    ]
 
 
 @pytest.mark.slow

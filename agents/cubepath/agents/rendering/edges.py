@@ -5,7 +5,7 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from math import ceil, floor, pi
 
@@ -18,11 +18,13 @@ from cubepath.agents.rendering.layout import (
     marks_of,
     tips_of,
 )
+from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
 from cubepath.agents.rendering.pen import (
     INK,
     LINE,
     PALE_GOAL,
     WALL,
+    Box,
     Pen,
     Points,
     Spot,
@@ -94,6 +96,20 @@ def _ground(pen: PlacePen) -> None:
     pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
 
 
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    if scene.goal:
+        yield Mark("goal", face=PALE_GOAL)
+    if scene.system.filled:
+        yield Mark("fixed", face=WALL)
+    arms = [segments(sites, moved) for sites, moved in shots]
+    yield from moves_marks((found.sites, found.moved) for found in arms)
+    yield Mark("joint", face="white", edge=INK, is_round=True)
+    if any(found.marked for found in arms):
+        yield Mark("marked vertex", face=INK, is_round=True)
+    if any(found.changed for found in arms):
+        yield Mark("mark has just changed", edge=INK, is_round=True)
+
+
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
     """Return segments as ``---`` and ``|`` between vertices; a marked vertex is ``*``."""
     marks = marks_of(scene, sites)
@@ -119,4 +135,4 @@ def _text(scene: Scene, sites: Sequence[Site]) -> str:
     return "\n".join(lines[:-1])
 
 
-EDGES = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw)
+EDGES = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw, marks=_marks)

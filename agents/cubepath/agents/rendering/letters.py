@@ -5,13 +5,15 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import (
+    GHOST,
     GOAL,
     INK,
     LINE,
@@ -135,6 +137,17 @@ def _draw(
     small(aims, (0.28, -0.28), edgecolors=GOAL, linewidths=0.7 * width)
 
 
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    goal = scene.goal or frozenset()
+    if any(not goal.isdisjoint(sites) for sites, _ in shots):
+        yield Mark("has the letter of the goal", edge=GOAL)
+    if any(not goal.issubset(sites) for sites, _ in shots):
+        yield Mark("lower right: letter of the goal", face="white", edge=GOAL)
+    if any(moved for _, moved in shots):
+        yield Mark("has just changed", edge=INK)
+        yield Mark("upper left: letter before", face=GHOST)
+
+
 def _box(size: float, middle: Spot) -> Points:
     """Return a square with round corners."""
     half, corner = 0.44 * size, 0.12 * size
@@ -143,4 +156,4 @@ def _box(size: float, middle: Spot) -> Points:
     return np.add(arcs(about, corner), middle)
 
 
-LETTERS = Style(text=_text, frame=_frame, draw=_draw)
+LETTERS = Style(text=_text, frame=_frame, draw=_draw, marks=_marks)

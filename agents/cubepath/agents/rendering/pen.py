@@ -27,6 +27,8 @@ Box: TypeAlias = tuple[float, float, float, float]
 
 INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
 PALE_GOAL, LINE, TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
+GHOST = "#d3d3d4"
+"""The trace of a module in a legend, where it is of no module in particular."""
 
 
 def palette(count: int) -> list[Colour]:

@@ -5,7 +5,7 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -13,7 +13,19 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.rendering.layout import known_places
-from cubepath.agents.rendering.pen import GOAL, INK, Box, Colour, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
+from cubepath.agents.rendering.pen import (
+    GOAL,
+    INK,
+    WALL,
+    Box,
+    Colour,
+    Pen,
+    Points,
+    Spot,
+    arcs,
+    palette,
+)
 from cubepath.agents.rendering.style import readable
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
@@ -124,3 +136,17 @@ def draw_modules(
     pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
     stirred = [places[number] for number in left]
     pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
+
+
+def place_marks(
+    scene: Scene, shots: Sequence[Shot], *, discs: bool = False, round_goal: bool = False
+) -> Iterator[Mark]:
+    """Yield the marks that `draw_places` makes; those of the ground are not among them.
+
+    `discs` says that modules are discs, `round_goal` that outlines of the goal are round as well.
+    """
+    if scene.goal and scene.system.labels is None:
+        yield Mark("goal", edge=GOAL, is_round=round_goal)
+    elif scene.goal:
+        yield Mark("goal of the module of its colour", edge=WALL, is_round=round_goal)
+    yield from moves_marks(shots, is_round=discs)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
+from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import Box, Pen
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -16,6 +17,7 @@ from cubepath.protocol.core.system import Scene
 Text: TypeAlias = Callable[[Scene, Sequence[Site]], str]
 Frame: TypeAlias = Callable[[Scene, Iterable[Site]], Box]
 Draw: TypeAlias = Callable[[Pen, Scene, Sequence[Site], Mapping[int, Site], "bool | None"], None]
+Marks: TypeAlias = Callable[[Scene, Sequence[Shot], Box], Iterable[Mark]]
 
 _ROOM = 10.5
 """Points per cell from which a number on a module can be read."""
@@ -27,12 +29,14 @@ class Style:
 
     `frame` says what a picture shows at least, of the scene and of some further sites. `draw` is
     told of modules that have just moved from which site, and whether to write words: None where
-    that is for the room to decide.
+    that is for the room to decide. `marks` says which marks occur in pictures of some states, drawn
+    in a frame, and what they mean.
     """
 
     text: Text
     frame: Frame
     draw: Draw
+    marks: Marks
 
 
 def readable(pen: Pen, words: bool | None) -> bool:  # noqa: FBT001 - as `Style.draw` has it

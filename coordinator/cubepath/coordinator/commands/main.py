@@ -379,11 +379,8 @@ def _convert(options: argparse.Namespace) -> int:
 
 
 def _view(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415
-        FILM_SUFFIXES,
-        animate,
-        run_picture,
-    )
+    from cubepath.coordinator.runs.drawing import run_picture  # noqa: PLC0415
+    from cubepath.coordinator.runs.films import FILM_SUFFIXES, animate  # noqa: PLC0415
     from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 

@@ -11,7 +11,8 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.runs.contents import info, render
-    from cubepath.coordinator.runs.drawing import FILM_SUFFIXES, animate, run_picture
+    from cubepath.coordinator.runs.drawing import run_picture
+    from cubepath.coordinator.runs.films import FILM_SUFFIXES, animate
     from cubepath.coordinator.runs.gatherer import Gatherer, gathered
     from cubepath.coordinator.runs.launch import Outcome, Plan, run
     from cubepath.coordinator.runs.playback import Replayed, replay
@@ -20,7 +21,8 @@ else:
         __name__,
         {
             "contents": "info render",
-            "drawing": "FILM_SUFFIXES animate run_picture",
+            "drawing": "run_picture",
+            "films": "FILM_SUFFIXES animate",
             "gatherer": "Gatherer gathered",
             "launch": "Outcome Plan run",
             "playback": "Replayed replay",

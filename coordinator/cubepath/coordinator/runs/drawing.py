@@ -1,4 +1,4 @@
-"""Pictures of a whole run: a film strip with its schedule, and a film.
+"""A picture of a whole run: some of its states, and its schedule.
 
 Room: coordinator. Modules are followed through the moves from where they start, so all that is
 needed is the scene and the moves. matplotlib is imported when something is drawn.
@@ -8,86 +8,34 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cubepath.agents.rendering.legend import legend_of
 from cubepath.agents.rendering.pictures import INK, draw_on, frame, palette
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
-from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
+from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site, in_order
-from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Steps: TypeAlias = Sequence[Iterable[Action]]
-"""A run or a cube path: the actions of each round or cube, which commute."""
-
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
-FILM_SUFFIXES = (".gif",)
 _WIDE, _EDGE, _GAP = 9.0, 0.3, 0.14
 """In inches: the width of a picture, its margin, what lies between two states."""
 _TITLE, _CAPTION = 0.85, 0.2
 """In inches: the height of the title, and of what is said of each state."""
 _STATES, _SMALL = 6, 14
 """How many states are shown; in two rows where the frame is more than so many cells wide."""
-_FRAMES_MAX = 400
 _QUIET, _BAND = "#6d727a", "#f4f5f6"
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """Where modules are after a step; who moved in it, from which site and by which action."""
-
-    sites: tuple[Site, ...]
-    moved: Mapping[int, Site]
-    by: Mapping[int, Action]
-
-
-def snapshots(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterator[Snapshot]:
-    """Follow the modules through the steps: first the start, then a snapshot after each step.
-
-    InputError where an action is not admissible when its turn comes.
-    """
-    sites = list(scene.start)
-    module_at = {site: number for number, site in enumerate(sites)}
-    state = set(scene.start_state)
-    yield Snapshot(tuple(sites), {}, {})
-    for number, actions in enumerate(steps, 1):
-        moved: dict[int, Site] = {}
-        by: dict[int, Action] = {}
-        for action in actions:
-            index = end_at(action, state)
-            if index is None:
-                raise InputError(f"step {number}: {why_inadmissible(action, state)}")
-            motion = _goes(scene.system, action, index)
-            apply_in_place(action, state)
-            movers = [module_at.pop(source) for source, _ in motion]
-            for module, (source, target) in zip(movers, motion, strict=True):
-                moved[module], by[module] = source, action
-                sites[module] = target
-                module_at[target] = module
-        yield Snapshot(tuple(sites), moved, by)
-
-
-def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Site]]:
-    """Return where the action takes each module of its trace from its end `index`."""
-    before = in_order(action.ends[index] & action.trace)
-    for move in system.moves_of(action):
-        if set(before) == {source for source, _ in move.motion}:
-            return move.motion
-    after = in_order(action.ends[1 - index] & action.trace)
-    if len(before) != len(after):
-        raise InputError(f"{action!r} makes {len(after)} modules of {len(before)}")
-    return list(zip(before, after, strict=True))
 
 
 def run_picture(
@@ -104,7 +52,7 @@ def run_picture(
 
     InputError where the suffix is another, a move is not admissible or the file cannot be written.
     """
-    _check_suffix(path, PICTURE_SUFFIXES)
+    check_suffix(path, PICTURE_SUFFIXES)
     executed = [list(actions) for actions in rounds]
     normal = [list(actions) for actions in cubes]
     run = list(snapshots(scene, executed))
@@ -114,7 +62,8 @@ def run_picture(
     _save(figure, path)
 
 
-def _check_suffix(path: Path, known: Sequence[str]) -> None:
+def check_suffix(path: Path, known: Sequence[str]) -> None:
+    """Raise InputError where a name ends in none of these."""
     if path.suffix.lower() not in known:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(known)}")
 
@@ -167,7 +116,10 @@ def _figure(
     wide = (_WIDE - 2 * _EDGE - (columns - 1) * _GAP) / columns
     tall = min(wide * (high - low) / (right - left), 2 * wide)
     lanes = min(max(0.2 * len(scene.start), 0.8), 5.5)
-    chart_top = _TITLE + ceil(len(shown) / columns) * (_CAPTION + tall + _GAP) + 0.35
+    shots = [(run[number].sites, run[number].moved) for number in shown]
+    legend = legend_of(scene, shots, (left, right, low, high), _WIDE - 2 * _EDGE)
+    legend_top = _TITLE + ceil(len(shown) / columns) * (_CAPTION + tall + _GAP)
+    chart_top = legend_top + legend.height + 0.4
     page = _Page(Figure(facecolor="white"), chart_top + lanes + 0.55)
     page.write(_title(scene.spec), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     page.write(counts, _EDGE, 0.47, fontsize=10)
@@ -180,6 +132,7 @@ def _figure(
         page.write(name, at, top, fontsize=8.5)
         axes = page.axes(at, top + _CAPTION, wide, tall)
         draw_on(axes, scene, run[number].sites, moved=run[number].moved, also=also)
+    legend.put(page.figure, _EDGE, legend_top)
     chart = page.axes(_EDGE + 0.3, chart_top, _WIDE - 2 * _EDGE - 0.3, lanes)
     _draw_schedule(chart, run, shortest, cancelled)
     return page.figure
@@ -282,54 +235,3 @@ def _save(figure: Figure, path: Path) -> None:
         path.write_bytes(buffer.getvalue())
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-
-
-def animate(
-    scene: Scene,
-    steps: Steps,
-    path: Path,
-    *,
-    step_name: str = "round",
-    frames_per_second: int = 4,
-    progress: Callable[[int, int], None] | None = None,
-) -> None:
-    """Write a film of the steps, rounds or cubes, as .gif.
-
-    `step_name` is what each frame calls its step. `progress` is told after each frame how many are
-    done and how many there are. Of more than 400 steps every second, third, ... is shown.
-
-    InputError where the suffix is another, a move is not admissible or the file cannot be written.
-    """
-    from matplotlib.animation import PillowWriter  # noqa: PLC0415
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    _check_suffix(path, FILM_SUFFIXES)
-    found = list(snapshots(scene, steps))
-    last = len(found) - 1
-    shown = sorted({*range(0, last, 1 + last // _FRAMES_MAX), last})
-    also = dict.fromkeys(site for number in shown for site in found[number].sites)
-    left, right, low, high = frame(scene, also)
-    stretch = min(max((right - left) / (high - low), 0.4), 3.0)
-    wide, tall = 4.8 * min(stretch, 1.5), 4.8 * min(stretch, 1.5) / stretch
-    figure = Figure(figsize=(wide, tall + 0.3), dpi=100, facecolor="white")
-    axes = figure.add_axes((0, 0, 1, tall / (tall + 0.3)))
-    caption = figure.text(0.1 / wide, 1 - 0.07 / (tall + 0.3), "", va="top", color=INK, fontsize=10)
-    # Written beside its place and moved there at the end, so that no half film is left.
-    part = path.with_name(f".{path.stem}.part.gif")
-    writer = PillowWriter(fps=frames_per_second)
-    try:
-        with writer.saving(figure, part, dpi=100):
-            for done, number in enumerate(shown, 1):
-                axes.clear()
-                draw_on(axes, scene, found[number].sites, moved=found[number].moved, also=also)
-                caption.set_text(f"{step_name} {number} of {last}")
-                # The end stays for a while before the film starts again.
-                for _ in range(1 + (number == last) * ceil(1.5 * frames_per_second)):
-                    writer.grab_frame()
-                if progress is not None:
-                    progress(done, len(shown))
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    finally:
-        part.unlink(missing_ok=True)
