@@ -14,7 +14,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.pictures import INK, WALL, draw_on, draw_pixels, frame, palette
+from cubepath.agents.rendering.pictures import (
+    INK,
+    WALL,
+    colours,
+    draw_on,
+    draw_pixels,
+    frame,
+    palette,
+)
 from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -306,3 +314,42 @@ def test_what_is_not_imported(code: str, absent: str) -> None:
     """matplotlib is imported when something is drawn, and pyplot never."""
     check = f"{code}\nimport sys\nsys.exit({absent!r} in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+def test_the_colour_of_a_module_does_not_depend_on_how_many_there_are() -> None:
+    """Module 3 looks the same among four and among forty; no two of 27 look alike."""
+    assert palette(4) == palette(40)[:4]
+    spread = np.array(palette(27))
+    apart = np.abs(spread[:, None] - spread[None]).sum(axis=2)
+    assert apart[~np.eye(27, dtype=bool)].min() > 0.15
+
+
+def test_colours_are_those_of_the_picture() -> None:
+    """By number, of letters by the letter that is on, and a marked vertex is dark."""
+    chain, word = scene_from_spec("hex:n=3"), scene_from_spec("words:word=aba,goal=bab")
+    assert colours(chain, chain.start) == palette(3)
+    first, second, third = colours(word, word.start)
+    assert first == third != second
+    arms = scene_from_spec("arms:n=1")
+    found = colours(arms, arms.start)
+    edges = [number for number, site in enumerate(arms.start) if len(numbers(site)) == 3]
+    assert edges
+    assert all(found[number] == palette(len(found))[number] for number in edges)
+    dark = {found[number] for number in range(len(found)) if number not in edges}
+    assert len(dark) == 1
+    assert max(next(iter(dark))) < 0.2
+
+
+def test_the_goal_of_a_label_has_the_colour_of_its_module() -> None:
+    """Also where modules do not start in the order of their labels."""
+    scene = scene_from_spec("agv-labelled:graph=grid5x1,n=2")
+    sites: list[Site] = [((1, 0), 1), ((0, 0), 0)]
+    goal = frozenset({((4, 0), 1), ((3, 0), 0)})
+    swapped = replace(scene, start=tuple(sites), goal=goal, goals=())
+    pixels = drawn(swapped, sites, numbers=False)
+    left, right, _, _ = frame(swapped)
+    unit = pixels.shape[1] / (right - left)
+    for number, x in ((0, 4), (1, 3)):
+        column = round((x - left + 0.43) * unit)
+        strip = pixels[140:160, column - 3 : column + 3, :3].reshape(-1, 3)
+        assert np.abs(strip - 255 * np.array(palette(2)[number])).max(axis=1).min() < 3

@@ -7,11 +7,15 @@ import subprocess
 import sys
 from itertools import chain
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
 from PIL import Image
 
+from cubepath.agents.rendering.pictures import colours
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs import drawing as pictures
 from cubepath.coordinator.runs.drawing import run_picture
@@ -140,3 +144,49 @@ def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "arm.png").exists()
+
+
+@pytest.mark.parametrize("spec", ["hex:n=3", "hex:n=8", "arm:n=5", "assembly"])
+def test_boxes_have_the_colours_of_their_modules(spec: str) -> None:
+    """Below is the colour that the module has in the states; the legend shows that of no module."""
+    scene, rounds, _ = random_run(spec, 12)
+    run = list(snapshots(scene, rounds))
+    figure = pictures._figure(scene, run, run, "", set())
+    chart = figure.axes[-1]
+    below = chart.collections[-1]
+    assert isinstance(below, PolyCollection)
+    seen = set[tuple[int, int]]()
+    for path, colour in zip(below.get_paths(), below.get_facecolor(), strict=True):
+        step, module = np.asarray(path.vertices)[:4].mean(axis=0).round().astype(int).tolist()
+        assert tuple(colour[:3]) == pytest.approx(colours(scene, run[step].sites)[module])
+        seen.add((step, module))
+    assert seen == {(step, module) for step, snap in enumerate(run) for module in snap.moved}
+    legend = chart.get_legend()
+    assert legend is not None
+    shown = [to_rgb(cast("Any", patch.get_facecolor())) for patch in legend.get_patches()]
+    assert shown[1] == pytest.approx(pictures._SWATCH)
+    assert shown[0] == pytest.approx(pictures._pale(pictures._SWATCH))
+
+
+def test_the_legend_of_a_long_schedule_fits() -> None:
+    """With thousands of rounds and with moves that cancel all of its words lie on the page."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    run = list(snapshots(scene, [[out], [out], *[[]] * 10000]))
+    figure = pictures._figure(scene, run, run[:1], "", {(1, out), (2, out)})
+    legend = figure.axes[-1].get_legend()
+    assert legend is not None
+    assert len(legend.get_texts()) == 5
+    assert legend.get_window_extent().x1 < figure.bbox.x1
+
+
+def test_both_ends_are_told_where_they_differ() -> None:
+    """The dotted and the solid line are in the legend if the cubes are fewer than the rounds."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    run = list(snapshots(scene, [[out], [], []]))
+    for shortest, told in ((run, False), (run[:2], True)):
+        legend = pictures._figure(scene, run, shortest, "", set()).axes[-1].get_legend()
+        assert legend is not None
+        words = {text.get_text() for text in legend.get_texts()}
+        assert (words >= {"end of run", "end of cubes"}) is told

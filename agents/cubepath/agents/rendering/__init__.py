@@ -10,24 +10,27 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rendering.legend import legend_of
-    from cubepath.agents.rendering.pictures import INK, draw_on, draw_pixels, frame, palette
+    from cubepath.agents.rendering.pen import Colour
+    from cubepath.agents.rendering.pictures import INK, colours, draw_on, draw_pixels, frame
     from cubepath.agents.rendering.text import draw_text
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "legend": "legend_of",
-            "pictures": "INK draw_on draw_pixels frame palette",
+            "pen": "Colour",
+            "pictures": "INK colours draw_on draw_pixels frame",
             "text": "draw_text",
         },
     )
 
 __all__ = [
     "INK",
+    "Colour",
+    "colours",
     "draw_on",
     "draw_pixels",
     "draw_text",
     "frame",
     "legend_of",
-    "palette",
 ]

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from math import ceil, floor, pi
 
-from cubepath.agents.rendering.joints import MARK, marked, segments
+from cubepath.agents.rendering.joints import MARK, marked, segments, vertex_of
 from cubepath.agents.rendering.layout import (
     ARRIVED_MARK,
     GOAL_MARK,
@@ -25,6 +25,7 @@ from cubepath.agents.rendering.pen import (
     PALE_GOAL,
     WALL,
     Box,
+    Colour,
     Pen,
     Points,
     Spot,
@@ -61,6 +62,7 @@ def _outline(kind: str, place: Site) -> Points:
 
 
 _LOOK = Look(_middle, _outline, 0.7)
+_DARK: Colour = (0.133, 0.145, 0.165)
 
 
 def _draw(
@@ -75,7 +77,9 @@ def _draw(
     _ground(edges)
     arms = segments(sites, moved)
     edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
-    draw_modules(edges, arms.moved, arms.sites, palette(len(arms.sites)), ways=False)
+    colours = palette(len(sites))
+    own = [colours[number] for number in arms.numbers]
+    draw_modules(edges, arms.moved, arms.sites, own, ways=False)
     pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
     pen.discs(arms.marked, 0.17, facecolors=INK)
     pen.discs(arms.changed, 0.25, facecolors="none")
@@ -94,6 +98,14 @@ def _ground(pen: PlacePen) -> None:
     free = [edge for edge in edges if system.has_place(edge)]
     pen.draw("cell", free if len(free) <= FREE_MAX else [], facecolors=LINE)
     pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
+
+
+def _colours(_system: System, sites: Sequence[Site]) -> list[Colour]:
+    """Return the colours of segments by number; vertices are dark, as marks are drawn."""
+    return [
+        hue if vertex_of(site) is None else _DARK
+        for hue, site in zip(palette(len(sites)), sites, strict=True)
+    ]
 
 
 def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
@@ -135,4 +147,6 @@ def _text(scene: Scene, sites: Sequence[Site]) -> str:
     return "\n".join(lines[:-1])
 
 
-EDGES = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw, marks=_marks)
+EDGES = Style(
+    text=_text, frame=partial(frame_of, _LOOK), draw=_draw, marks=_marks, colours=_colours
+)

@@ -103,8 +103,7 @@ def _draw(
     system, written = scene.system, readable(pen, words)
     spots = _spots(system)
     goal = scene.goal or frozenset()
-    colours = dict(zip(system.letters, palette(len(system.letters)), strict=True))
-    colours |= dict.fromkeys(_NOTHING, _PALE)
+    colours = _by_letter(system)
 
     def colour(site: Site) -> Colour:
         return colours.get(letter_of(system, site), _PALE)
@@ -137,6 +136,17 @@ def _draw(
     small(aims, (0.28, -0.28), edgecolors=GOAL, linewidths=0.7 * width)
 
 
+def _by_letter(system: System) -> dict[str, Colour]:
+    colours = dict(zip(system.letters, palette(len(system.letters)), strict=True))
+    return colours | dict.fromkeys(_NOTHING, _PALE)
+
+
+def _colours(system: System, sites: Sequence[Site]) -> list[Colour]:
+    """Return the colours of the letters that are on."""
+    known = _by_letter(system)
+    return [known.get(letter_of(system, site), _PALE) for site in sites]
+
+
 def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
     goal = scene.goal or frozenset()
     if any(not goal.isdisjoint(sites) for sites, _ in shots):
@@ -156,4 +166,4 @@ def _box(size: float, middle: Spot) -> Points:
     return np.add(arcs(about, corner), middle)
 
 
-LETTERS = Style(text=_text, frame=_frame, draw=_draw, marks=_marks)
+LETTERS = Style(text=_text, frame=_frame, draw=_draw, marks=_marks, colours=_colours)

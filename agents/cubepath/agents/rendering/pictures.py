@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pen import GOAL, INK, WALL, Box, Pen, palette
+from cubepath.agents.rendering.pen import GOAL, INK, WALL, Box, Colour, Pen, palette
 from cubepath.agents.rendering.styles import style_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -20,7 +20,7 @@ from cubepath.protocol.core.system import Scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["GOAL", "INK", "WALL", "draw_on", "draw_pixels", "frame", "palette"]
+__all__ = ["GOAL", "INK", "WALL", "colours", "draw_on", "draw_pixels", "frame", "palette"]
 
 
 def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> NDArray[np.uint8]:
@@ -49,6 +49,11 @@ def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
     modules which walk along its edge do not change the frame.
     """
     return style_of(scene).frame(scene, also)
+
+
+def colours(scene: Scene, sites: Sequence[Site]) -> Sequence[Colour]:
+    """Return the colour that each module has in a picture when it is at its site."""
+    return style_of(scene).colours(scene.system, sites)
 
 
 def draw_on(

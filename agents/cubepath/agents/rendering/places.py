@@ -107,7 +107,8 @@ def draw_places(
     places = [system.place_of(site) for site in sites]
     draw_modules(pen, left, places, colours, ways=True)
     labels = [system.label_of(site) for site in goals]
-    hues = [GOAL if label is None else colours[label % len(colours)] for label in labels]
+    by_label = {system.label_of(site): colours[number] for number, site in enumerate(sites)}
+    hues = [GOAL if label is None else by_label[label] for label in labels]
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
     if readable(pen, words):
         for number, site in enumerate(sites):

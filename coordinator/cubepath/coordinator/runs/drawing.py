@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pictures import INK, draw_on, frame, palette
+from cubepath.agents.rendering.pen import Colour
+from cubepath.agents.rendering.pictures import INK, colours, draw_on, frame
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots
@@ -25,6 +26,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -35,7 +37,9 @@ _TITLE, _CAPTION = 0.85, 0.2
 """In inches: the height of the title, and of what is said of each state."""
 _STATES, _SMALL = 6, 14
 """How many states are shown; in two rows where the frame is more than so many cells wide."""
-_QUIET, _BAND = "#6d727a", "#f4f5f6"
+_QUIET, _BAND, _EDGES = "#6d727a", "#f4f5f6", "#b9bdc3"
+_SWATCH: Colour = (0.35, 0.37, 0.4)
+"""What the legend of the schedule shows for the colour of any module: that of none."""
 
 
 def run_picture(
@@ -134,7 +138,7 @@ def _figure(
         draw_on(axes, scene, run[number].sites, moved=run[number].moved, also=also)
     legend.put(page.figure, _EDGE, legend_top)
     chart = page.axes(_EDGE + 0.3, chart_top, _WIDE - 2 * _EDGE - 0.3, lanes)
-    _draw_schedule(chart, run, shortest, cancelled)
+    _draw_schedule(chart, scene, run, shortest, cancelled)
     return page.figure
 
 
@@ -158,27 +162,35 @@ class _Page:
 
 def _draw_schedule(
     axes: Axes,
+    scene: Scene,
     run: Sequence[Snapshot],
     shortest: Sequence[Snapshot],
     cancelled: set[tuple[int, Action]],
 ) -> None:
+    from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
     from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
 
     modules, steps = len(run[0].sites), max(len(run), len(shortest)) - 1
-    colours = np.array(palette(modules))
-    pale = 1 - 0.4 * (1 - colours)
     for lane in range(1, modules, 2):
         axes.axhspan(lane - 0.5, lane + 0.5, color=_BAND, linewidth=0, zorder=0)
-    kept: list[tuple[int, int]] = []
+    kept: dict[tuple[int, int], Colour] = {}
     hollow: list[tuple[int, int]] = []
+    normal: dict[tuple[int, int], Colour] = {}
     for step, snapshot in enumerate(run):
+        hues = colours(scene, snapshot.sites) if snapshot.by else ()
         for module, action in snapshot.by.items():
-            (hollow if (step, action) in cancelled else kept).append((step, module))
-    normal = [(step, module) for step, snapshot in enumerate(shortest) for module in snapshot.moved]
-    _draw_boxes(axes, kept, -1, facecolors=[pale[module] for _, module in kept], linewidths=0)
+            if (step, action) in cancelled:
+                hollow.append((step, module))
+            else:
+                kept[step, module] = _pale(hues[module])
+    for step, snapshot in enumerate(shortest):
+        hues = colours(scene, snapshot.sites) if snapshot.by else ()
+        normal |= {(step, module): hues[module] for module in snapshot.by}
+    thin: dict[str, Any] = {"edgecolors": _EDGES, "linewidths": 0.4}
+    _draw_boxes(axes, list(kept), -1, facecolors=list(kept.values()), **thin)
     _draw_boxes(axes, hollow, -1, facecolors="white", edgecolors=_QUIET, linewidths=0.6)
-    _draw_boxes(axes, normal, 1, facecolors=[colours[module] for _, module in normal], linewidths=0)
+    _draw_boxes(axes, list(normal), 1, facecolors=list(normal.values()), **thin)
     for snaps, style in ((run, ":"), (shortest, "-")):
         axes.axvline(len(snaps) - 0.5, color=INK, linewidth=0.9, linestyle=style)
     axes.set(xlim=(0.4, max(steps, 8) + 0.7), ylim=(modules - 0.5, -0.5))
@@ -188,13 +200,17 @@ def _draw_schedule(
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=max(1, min(modules, 12))))
     axes.tick_params(labelsize=8, length=2.5, color=_QUIET, labelcolor=INK)
     axes.spines[:].set_visible(False)
-    pale_hue, hue = pale[modules // 2].tolist(), colours[modules // 2].tolist()
-    keys = [
-        Patch(facecolor=pale_hue, label=f"as executed, {_plural(len(run) - 1, 'round')}"),
-        Patch(facecolor=hue, label=f"normal cube path, {_plural(len(shortest) - 1, 'cube')}"),
+    keys: list[Artist] = [
+        Patch(facecolor=_pale(_SWATCH), label=f"as executed, {_plural(len(run) - 1, 'round')}"),
+        Patch(facecolor=_SWATCH, label=f"normal cube path, {_plural(len(shortest) - 1, 'cube')}"),
     ]
     if hollow:
-        keys.append(Patch(facecolor="white", edgecolor=_QUIET, label="cancels with another move"))
+        keys.append(Patch(facecolor="white", edgecolor=_QUIET, label="cancels with another"))
+    if len(run) != len(shortest):
+        keys += [
+            Line2D((), (), color=INK, linewidth=0.9, linestyle=":", label="end of run"),
+            Line2D((), (), color=INK, linewidth=0.9, linestyle="-", label="end of cubes"),
+        ]
     axes.legend(
         handles=keys,
         loc="lower left",
@@ -204,9 +220,15 @@ def _draw_schedule(
         fontsize=8.5,
         labelcolor=INK,
         handlelength=1.5,
+        columnspacing=1.2,
         borderpad=0,
         borderaxespad=0.4,
     )
+
+
+def _pale(colour: Colour) -> Colour:
+    red, green, blue = (1 - 0.4 * (1 - part) for part in colour)
+    return red, green, blue
 
 
 def _draw_boxes(axes: Axes, cells: Sequence[tuple[int, int]], half: int, **style: Any) -> None:
