@@ -20,6 +20,7 @@ from cubepath.agents.rendering.pictures import (
     colours,
     draw_on,
     draw_pixels,
+    extent,
     frame,
     palette,
 )
@@ -353,3 +354,57 @@ def test_the_goal_of_a_label_has_the_colour_of_its_module() -> None:
         column = round((x - left + 0.43) * unit)
         strip = pixels[140:160, column - 3 : column + 3, :3].reshape(-1, 3)
         assert np.abs(strip - 255 * np.array(palette(2)[number])).max(axis=1).min() < 3
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_the_extent_of_a_run_holds_all_that_it_visits(spec: str) -> None:
+    """The pictures of a run lie within the frame of everything, and hold start, goal and way."""
+    scene = scene_from_spec(spec)
+    sites = walk(scene, 6)
+    left, right, low, high = extent(scene, sites)
+    all_of_it = frame(scene, sites)
+    assert right > left
+    assert high > low
+    if scene.system.bounded:
+        outer = (all_of_it[0] <= left, right <= all_of_it[1], all_of_it[2] <= low)
+        assert (*outer, high <= all_of_it[3]) == (True,) * 4
+    alone = replace(scene, goal=None, goals=())
+    for part in (replace(alone, start=tuple(sites)), alone):
+        inner = extent(part, ())
+        assert left <= inner[0]
+        assert inner[1] <= right
+        assert low <= inner[2]
+        assert inner[3] <= high
+
+
+def test_of_a_large_workspace_only_what_is_visited_is_shown() -> None:
+    """Two vehicles in a corner of a large map; of a small map, or after a long way, all is shown."""
+    scene = scene_from_spec("agv:graph=grid50x40,n=2")
+    start, goal = ((3, 3), (4, 3)), frozenset({(3, 5), (4, 5)})
+    corner = replace(scene, start=start, goal=goal, goals=())
+    assert extent(corner, [(6, 3)]) == pytest.approx((1.4, 7.6, -6.6, -1.4))
+    assert extent(corner, [(49, 39)]) == frame(scene)
+    small = scene_from_spec("agv:graph=grid12x4,n=1")
+    assert extent(replace(small, goal=None, goals=()), ()) == frame(small)
+
+
+def test_a_single_module_has_a_frame_of_its_own() -> None:
+    """One column, one row and one cell have room about them and are drawn."""
+    for spec in ("hex:n=1", "agv:graph=grid1x9,n=1", "agv:graph=grid9x1,n=1", "arm:n=1"):
+        scene = scene_from_spec(spec)
+        left, right, low, high = extent(scene, ())
+        assert min(right - left, high - low) >= 1
+        axes = axes_of_size(2, 2)
+        draw_on(axes, scene, scene.start, box=extent(scene, ()))
+        assert (shot(axes)[:, :, :3] != 255).any()
+
+
+def test_a_frame_that_is_given_is_kept() -> None:
+    """Wherever modules are, the same box of cells is shown at the same place."""
+    scene = scene_from_spec("agv:graph=grid50x40,n=1")
+    limits = set()
+    for site in ((3, 3), (6, 8)):
+        axes = axes_of_size(2, 2)
+        draw_on(axes, scene, [site], box=(0.0, 10.0, -10.0, 0.0))
+        limits.add((axes.get_xlim(), axes.get_ylim()))
+    assert limits == {((0.0, 10.0), (-10.0, 0.0))}

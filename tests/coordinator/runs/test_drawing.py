@@ -15,7 +15,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from cubepath.agents.rendering.pictures import colours
+from cubepath.agents.rendering.pictures import colours, extent
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs import drawing as pictures
 from cubepath.coordinator.runs.drawing import run_picture
@@ -158,7 +158,7 @@ def test_boxes_have_the_colours_of_their_modules(spec: str) -> None:
     seen = set[tuple[int, int]]()
     for path, colour in zip(below.get_paths(), below.get_facecolor(), strict=True):
         step, module = np.asarray(path.vertices)[:4].mean(axis=0).round().astype(int).tolist()
-        assert tuple(colour[:3]) == pytest.approx(colours(scene, run[step].sites)[module])
+        assert to_rgb(cast("Any", colour)) == pytest.approx(colours(scene, run[step].sites)[module])
         seen.add((step, module))
     assert seen == {(step, module) for step, snap in enumerate(run) for module in snap.moved}
     legend = chart.get_legend()
@@ -190,3 +190,64 @@ def test_both_ends_are_told_where_they_differ() -> None:
         assert legend is not None
         words = {text.get_text() for text in legend.get_texts()}
         assert (words >= {"end of run", "end of cubes"}) is told
+
+
+@pytest.mark.parametrize("spec", ["hex:n=5", "hex-open:n=6", "agv:graph=grid30x30,n=2", "arm:n=5"])
+def test_all_states_have_one_frame(spec: str) -> None:
+    """It holds all that the run and the cubes visit, those of states that are not shown too."""
+    scene, rounds, _ = random_run(spec, 12)
+    run = list(snapshots(scene, rounds))
+    shortest = list(snapshots(scene, normal_cube_path(chain.from_iterable(rounds))))
+    *states, _ = pictures._figure(scene, run, shortest, "", set()).axes
+    assert len(states) == 6
+    ((limits, _size),) = {
+        (
+            tuple(np.round((*axes.get_xlim(), *axes.get_ylim()), 9).tolist()),
+            (round(axes.get_position().width, 9), round(axes.get_position().height, 9)),
+        )
+        for axes in states
+    }
+    visited = [site for snap in (*run, *shortest) for site in snap.sites]
+    left, right, low, high = extent(scene, visited)
+    assert limits[0] <= left + 1e-9
+    assert right <= limits[1] + 1e-9
+    assert limits[2] <= low + 1e-9
+    assert high <= limits[3] + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("box", "page", "columns"),
+    [
+        ((0, 6, 0, 6), 9, 6),
+        ((0, 13, 0, 8), 9, 3),
+        ((0, 40, 0, 1.2), 9, 1),
+        ((0, 1.2, 0, 40), 9, 6),
+        ((0, 32, 0, 32), 9, 3),
+        ((0, 93, 0, 55), 13, 2),
+        ((0, 1000, 0, 1000), 13, 3),
+    ],
+)
+def test_states_are_as_large_as_there_is_room(
+    box: tuple[float, float, float, float], page: float, columns: int
+) -> None:
+    """Small frames stand side by side, wide ones below one another, large ones on a wide page."""
+    found = pictures._panels(box, 6)
+    assert (found.page, found.columns) == (page, columns)
+
+
+def test_axes_of_one_module_have_whole_numbers() -> None:
+    """One module is lane 0 and nothing else; steps count from 1 to the last."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    for rounds, steps in (([], [1]), ([[out]], [1]), ([[out], [out], []], [1, 2, 3])):
+        run = list(snapshots(scene, rounds))
+        chart = pictures._figure(scene, run, run, "", set()).axes[-1]
+        assert chart.get_yticks().tolist() == [0]
+        assert chart.get_xticks().tolist() == steps
+
+
+def test_ticks_are_round_numbers() -> None:
+    """Never more than asked for, multiples of 1, 2 or 5 times a power of ten, from the first on."""
+    assert list(pictures._ticks(1, 8, 16)) == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert list(pictures._ticks(0, 59, 12)) == [0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55]
+    assert list(pictures._ticks(1, 1000, 16)) == [100, 200, 300, 400, 500, 600, 700, 800, 900, 1000]

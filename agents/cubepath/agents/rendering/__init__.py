@@ -10,27 +10,28 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rendering.legend import legend_of
-    from cubepath.agents.rendering.pen import Colour
-    from cubepath.agents.rendering.pictures import INK, colours, draw_on, draw_pixels, frame
+    from cubepath.agents.rendering.pen import Box, Colour
+    from cubepath.agents.rendering.pictures import INK, colours, draw_on, draw_pixels, extent
     from cubepath.agents.rendering.text import draw_text
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "legend": "legend_of",
-            "pen": "Colour",
-            "pictures": "INK colours draw_on draw_pixels frame",
+            "pen": "Box Colour",
+            "pictures": "INK colours draw_on draw_pixels extent",
             "text": "draw_text",
         },
     )
 
 __all__ = [
     "INK",
+    "Box",
     "Colour",
     "colours",
     "draw_on",
     "draw_pixels",
     "draw_text",
-    "frame",
+    "extent",
     "legend_of",
 ]

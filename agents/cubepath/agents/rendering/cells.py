@@ -22,6 +22,7 @@ from cubepath.agents.rendering.places import (
     PlacePen,
     disc,
     draw_places,
+    extent_of,
     frame_of,
     place_marks,
     place_pen,
@@ -180,6 +181,7 @@ def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = Fa
     return Style(
         text=partial(_text, hexagons=hexagons, on_map=on_map),
         frame=partial(frame_of, look),
+        extent=partial(extent_of, look),
         draw=partial(_draw_cells, look=look, rows=rows, on_map=on_map),
         marks=partial(_marks, rows=rows, on_map=on_map),
     )

@@ -147,4 +147,4 @@ def _ends(chord: Site) -> tuple[Site, Site]:
     raise InputError(f"a chord is a pair of points, found {chord!r}")
 
 
-CHORDS = Style(text=_text, frame=_frame, draw=_draw, marks=_marks)
+CHORDS = Style(text=_text, frame=_frame, extent=_frame, draw=_draw, marks=_marks)

@@ -37,6 +37,7 @@ from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
     draw_modules,
+    extent_of,
     frame_of,
     place_pen,
 )
@@ -148,5 +149,10 @@ def _text(scene: Scene, sites: Sequence[Site]) -> str:
 
 
 EDGES = Style(
-    text=_text, frame=partial(frame_of, _LOOK), draw=_draw, marks=_marks, colours=_colours
+    text=_text,
+    frame=partial(frame_of, _LOOK),
+    extent=partial(extent_of, _LOOK),
+    draw=_draw,
+    marks=_marks,
+    colours=_colours,
 )

@@ -166,4 +166,4 @@ def _box(size: float, middle: Spot) -> Points:
     return np.add(arcs(about, corner), middle)
 
 
-LETTERS = Style(text=_text, frame=_frame, draw=_draw, marks=_marks, colours=_colours)
+LETTERS = Style(text=_text, frame=_frame, extent=_frame, draw=_draw, marks=_marks, colours=_colours)

@@ -32,6 +32,8 @@ from cubepath.protocol.core.system import Scene, System
 
 FREE_MAX = 8000
 """So many free cells are drawn one by one, of more none."""
+_LARGE = 12
+"""Workspaces of at most so many cells a side are always shown whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,28 @@ def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
     low = np.min([known.min(axis=0) - far, *(np.array(point) - near for point in others)], axis=0)
     high = np.max([known.max(axis=0) + far, *(np.array(point) + near for point in others)], axis=0)
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
+
+
+def extent_of(look: Look, scene: Scene, visited: Iterable[Site]) -> Box:
+    """Return the frame about start, goal and the places visited, with a cell to spare.
+
+    A workspace that is not much larger is shown whole.
+    """
+    system = scene.system
+    sites = (*scene.start, *(scene.goal or ()), *visited)
+    known = np.array([look.middle(system, system.place_of(site)) for site in sites])
+    near = look.margin + 1
+    left, low = known.min(axis=0) - near
+    right, high = known.max(axis=0) + near
+    if system.bounded and system.places:
+        whole = frame_of(look, scene, ())
+        left, right = max(left, whole[0]), min(right, whole[1])
+        low, high = max(low, whole[2]), min(high, whole[3])
+        wide, tall = whole[1] - whole[0], whole[3] - whole[2]
+        small = max(wide, tall) - 2 * look.margin < _LARGE
+        if small or (right - left) * (high - low) > wide * tall / 2:
+            return whole
+    return float(left), float(right), float(low), float(high)
 
 
 def draw_places(

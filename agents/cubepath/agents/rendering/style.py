@@ -28,7 +28,8 @@ _ROOM = 10.5
 class Style:
     """A style: `text` and `draw` are given the sites of the modules by number.
 
-    `frame` says what a picture shows at least, of the scene and of some further sites. `draw` is
+    `frame` says what a picture shows at least, of the scene and of some further sites; `extent`
+    what pictures of a run show in which modules came to these sites. `draw` is
     told of modules that have just moved from which site, and whether to write words: None where
     that is for the room to decide. `marks` says which marks occur in pictures of some states, drawn
     in a frame, and what they mean. `colours` has the colour of each module at its site: by its
@@ -37,6 +38,7 @@ class Style:
 
     text: Text
     frame: Frame
+    extent: Frame
     draw: Draw
     marks: Marks
     colours: Colours = lambda _, sites: palette(len(sites))

@@ -20,6 +20,7 @@ from cubepath.agents.rendering.places import (
     PlacePen,
     disc,
     draw_places,
+    extent_of,
     frame_of,
     place_marks,
     place_pen,
@@ -99,4 +100,10 @@ def _name(place: Site) -> str:
     return place if isinstance(place, str) else site_text(place)
 
 
-GRAPH = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw, marks=_marks)
+GRAPH = Style(
+    text=_text,
+    frame=partial(frame_of, _LOOK),
+    extent=partial(extent_of, _LOOK),
+    draw=_draw,
+    marks=_marks,
+)

@@ -9,18 +9,19 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Iterable, Sequence
+from itertools import chain, count
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pen import Colour
-from cubepath.agents.rendering.pictures import INK, colours, draw_on, frame
+from cubepath.agents.rendering.pen import Box, Colour
+from cubepath.agents.rendering.pictures import INK, colours, draw_on, extent
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
-from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots
+from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
@@ -31,12 +32,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
-_WIDE, _EDGE, _GAP = 9.0, 0.3, 0.14
-"""In inches: the width of a picture, its margin, what lies between two states."""
+_WIDE, _EDGE, _GAP = (9.0, 13.0), 0.3, 0.14
+"""In inches: how wide a picture can be, its margin, what lies between two states."""
 _TITLE, _CAPTION = 0.85, 0.2
 """In inches: the height of the title, and of what is said of each state."""
-_STATES, _SMALL = 6, 14
-"""How many states are shown; in two rows where the frame is more than so many cells wide."""
+_STATES, _COLUMNS = 6, (6, 3, 2, 1)
+"""How many states are shown, and how many of them can stand side by side."""
+_TALL = 5.5
+"""In inches: so tall a state can always be, however narrow."""
+_READABLE, _SPECK = 10.5, 5.0
+"""In points: how wide a cell is from which a number can be read, and up to which it is a speck."""
 _QUIET, _BAND, _EDGES = "#6d727a", "#f4f5f6", "#b9bdc3"
 _SWATCH: Colour = (0.35, 0.37, 0.4)
 """What the legend of the schedule shows for the colour of any module: that of none."""
@@ -114,17 +119,14 @@ def _figure(
     from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
 
     shown = sorted(set(np.linspace(0, len(run) - 1, _STATES).round().astype(int).tolist()))
-    also = dict.fromkeys(site for number in shown for site in run[number].sites)
-    left, right, low, high = frame(scene, also)
-    columns = _STATES if right - left <= _SMALL else _STATES // 2
-    wide = (_WIDE - 2 * _EDGE - (columns - 1) * _GAP) / columns
-    tall = min(wide * (high - low) / (right - left), 2 * wide)
-    lanes = min(max(0.2 * len(scene.start), 0.8), 5.5)
+    box = extent(scene, visited(chain(run, shortest)))
+    width, columns, wide, tall = _panels(box, len(shown))
+    lanes = min(max(0.2 * len(scene.start), 0.5), 5.5)
     shots = [(run[number].sites, run[number].moved) for number in shown]
-    legend = legend_of(scene, shots, (left, right, low, high), _WIDE - 2 * _EDGE)
+    legend = legend_of(scene, shots, box, width - 2 * _EDGE)
     legend_top = _TITLE + ceil(len(shown) / columns) * (_CAPTION + tall + _GAP)
     chart_top = legend_top + legend.height + 0.4
-    page = _Page(Figure(facecolor="white"), chart_top + lanes + 0.55)
+    page = _Page(Figure(facecolor="white"), width, chart_top + lanes + 0.55)
     page.write(_title(scene.spec), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     page.write(counts, _EDGE, 0.47, fontsize=10)
     for index, number in enumerate(shown):
@@ -135,29 +137,65 @@ def _figure(
         top = _TITLE + index // columns * (_CAPTION + tall + _GAP)
         page.write(name, at, top, fontsize=8.5)
         axes = page.axes(at, top + _CAPTION, wide, tall)
-        draw_on(axes, scene, run[number].sites, moved=run[number].moved, also=also)
+        draw_on(axes, scene, run[number].sites, moved=run[number].moved, box=box)
     legend.put(page.figure, _EDGE, legend_top)
-    chart = page.axes(_EDGE + 0.3, chart_top, _WIDE - 2 * _EDGE - 0.3, lanes)
+    chart = page.axes(_EDGE + 0.3, chart_top, width - 2 * _EDGE - 0.3, lanes)
     _draw_schedule(chart, scene, run, shortest, cancelled)
     return page.figure
+
+
+class _Panels(NamedTuple):
+    """How states stand on a page so wide: in columns, each state so wide and tall, in inches."""
+
+    page: float
+    columns: int
+    wide: float
+    tall: float
+
+
+def _panels(box: Box, count: int) -> _Panels:
+    """Return the layout with as many columns as leave room for numbers on modules.
+
+    Where none does, that which shows modules largest and is not too high; on a wide page where they
+    would be specks.
+    """
+    left, right, low, high = box
+
+    def scale(found: _Panels) -> float:
+        return 72 * min(found.wide / (right - left), found.tall / (high - low))
+
+    for page in _WIDE:
+        fitting: list[_Panels] = []
+        for columns in _COLUMNS:
+            wide = (page - 2 * _EDGE - (columns - 1) * _GAP) / columns
+            tall = min(wide * (high - low) / (right - left), max(2 * wide, _TALL))
+            if not fitting or ceil(count / columns) * (_CAPTION + tall + _GAP) <= page:
+                fitting.append(_Panels(page, columns, wide, tall))
+        best = next(
+            (found for found in fitting if scale(found) >= _READABLE), max(fitting, key=scale)
+        )
+        if scale(best) >= _SPECK:
+            break
+    return best
 
 
 class _Page:
     """A figure on which things are put in inches from its upper left corner."""
 
-    def __init__(self, figure: Figure, high: float) -> None:
-        figure.set_size_inches(_WIDE, high)
+    def __init__(self, figure: Figure, wide: float, high: float) -> None:
+        figure.set_size_inches(wide, high)
         self.figure = figure
+        self.wide = wide
         self.high = high
 
     def axes(self, left: float, top: float, wide: float, tall: float) -> Axes:
         bottom = self.high - top - tall
         return self.figure.add_axes(
-            (left / _WIDE, bottom / self.high, wide / _WIDE, tall / self.high)
+            (left / self.wide, bottom / self.high, wide / self.wide, tall / self.high)
         )
 
     def write(self, text: str, left: float, top: float, **style: Any) -> None:
-        self.figure.text(left / _WIDE, 1 - top / self.high, text, va="top", color=INK, **style)
+        self.figure.text(left / self.wide, 1 - top / self.high, text, va="top", color=INK, **style)
 
 
 def _draw_schedule(
@@ -169,9 +207,8 @@ def _draw_schedule(
 ) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
-    from matplotlib.ticker import MaxNLocator  # noqa: PLC0415
 
-    modules, steps = len(run[0].sites), max(len(run), len(shortest)) - 1
+    modules, steps = len(run[0].sites), max(len(run), len(shortest), 2) - 1
     for lane in range(1, modules, 2):
         axes.axhspan(lane - 0.5, lane + 0.5, color=_BAND, linewidth=0, zorder=0)
     kept: dict[tuple[int, int], Colour] = {}
@@ -196,8 +233,8 @@ def _draw_schedule(
     axes.set(xlim=(0.4, max(steps, 8) + 0.7), ylim=(modules - 0.5, -0.5))
     axes.set_xlabel("time step", fontsize=8.5, color=INK, labelpad=2)
     axes.set_ylabel("module", fontsize=8.5, color=INK, labelpad=5)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, nbins=16, min_n_ticks=1))
-    axes.yaxis.set_major_locator(MaxNLocator(integer=True, nbins=max(1, min(modules, 12))))
+    axes.set_xticks(_ticks(1, steps, 16))
+    axes.set_yticks(_ticks(0, modules - 1, 12))
     axes.tick_params(labelsize=8, length=2.5, color=_QUIET, labelcolor=INK)
     axes.spines[:].set_visible(False)
     keys: list[Artist] = [
@@ -224,6 +261,13 @@ def _draw_schedule(
         borderpad=0,
         borderaxespad=0.4,
     )
+
+
+def _ticks(first: int, last: int, most: int) -> range:
+    """Return the whole numbers at which an axis has a tick: multiples of a round step."""
+    steps = (digit * 10**power for power in count() for digit in (1, 2, 5))
+    step = next(step for step in steps if last // step - (first - 1) // step <= most)
+    return range(-(-first // step) * step, last + 1, step)
 
 
 def _pale(colour: Colour) -> Colour:

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pictures import INK, draw_on, frame
+from cubepath.agents.rendering.pictures import INK, draw_on, extent
 from cubepath.coordinator.runs.drawing import check_suffix
-from cubepath.coordinator.runs.snapshots import Steps, snapshots
+from cubepath.coordinator.runs.snapshots import Steps, snapshots, visited
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 
@@ -51,8 +51,7 @@ def animate(
     found = list(snapshots(scene, steps))
     last = len(found) - 1
     shown = sorted({*range(0, last, 1 + last // _FRAMES_MAX), last})
-    also = dict.fromkeys(site for number in shown for site in found[number].sites)
-    box = left, right, low, high = frame(scene, also)
+    box = left, right, low, high = extent(scene, visited(found))
     stretch = min(max((right - left) / (high - low), 0.4), 3.0)
     wide = 4.8 * min(stretch, 1.5)
     tall = wide / stretch
@@ -72,7 +71,7 @@ def animate(
         with writer.saving(figure, part, dpi=100):
             for done, number in enumerate(shown, 1):
                 axes.clear()
-                draw_on(axes, scene, found[number].sites, moved=found[number].moved, also=also)
+                draw_on(axes, scene, found[number].sites, moved=found[number].moved, box=box)
                 caption.set_text(f"{step_name} {number} of {last}")
                 # The end stays for a while before the film starts again.
                 for _ in range(1 + (number == last) * ceil(1.5 * frames_per_second)):

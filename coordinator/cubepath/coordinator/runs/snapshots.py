@@ -53,6 +53,11 @@ def snapshots(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterator[Snaps
         yield Snapshot(tuple(sites), moved, by)
 
 
+def visited(found: Iterable[Snapshot]) -> Iterator[Site]:
+    """Yield the sites that modules come to, each once."""
+    return iter(dict.fromkeys(snap.sites[module] for snap in found for module in snap.moved))
+
+
 def _goes(system: System, action: Action, index: int) -> Sequence[tuple[Site, Site]]:
     """Return where the action takes each module of its trace from its end `index`."""
     before = in_order(action.ends[index] & action.trace)
