@@ -378,7 +378,7 @@ def test_the_extent_of_a_run_holds_all_that_it_visits(spec: str) -> None:
 
 
 def test_of_a_large_workspace_only_what_is_visited_is_shown() -> None:
-    """Two vehicles in a corner of a large map; of a small map, or after a long way, all is shown."""
+    """Two vehicles in a corner of a large map; of a small map, or after a long way, all of it."""
     scene = scene_from_spec("agv:graph=grid50x40,n=2")
     start, goal = ((3, 3), (4, 3)), frozenset({(3, 5), (4, 5)})
     corner = replace(scene, start=start, goal=goal, goals=())

@@ -74,8 +74,34 @@ def test_the_numbers_of_a_run() -> None:
     """The title says what the run had and what is left, in words that agree in number."""
     scene = scene_from_spec("agv:graph=P4,n=1")
     out, on = (scene.system.action("edge", at) for at in ((0, 1), (1, 2)))
-    text = pictures._counts([[out], [], [on], [on]], [(out,)])
+    text = pictures._counts([[out], [], [on], [on]], [(out,)], "round")
     assert text == "4 rounds, 3 moves  \N{RIGHTWARDS ARROW}  1 cube, 1 move, largest cube 1"
+
+
+def test_the_numbers_of_a_path_that_is_no_run() -> None:
+    """Moves alone are counted once; cubes that were given are called so."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    assert pictures._counts([[out]], [(out,)], "move").startswith("1 move  ")
+    assert pictures._counts([[out]], [(out,)], "cube").startswith("1 cube, 1 move  ")
+    run = list(snapshots(scene, [[out]]))
+    for step_name, word in (("move", "as given, 1 move"), ("round", "as executed, 1 round")):
+        figure = pictures._figure(scene, run, run, "", set(), step_name=step_name)
+        legend = figure.axes[-1].get_legend()
+        assert legend is not None
+        assert legend.get_texts()[0].get_text() == word
+
+
+def test_states_of_the_schedule() -> None:
+    """Asked for, the states are those after some cubes, and are called so."""
+    scene, rounds, _ = random_run("hex:n=6", 20)
+    run = list(snapshots(scene, rounds))
+    shortest = list(snapshots(scene, normal_cube_path(chain.from_iterable(rounds))))
+    figure = pictures._figure(scene, run, shortest, "", set(), what="schedule")
+    words = [text.get_text() for text in figure.texts]
+    assert len(shortest) < len(run)
+    assert words[2] == "start"
+    assert words[-1].startswith(f"cube {len(shortest) - 1}")
 
 
 def test_long_specs_are_cut() -> None:
@@ -122,9 +148,9 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
     """What cannot be written is refused in one line with its name."""
     scene = scene_from_spec("arm:n=2")
     path = tmp_path / "nowhere" / "run.png"
-    with pytest.raises(InputError, match=r"run\.png: No such file"):
+    with pytest.raises(InputError, match=r"run\.png: cannot be written: No such file"):
         run_picture(scene, [], [], path)
-    with pytest.raises(InputError, match=r"run\.gif: No such file"):
+    with pytest.raises(InputError, match=r"run\.gif: cannot be written: No such file"):
         animate(scene, [], path.with_suffix(".gif"))
 
 
@@ -189,7 +215,7 @@ def test_both_ends_are_told_where_they_differ() -> None:
         legend = pictures._figure(scene, run, shortest, "", set()).axes[-1].get_legend()
         assert legend is not None
         words = {text.get_text() for text in legend.get_texts()}
-        assert (words >= {"end of run", "end of cubes"}) is told
+        assert (words >= {"end of path", "end of cubes"}) is told
 
 
 @pytest.mark.parametrize("spec", ["hex:n=5", "hex-open:n=6", "agv:graph=grid30x30,n=2", "arm:n=5"])

@@ -10,7 +10,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rendering.legend import legend_of
-    from cubepath.agents.rendering.pen import Box, Colour
+    from cubepath.agents.rendering.pen import Box, Colour, palette
     from cubepath.agents.rendering.pictures import INK, colours, draw_on, draw_pixels, extent
     from cubepath.agents.rendering.text import draw_text
 else:
@@ -18,7 +18,7 @@ else:
         __name__,
         {
             "legend": "legend_of",
-            "pen": "Box Colour",
+            "pen": "Box Colour palette",
             "pictures": "INK colours draw_on draw_pixels extent",
             "text": "draw_text",
         },
@@ -34,4 +34,5 @@ __all__ = [
     "draw_text",
     "extent",
     "legend_of",
+    "palette",
 ]

@@ -37,6 +37,7 @@ from cubepath.coordinator.commands.console import (
     progress_bar,
     table,
 )
+from cubepath.coordinator.commands.pictures import add_view_command
 from cubepath.coordinator.commands.plan_options import (
     INPUT_HELP,
     add_plan_options,
@@ -203,16 +204,7 @@ def _parser() -> argparse.ArgumentParser:
     info = command("info", _info, "say what a recording holds")
     info.add_argument("log", type=Path, metavar="LOG")
 
-    view = command("view", _view, "draw a recording: states of the run, and its schedule")
-    view.add_argument("log", type=Path, metavar="LOG")
-    view.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="PICTURE",
-        help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
-    )
-
+    add_view_command(command)
     add_complex_commands(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
@@ -375,33 +367,6 @@ def _convert(options: argparse.Namespace) -> int:
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
     answer(options, document, f"{found.count} {found.what} written to {options.output}")
-    return DONE
-
-
-def _view(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.drawing import run_picture  # noqa: PLC0415
-    from cubepath.coordinator.runs.films import FILM_SUFFIXES, animate  # noqa: PLC0415
-    from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    recording = read_recording(options.log)
-    for problem in recording.problems:
-        complain(f"{options.log}: {problem}; drawing what could be read")
-    gatherer = gathered(recording)
-    rounds = [step.actions for step in gatherer.steps]
-    path: Path = options.output or options.log.with_suffix(".png")
-    if path.suffix.lower() in FILM_SUFFIXES:
-        with progress_bar(None, "film", " frames") as bar:
-
-            def progress(done: int, total: int) -> None:
-                bar.total = total
-                bar.update(done - bar.n)
-
-            animate(recording.scene, rounds, path, progress=progress)
-    else:
-        heap = gatherer.heap
-        run_picture(recording.scene, rounds, heap.cube_path(), path, found=heap.normal_form())
-    answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
     return DONE
 
 

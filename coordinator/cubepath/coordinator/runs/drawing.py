@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from itertools import chain, count
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visi
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.jsonl import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
+What: TypeAlias = Literal["run", "schedule"]
+"""Of what a picture shows states: of the run, or of its normal cube path."""
 _WIDE, _EDGE, _GAP = (9.0, 13.0), 0.3, 0.14
 """In inches: how wide a picture can be, its margin, what lies between two states."""
 _TITLE, _CAPTION = 0.85, 0.2
@@ -48,14 +51,23 @@ _SWATCH: Colour = (0.35, 0.37, 0.4)
 
 
 def run_picture(
-    scene: Scene, rounds: Steps, cubes: Steps, path: Path, *, found: NormalForm | None = None
+    scene: Scene,
+    rounds: Steps,
+    cubes: Steps,
+    path: Path,
+    *,
+    found: NormalForm | None = None,
+    step_name: str = "round",
+    what: What = "run",
 ) -> None:
     """Write a picture of a run and of its normal cube path as .png, .svg or .pdf.
 
     `rounds` holds the actions that each round of the run executed, rounds without a move included;
     `cubes` is the normal cube path of the same moves (`cubepath.coordinator.normal_form.heap`), and
-    `found` what becomes of each of them, where that is known already.
-    Above are some states of the run, modules coloured by number, with what the last round moved.
+    `found` what becomes of each of them, where that is known already. `step_name` is what a step
+    of a path is that is no run.
+    Above are some states of the run, or of the schedule if `what` says so, modules coloured by
+    number, with what the last step moved.
     Below is the schedule: a lane for each module, in its upper half the rounds in which the module
     moved (pale, hollow where the move cancels with another one), in its lower half the cubes.
 
@@ -67,7 +79,8 @@ def run_picture(
     run = list(snapshots(scene, executed))
     shortest = list(snapshots(scene, normal))
     gone = _cancelled(executed, found)
-    figure = _figure(scene, run, shortest, _counts(executed, normal), gone)
+    counts = _counts(executed, normal, step_name)
+    figure = _figure(scene, run, shortest, counts, gone, step_name=step_name, what=what)
     _save(figure, path)
 
 
@@ -77,11 +90,15 @@ def check_suffix(path: Path, known: Sequence[str]) -> None:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(known)}")
 
 
-def _counts(rounds: Sequence[Sequence[Action]], cubes: Sequence[Sequence[Action]]) -> str:
+def _counts(
+    rounds: Sequence[Sequence[Action]], cubes: Sequence[Sequence[Action]], step_name: str
+) -> str:
     moves, left = sum(map(len, rounds)), sum(map(len, cubes))
     largest = max(map(len, cubes), default=0)
+    # A path without rounds has moves alone.
+    steps = "" if step_name == "move" else f"{_plural(len(rounds), step_name)}, "
     return (
-        f"{_plural(len(rounds), 'round')}, {_plural(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
+        f"{steps}{_plural(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
         f"{_plural(len(cubes), 'cube')}, {_plural(left, 'move')}, largest cube {largest}"
     )
 
@@ -115,14 +132,18 @@ def _figure(
     shortest: Sequence[Snapshot],
     counts: str,
     cancelled: set[tuple[int, Action]],
+    *,
+    step_name: str = "round",
+    what: What = "run",
 ) -> Figure:
     from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
 
-    shown = sorted(set(np.linspace(0, len(run) - 1, _STATES).round().astype(int).tolist()))
+    states, state_name = (run, step_name) if what == "run" else (shortest, "cube")
+    shown = sorted(set(np.linspace(0, len(states) - 1, _STATES).round().astype(int).tolist()))
     box = extent(scene, visited(chain(run, shortest)))
     width, columns, wide, tall = _panels(box, len(shown))
     lanes = min(max(0.2 * len(scene.start), 0.5), 5.5)
-    shots = [(run[number].sites, run[number].moved) for number in shown]
+    shots = [(states[number].sites, states[number].moved) for number in shown]
     legend = legend_of(scene, shots, box, width - 2 * _EDGE)
     legend_top = _TITLE + ceil(len(shown) / columns) * (_CAPTION + tall + _GAP)
     chart_top = legend_top + legend.height + 0.4
@@ -130,17 +151,19 @@ def _figure(
     page.write(_title(scene.spec), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     page.write(counts, _EDGE, 0.47, fontsize=10)
     for index, number in enumerate(shown):
-        name = "start" if number == 0 else f"round {number}"
-        if number == len(run) - 1 and scene.reached(run[number].sites):
+        name = "start" if number == 0 else f"{state_name} {number}"
+        if number == len(states) - 1 and scene.reached(states[number].sites):
             name += ", goal"
         at = _EDGE + index % columns * (wide + _GAP)
         top = _TITLE + index // columns * (_CAPTION + tall + _GAP)
         page.write(name, at, top, fontsize=8.5)
         axes = page.axes(at, top + _CAPTION, wide, tall)
-        draw_on(axes, scene, run[number].sites, moved=run[number].moved, box=box)
+        draw_on(axes, scene, states[number].sites, moved=states[number].moved, box=box)
     legend.put(page.figure, _EDGE, legend_top)
     chart = page.axes(_EDGE + 0.3, chart_top, width - 2 * _EDGE - 0.3, lanes)
-    _draw_schedule(chart, scene, run, shortest, cancelled)
+    as_given = f"{'as executed' if step_name == 'round' else 'as given'}, "
+    as_given += _plural(len(run) - 1, step_name)
+    _draw_schedule(chart, scene, run, shortest, cancelled, as_given=as_given)
     return page.figure
 
 
@@ -204,6 +227,8 @@ def _draw_schedule(
     run: Sequence[Snapshot],
     shortest: Sequence[Snapshot],
     cancelled: set[tuple[int, Action]],
+    *,
+    as_given: str,
 ) -> None:
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
@@ -238,14 +263,14 @@ def _draw_schedule(
     axes.tick_params(labelsize=8, length=2.5, color=_QUIET, labelcolor=INK)
     axes.spines[:].set_visible(False)
     keys: list[Artist] = [
-        Patch(facecolor=_pale(_SWATCH), label=f"as executed, {_plural(len(run) - 1, 'round')}"),
+        Patch(facecolor=_pale(_SWATCH), label=as_given),
         Patch(facecolor=_SWATCH, label=f"normal cube path, {_plural(len(shortest) - 1, 'cube')}"),
     ]
     if hollow:
         keys.append(Patch(facecolor="white", edgecolor=_QUIET, label="cancels with another"))
     if len(run) != len(shortest):
         keys += [
-            Line2D((), (), color=INK, linewidth=0.9, linestyle=":", label="end of run"),
+            Line2D((), (), color=INK, linewidth=0.9, linestyle=":", label="end of path"),
             Line2D((), (), color=INK, linewidth=0.9, linestyle="-", label="end of cubes"),
         ]
     axes.legend(
@@ -297,7 +322,5 @@ def _save(figure: Figure, path: Path) -> None:
     buffer = io.BytesIO()
     with rc_context({"svg.hashsalt": "cubepath"}):
         figure.savefig(buffer, format=kind, dpi=150, metadata=undated)
-    try:
-        path.write_bytes(buffer.getvalue())
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
+    with written_whole(path) as stream:
+        stream.write(buffer.getvalue())

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         read_certificate,
         write_certificate,
     )
+    from cubepath.protocol.path_files.jsonl import written_whole
     from cubepath.protocol.path_files.moves import (
         MoveName,
         PathMove,
@@ -70,6 +71,7 @@ else:
             "certificates": (
                 "Certificate certificate_schema companion read_certificate write_certificate"
             ),
+            "jsonl": "written_whole",
             "moves": (
                 "MoveName PathMove cube_schema id_of known_of_named move_schemas read_cubes "
                 "read_moves write_cubes write_moves"
@@ -129,4 +131,5 @@ __all__ = [
     "write_moves_npz",
     "write_path",
     "write_timetable",
+    "written_whole",
 ]
