@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,6 +26,9 @@ from cubepath.agents.rendering.pictures import (
     palette,
 )
 from cubepath.agents.rendering.text import draw_text
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
@@ -32,6 +36,7 @@ from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.systems.listed import TabledSystem
 
 SPECS = [*all_families(), "agv:graph=K5,n=2", "agv-labelled:graph=S4,n=3"]
 
@@ -408,3 +413,43 @@ def test_a_frame_that_is_given_is_kept() -> None:
         draw_on(axes, scene, [site], box=(0.0, 10.0, -10.0, 0.0))
         limits.add((axes.get_xlim(), axes.get_ylim()))
     assert limits == {((0.0, 10.0), (-10.0, 0.0))}
+
+
+class Solid(TabledSystem):
+    """A system of another distribution, whose sites or positions are in space."""
+
+    table = "solid"
+
+
+def solid(drawing: str, sites: list[Site], position: tuple[float, ...] | None = None) -> Scene:
+    """Return a scene with a move from the first site to the second, drawn in a style."""
+    action = Action(sites, sites, sites[:1], sites[1:])
+    positions: Any = {} if position is None else dict.fromkeys(sites, position)
+    system = Solid([Move(action, "go", 0, ((sites[0], sites[1]),))], drawing="graph", positions={})
+    system.drawing, system.positions = drawing, positions
+    return Scene("solid", "solid", system, start=(sites[0],))
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (
+            solid("hexagons", [(0, 0, 0), (0, 0, 1)]),
+            "cannot be drawn as a cell, expected two whole",
+        ),
+        (solid("squares", [(0, 0, 0), (0, 0, 1)]), "cannot be drawn as a cell, expected two whole"),
+        (solid("map", ["a", "b"]), "'a' cannot be drawn as a cell, expected two whole numbers"),
+        (solid("edges", [(0, 0, 0, 1), (0, 0, 1, 1)]), "cannot be drawn as an edge, expected two"),
+        (solid("edges", [(0, 0, 2), (0, 0, 1)]), "cannot be drawn as an edge, expected two"),
+        (solid("graph", ["a", "b"], (0, 0, 1)), "'a' cannot be drawn, expected two numbers"),
+        (solid("letters", ["a", "b"], (0, 0, 1)), "'a' cannot be drawn, expected two numbers"),
+        (solid("chords", [(0, 1), (0, 2)], (0, 0, 1)), "cannot be drawn, expected two numbers"),
+        (solid("cubes", [(0, 0), (0, 1)]), "drawing 'cubes', expected one of hexagons, squares,"),
+    ],
+)
+def test_what_does_not_lie_in_the_plane_is_refused(scene: Scene, message: str) -> None:
+    """Sites and positions in space and unknown styles are named in one line, not drawn flat."""
+    for draw in (draw_pixels, extent):
+        with pytest.raises(InputError, match=message) as refused:
+            draw(scene, scene.start)
+        assert "\n" not in str(refused.value)

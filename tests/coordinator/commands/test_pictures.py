@@ -88,3 +88,55 @@ def test_what_cannot_be_drawn_is_refused_before_any_work(
     assert len(said) == 1
     assert message in said[0]
     assert not target.exists()
+
+
+@pytest.mark.slow
+def test_other_paths_are_drawn(tmp_path: Path) -> None:
+    """Moves that stand for themselves, cubes of a system, and another program's plan."""
+    moves = tmp_path / "moves.jsonl"
+    edges = [[[0, 0], [1, 0]], [[0, 1], [1, 1]]]
+    lines = [
+        {"id": number, "support": edge, "trace": edge, "before": edge[:1], "after": edge[1:]}
+        for number, edge in enumerate(edges)
+    ]
+    moves.write_text("\n".join(map(json.dumps, lines)))
+    cubes = tmp_path / "cubes.jsonl"
+    cubes.write_text(json.dumps({"moves": [{"generator": "edge", "at": at} for at in edges]}))
+    imports = GOLDEN.parents[1] / "tests" / "data" / "imports"
+    plan, room = imports / "lacam.txt", imports / "room.map"
+    film, picture = str(tmp_path / "film.gif"), tmp_path / "picture.svg"
+    for arguments, count in (
+        ([str(moves)], 2),
+        ([str(moves), "--what", "schedule"], 1),
+        ([str(cubes), "--system", "agv:graph=grid2x2,n=2"], 1),
+        ([str(plan), "--with", str(room)], 8),
+    ):
+        assert main(["view", *arguments, "-o", film]) == 0
+        assert frames(Path(film)) == 1 + count
+        assert main(["view", *arguments, "-o", str(picture)]) == 0
+        assert picture.read_bytes().startswith(b"<?xml")
+        picture.unlink()
+
+
+def test_a_recording_says_itself_what_it_is_of(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another system, or a file beside it, is refused in one line."""
+    for options in (["--system", "hex"], ["--with", str(log)], ["--format", "plain"]):
+        assert main(["view", str(log), *options]) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert said.endswith(
+            "says itself what its system is: expected no --system, --format or --with"
+        )
+
+
+@pytest.mark.parametrize("content", [b"", b"no recording"])
+def test_what_is_called_a_recording_is_refused_as_one(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line says that it is none."""
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    assert main(["view", str(path)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "recording" in said

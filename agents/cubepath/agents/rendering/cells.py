@@ -44,7 +44,7 @@ class _Rows:
     up: int
 
     def middle(self, _system: System, place: Site) -> Spot:
-        x, y = cell_of(place)[:2]
+        x, y = cell_of(place)
         return x + self.slant * y, self.up * y * self.stretch
 
     def cells(self, system: System, box: Box) -> list[tuple[int, int]]:

@@ -10,6 +10,7 @@ from math import sqrt
 
 import numpy as np
 
+from cubepath.agents.rendering.layout import spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import (
     GHOST,
@@ -74,7 +75,7 @@ def _mark(system: System, marks: Mapping[Site, str], chord: Site) -> str:
 
 def _spots(system: System) -> dict[Site, Spot]:
     """Return where the points lie, in cells."""
-    known = np.array(list(system.positions.values()))
+    known = np.array([spot_of(system, point) for point in system.positions])
     spread = known.max(axis=0) - known.min(axis=0)
     area = max(float(spread[0] * spread[1]), 1e-3 * float(spread.max()) ** 2)
     unit = sqrt(area / len(known)) / _APART or 1.0

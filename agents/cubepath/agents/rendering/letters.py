@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cubepath.agents.rendering.layout import spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import (
     GHOST,
@@ -75,7 +76,7 @@ def _spots(system: System) -> dict[Site, Spot]:
     """Return where the middles of the places lie, in cells."""
     places = [place for place in system.places if place not in system.filled]
     return {
-        place: system.positions.get(place, (float(number % _ROW), -1.2 * (number // _ROW)))
+        place: spot_of(system, place) or (float(number % _ROW), -1.2 * (number // _ROW))
         for number, place in enumerate(places)
     }
 

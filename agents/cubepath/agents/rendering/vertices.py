@@ -12,7 +12,7 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import known_places, marks_of
+from cubepath.agents.rendering.layout import known_places, marks_of, spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Pen, Spot
 from cubepath.agents.rendering.places import (
@@ -26,6 +26,7 @@ from cubepath.agents.rendering.places import (
     place_pen,
 )
 from cubepath.agents.rendering.style import Style
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 
@@ -34,7 +35,10 @@ _MANY = 40
 
 
 def _middle(system: System, place: Site) -> Spot:
-    return system.positions.get(place) or _circle(system.places)[place]
+    found = spot_of(system, place) or _circle(system.places).get(place)
+    if found is None:
+        raise InputError(f"{place!r} cannot be drawn: it has no position and is none of the places")
+    return found
 
 
 @lru_cache(maxsize=64)

@@ -3,29 +3,43 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 from cubepath.coordinator.commands.complexes import AddCommand
 from cubepath.coordinator.commands.console import DONE, answer, complain, progress_bar
+from cubepath.coordinator.commands.plan_options import INPUT_HELP, add_plan_options, hints
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, opened
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.normal_form.array_heap import NormalForm
+    from cubepath.protocol.core.actions import Action
+    from cubepath.protocol.core.system import Scene
 
 
 def add_view_command(command: AddCommand) -> None:
     """Add the command and its options."""
-    view = command("view", _view, "draw a recording: states of the run, and its schedule")
-    view.add_argument("log", type=Path, metavar="LOG")
+    view = command("view", _view, "draw a run or another path: some states, and its schedule")
+    view.add_argument("input", type=Path, metavar="INPUT", help=f"{INPUT_HELP}; or cubes")
     view.add_argument(
         "-o",
         "--output",
         type=Path,
         metavar="PICTURE",
-        help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
+        help="file to write: .png, .svg, .pdf, or .gif for a film (default: INPUT with .png)",
     )
+    view.add_argument(
+        "--system", metavar="SYSTEM", help="the system that the moves or cubes of a file are of"
+    )
+    add_plan_options(view)
     view.add_argument(
         "--what",
         choices=("run", "schedule"),
         default="run",
-        help="whose states to show: those of the run (default), or of the schedule, cube by cube",
+        help="whose states to show: those of the run, or of the moves or cubes as given (default);"
+        " or of the normal cube path",
     )
     view.add_argument(
         "--fps",
@@ -46,10 +60,8 @@ def _view(options: argparse.Namespace) -> int:
         animate,
         check_frame_rate,
     )
-    from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
-    path: Path = options.output or options.log.with_suffix(".png")
+    path: Path = options.output or options.input.with_suffix(".png")
     film = path.suffix.lower() in FILM_SUFFIXES
     if not film and path.suffix.lower() not in PICTURE_SUFFIXES:
         known = ", ".join((*PICTURE_SUFFIXES, *FILM_SUFFIXES))
@@ -58,13 +70,10 @@ def _view(options: argparse.Namespace) -> int:
         if not film:
             raise InputError(f"{path}: a picture, expected --fps with a film (.gif) alone")
         check_frame_rate(options.fps)
-    recording = read_recording(options.log)
-    for problem in recording.problems:
-        complain(f"{options.log}: {problem}; drawing what could be read")
-    gatherer = gathered(recording)
-    rounds = [step.actions for step in gatherer.steps]
+    with opened(options.input) as file:
+        drawn = (_recorded if _is_recording(file) else _from_file)(options, file)
     if film:
-        as_run = options.what == "run"
+        as_given = options.what == "run"
         with progress_bar(None, "film", " frames") as bar:
 
             def progress(done: int, total: int) -> None:
@@ -72,16 +81,71 @@ def _view(options: argparse.Namespace) -> int:
                 bar.update(done - bar.n)
 
             animate(
-                recording.scene,
-                rounds if as_run else gatherer.heap.cube_path(),
+                drawn.scene,
+                drawn.steps if as_given else drawn.schedule()[0],
                 path,
-                step_name="round" if as_run else "cube",
+                step_name=drawn.step_name if as_given else "cube",
                 frames_per_second=options.fps or FRAMES_PER_SECOND,
                 progress=progress,
             )
     else:
-        heap = gatherer.heap
-        found = heap.normal_form()
-        run_picture(recording.scene, rounds, heap.cube_path(), path, found=found, what=options.what)
-    answer(options, {"log": str(options.log), "picture": str(path)}, f"written to {path}")
+        cubes, found = drawn.schedule()
+        run_picture(
+            drawn.scene,
+            drawn.steps,
+            cubes,
+            path,
+            found=found,
+            step_name=drawn.step_name,
+            what=options.what,
+        )
+    answer(options, {"log": str(options.input), "picture": str(path)}, f"written to {path}")
     return DONE
+
+
+class _Drawn(NamedTuple):
+    """What is drawn; its schedule is made when it is asked for."""
+
+    scene: Scene
+    step_name: str
+    steps: Sequence[Sequence[Action]]
+    schedule: Callable[[], tuple[Sequence[Sequence[Action]], NormalForm]]
+
+
+def _is_recording(file: InputFile) -> bool:
+    from cubepath.protocol.recordings.recording import is_recording  # noqa: PLC0415
+
+    # A recording that has lost its first bytes is refused as what its name says.
+    return is_recording(file) or file.path.suffix.lower() == ".mcap"
+
+
+def _recorded(options: argparse.Namespace, file: InputFile) -> _Drawn:
+    from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    if options.system is not None or options.format is not None or options.companions:
+        raise InputError(
+            f"{file.path}: a recording, which says itself what its system is: expected no --system,"
+            " --format or --with"
+        )
+    recording = read_recording(file)
+    for problem in recording.problems:
+        complain(f"{file.path}: {problem}; drawing what could be read")
+    gatherer = gathered(recording)
+    steps = [step.actions for step in gatherer.steps]
+    return _Drawn(
+        recording.scene,
+        "round",
+        steps,
+        lambda: (gatherer.heap.cube_path(), gatherer.heap.normal_form()),
+    )
+
+
+def _from_file(options: argparse.Namespace, file: InputFile) -> _Drawn:
+    from cubepath.coordinator.shortening.path_steps import read_steps  # noqa: PLC0415
+
+    with progress_bar(None, "view", " moves") as bar:
+        found = read_steps(file, options.system, hints(options), bar.update)
+    return _Drawn(
+        found.scene, found.step_name, found.steps, lambda: (found.cubes, found.normal_form)
+    )
