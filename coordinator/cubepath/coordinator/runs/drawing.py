@@ -175,31 +175,32 @@ class _Panels(NamedTuple):
     wide: float
     tall: float
 
+    def scale(self, box: Box) -> float:
+        """Return how many points a cell is wide."""
+        left, right, low, high = box
+        return 72 * min(self.wide / (right - left), self.tall / (high - low))
+
 
 def _panels(box: Box, count: int) -> _Panels:
+    """Return the layout for a frame: on a narrow page, or a wide one where modules were specks."""
+    narrow, wide = (_best_panels(page, box, count) for page in _WIDE)
+    return narrow if narrow.scale(box) >= _SPECK else wide
+
+
+def _best_panels(page: float, box: Box, count: int) -> _Panels:
     """Return the layout with as many columns as leave room for numbers on modules.
 
-    Where none does, that which shows modules largest and is not too high; on a wide page where they
-    would be specks.
+    Where none does, that which shows modules largest and is no higher than the page is wide.
     """
     left, right, low, high = box
-
-    def scale(found: _Panels) -> float:
-        return 72 * min(found.wide / (right - left), found.tall / (high - low))
-
-    for page in _WIDE:
-        fitting: list[_Panels] = []
-        for columns in _COLUMNS:
-            wide = (page - 2 * _EDGE - (columns - 1) * _GAP) / columns
-            tall = min(wide * (high - low) / (right - left), max(2 * wide, _TALL))
-            if not fitting or ceil(count / columns) * (_CAPTION + tall + _GAP) <= page:
-                fitting.append(_Panels(page, columns, wide, tall))
-        best = next(
-            (found for found in fitting if scale(found) >= _READABLE), max(fitting, key=scale)
-        )
-        if scale(best) >= _SPECK:
-            break
-    return best
+    fitting: list[_Panels] = []
+    for columns in _COLUMNS:
+        wide = (page - 2 * _EDGE - (columns - 1) * _GAP) / columns
+        tall = min(wide * (high - low) / (right - left), max(2 * wide, _TALL))
+        if not fitting or ceil(count / columns) * (_CAPTION + tall + _GAP) <= page:
+            fitting.append(_Panels(page, columns, wide, tall))
+    largest = max(fitting, key=lambda found: found.scale(box))
+    return next((found for found in fitting if found.scale(box) >= _READABLE), largest)
 
 
 class _Page:
