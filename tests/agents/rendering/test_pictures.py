@@ -6,6 +6,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +15,20 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.pictures import INK, WALL, draw_on, draw_pixels, frame, palette
+from cubepath.agents.rendering.pictures import (
+    INK,
+    WALL,
+    colours,
+    draw_on,
+    draw_pixels,
+    extent,
+    frame,
+    palette,
+)
 from cubepath.agents.rendering.text import draw_text
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
@@ -23,6 +36,7 @@ from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
+from cubepath.protocol.systems.listed import TabledSystem
 
 SPECS = [*all_families(), "agv:graph=K5,n=2", "agv-labelled:graph=S4,n=3"]
 
@@ -306,3 +320,136 @@ def test_what_is_not_imported(code: str, absent: str) -> None:
     """matplotlib is imported when something is drawn, and pyplot never."""
     check = f"{code}\nimport sys\nsys.exit({absent!r} in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+def test_the_colour_of_a_module_does_not_depend_on_how_many_there_are() -> None:
+    """Module 3 looks the same among four and among forty; no two of 27 look alike."""
+    assert palette(4) == palette(40)[:4]
+    spread = np.array(palette(27))
+    apart = np.abs(spread[:, None] - spread[None]).sum(axis=2)
+    assert apart[~np.eye(27, dtype=bool)].min() > 0.15
+
+
+def test_colours_are_those_of_the_picture() -> None:
+    """By number, of letters by the letter that is on, and a marked vertex is dark."""
+    chain, word = scene_from_spec("hex:n=3"), scene_from_spec("words:word=aba,goal=bab")
+    assert colours(chain, chain.start) == palette(3)
+    first, second, third = colours(word, word.start)
+    assert first == third != second
+    arms = scene_from_spec("arms:n=1")
+    found = colours(arms, arms.start)
+    edges = [number for number, site in enumerate(arms.start) if len(numbers(site)) == 3]
+    assert edges
+    assert all(found[number] == palette(len(found))[number] for number in edges)
+    dark = {found[number] for number in range(len(found)) if number not in edges}
+    assert len(dark) == 1
+    assert max(next(iter(dark))) < 0.2
+
+
+def test_the_goal_of_a_label_has_the_colour_of_its_module() -> None:
+    """Also where modules do not start in the order of their labels."""
+    scene = scene_from_spec("agv-labelled:graph=grid5x1,n=2")
+    sites: list[Site] = [((1, 0), 1), ((0, 0), 0)]
+    goal = frozenset({((4, 0), 1), ((3, 0), 0)})
+    swapped = replace(scene, start=tuple(sites), goal=goal, goals=())
+    pixels = drawn(swapped, sites, numbers=False)
+    left, right, _, _ = frame(swapped)
+    unit = pixels.shape[1] / (right - left)
+    for number, x in ((0, 4), (1, 3)):
+        column = round((x - left + 0.43) * unit)
+        strip = pixels[140:160, column - 3 : column + 3, :3].reshape(-1, 3)
+        assert np.abs(strip - 255 * np.array(palette(2)[number])).max(axis=1).min() < 3
+
+
+@pytest.mark.parametrize("spec", SPECS)
+def test_the_extent_of_a_run_holds_all_that_it_visits(spec: str) -> None:
+    """The pictures of a run lie within the frame of everything, and hold start, goal and way."""
+    scene = scene_from_spec(spec)
+    sites = walk(scene, 6)
+    left, right, low, high = extent(scene, sites)
+    all_of_it = frame(scene, sites)
+    assert right > left
+    assert high > low
+    if scene.system.bounded:
+        outer = (all_of_it[0] <= left, right <= all_of_it[1], all_of_it[2] <= low)
+        assert (*outer, high <= all_of_it[3]) == (True,) * 4
+    alone = replace(scene, goal=None, goals=())
+    for part in (replace(alone, start=tuple(sites)), alone):
+        inner = extent(part, ())
+        assert left <= inner[0]
+        assert inner[1] <= right
+        assert low <= inner[2]
+        assert inner[3] <= high
+
+
+def test_of_a_large_workspace_only_what_is_visited_is_shown() -> None:
+    """Two vehicles in a corner of a large map; of a small map, or after a long way, all of it."""
+    scene = scene_from_spec("agv:graph=grid50x40,n=2")
+    start, goal = ((3, 3), (4, 3)), frozenset({(3, 5), (4, 5)})
+    corner = replace(scene, start=start, goal=goal, goals=())
+    assert extent(corner, [(6, 3)]) == pytest.approx((1.4, 7.6, -6.6, -1.4))
+    assert extent(corner, [(49, 39)]) == frame(scene)
+    small = scene_from_spec("agv:graph=grid12x4,n=1")
+    assert extent(replace(small, goal=None, goals=()), ()) == frame(small)
+
+
+def test_a_single_module_has_a_frame_of_its_own() -> None:
+    """One column, one row and one cell have room about them and are drawn."""
+    for spec in ("hex:n=1", "agv:graph=grid1x9,n=1", "agv:graph=grid9x1,n=1", "arm:n=1"):
+        scene = scene_from_spec(spec)
+        left, right, low, high = extent(scene, ())
+        assert min(right - left, high - low) >= 1
+        axes = axes_of_size(2, 2)
+        draw_on(axes, scene, scene.start, box=extent(scene, ()))
+        assert (shot(axes)[:, :, :3] != 255).any()
+
+
+def test_a_frame_that_is_given_is_kept() -> None:
+    """Wherever modules are, the same box of cells is shown at the same place."""
+    scene = scene_from_spec("agv:graph=grid50x40,n=1")
+    limits = set()
+    for site in ((3, 3), (6, 8)):
+        axes = axes_of_size(2, 2)
+        draw_on(axes, scene, [site], box=(0.0, 10.0, -10.0, 0.0))
+        limits.add((axes.get_xlim(), axes.get_ylim()))
+    assert limits == {((0.0, 10.0), (-10.0, 0.0))}
+
+
+class Solid(TabledSystem):
+    """A system of another distribution, whose sites or positions are in space."""
+
+    table = "solid"
+
+
+def solid(drawing: str, sites: list[Site], position: tuple[float, ...] | None = None) -> Scene:
+    """Return a scene with a move from the first site to the second, drawn in a style."""
+    action = Action(sites, sites, sites[:1], sites[1:])
+    positions: Any = {} if position is None else dict.fromkeys(sites, position)
+    system = Solid([Move(action, "go", 0, ((sites[0], sites[1]),))], drawing="graph", positions={})
+    system.drawing, system.positions = drawing, positions
+    return Scene("solid", "solid", system, start=(sites[0],))
+
+
+@pytest.mark.parametrize(
+    ("scene", "message"),
+    [
+        (
+            solid("hexagons", [(0, 0, 0), (0, 0, 1)]),
+            "cannot be drawn as a cell, expected two whole",
+        ),
+        (solid("squares", [(0, 0, 0), (0, 0, 1)]), "cannot be drawn as a cell, expected two whole"),
+        (solid("map", ["a", "b"]), "'a' cannot be drawn as a cell, expected two whole numbers"),
+        (solid("edges", [(0, 0, 0, 1), (0, 0, 1, 1)]), "cannot be drawn as an edge, expected two"),
+        (solid("edges", [(0, 0, 2), (0, 0, 1)]), "cannot be drawn as an edge, expected two"),
+        (solid("graph", ["a", "b"], (0, 0, 1)), "'a' cannot be drawn, expected two numbers"),
+        (solid("letters", ["a", "b"], (0, 0, 1)), "'a' cannot be drawn, expected two numbers"),
+        (solid("chords", [(0, 1), (0, 2)], (0, 0, 1)), "cannot be drawn, expected two numbers"),
+        (solid("cubes", [(0, 0), (0, 1)]), "drawing 'cubes', expected one of hexagons, squares,"),
+    ],
+)
+def test_what_does_not_lie_in_the_plane_is_refused(scene: Scene, message: str) -> None:
+    """Sites and positions in space and unknown styles are named in one line, not drawn flat."""
+    for draw in (draw_pixels, extent):
+        with pytest.raises(InputError, match=message) as refused:
+            draw(scene, scene.start)
+        assert "\n" not in str(refused.value)

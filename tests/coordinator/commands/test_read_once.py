@@ -53,6 +53,8 @@ FORMS: dict[str, tuple[str, ...]] = {
     "a plain list": ("pivots.txt", "--system", "hex.toml"),
 }
 """A path in each form of file that there is, with all that it needs."""
+NOT_DRAWN = ("self-contained lines", "lines that are unusual", "arrays")
+"""Moves that stand for themselves and do not say where their sites lie, or where modules are."""
 
 
 @pytest.fixture(scope="module")
@@ -231,6 +233,20 @@ def test_what_is_done_with_a_recording_reads_it_once(folder: Path) -> None:
         ("view", "run.mcap", "-o", "out.gif"),
     )
     assert [carried.fallen for carried in (replayed, picture, film)] == [moves, moves, 0]
+
+
+def test_drawing_a_path_reads_it_once(folder: Path) -> None:
+    """Every form of file whose sites can be drawn, and cubes; the moves fall once."""
+    drawn = {name: form for name, form in FORMS.items() if name not in NOT_DRAWN}
+    commands = [("view", *form, "-o", "out.png") for form in drawn.values()]
+    system = ("--system", "grid.toml")
+    commands += [
+        ("view", cubes, *system, "-o", "out.png") for cubes in ("cubes.jsonl", "cubes.npz")
+    ]
+    found = opened_once(folder, *commands)
+    told = carried_out(folder, [("shorten", *form, "--json") for form in drawn.values()])
+    counts = [each.document["moves"] for each in told] + [len(CROSSING)] * 2
+    assert [each.fallen for each in found] == counts
 
 
 @pytest.mark.parametrize("processes", [0, 2])

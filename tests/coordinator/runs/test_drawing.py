@@ -1,4 +1,4 @@
-"""Pictures of a run follow its modules, hold all its moves, and are written whole or not at all."""
+"""Pictures of a run hold all its moves, and are written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,70 +7,23 @@ import subprocess
 import sys
 from itertools import chain
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
 from PIL import Image
 
-from cubepath.agents.environments.world import World
+from cubepath.agents.rendering.pictures import colours, extent
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs import drawing as pictures
-from cubepath.coordinator.runs.drawing import animate, run_picture, snapshots
-from cubepath.protocol.core.actions import Action
+from cubepath.coordinator.runs.drawing import run_picture
+from cubepath.coordinator.runs.films import animate
+from cubepath.coordinator.runs.snapshots import snapshots
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-
-Rounds = list[list[Action]]
-
-
-def random_run(spec: str, count: int) -> tuple[Scene, Rounds, list[tuple[Site, ...]]]:
-    """Return the scene, the actions of each round, and where modules were after each."""
-    scene = scene_from_spec(spec)
-    world, random = World(scene, seed=2), np.random.default_rng(2)
-    rounds, where = [], [tuple(world.sites)]
-    for _ in range(count):
-        masks = [world.observe(module)["action_mask"] for module in range(len(world.sites))]
-        chosen = {
-            module: int(random.choice(mask.nonzero()[0])) for module, mask in enumerate(masks)
-        }
-        rounds.append([move.action for move in world.step(chosen).moves.values()])
-        where.append(tuple(world.sites))
-    return scene, rounds, where
-
-
-SPECS = ["hex:n=6", "arm:n=6", "agv:graph=grid4x4,n=5", "agv-labelled:graph=C6,n=3", "agv:graph=K5"]
-
-
-@pytest.mark.parametrize("spec", [*SPECS, "sliding:p=2,q=2,n=5", "arms:n=2"])
-def test_modules_are_followed(spec: str) -> None:
-    """From the actions alone follows where each module is, as in the world that moved them."""
-    scene, rounds, where = random_run(spec, 30)
-    found = list(snapshots(scene, rounds))
-    assert [snapshot.sites for snapshot in found] == where
-    for before, after, snapshot in zip(where, where[1:], found[1:], strict=False):
-        left = {n: site for n, site in enumerate(before) if site != after[n]}
-        assert snapshot.moved == left
-        assert set(snapshot.by) == set(left)
-
-
-@pytest.mark.parametrize("spec", SPECS)
-def test_each_module_ends_at_the_same_place_by_the_cubes(spec: str) -> None:
-    """The normal cube path takes every single module where the run took it."""
-    scene, rounds, where = random_run(spec, 30)
-    *_, last = snapshots(scene, normal_cube_path(chain.from_iterable(rounds)))
-    assert last.sites == where[-1]
-
-
-def test_a_flip_of_an_arm_moves_two_segments() -> None:
-    """One action, two modules, each turning in its place."""
-    scene = scene_from_spec("arm:n=2")
-    rotate = scene.system.action("rotate", (0, 1))
-    flip = scene.system.action("flip", (0, 0))
-    *_, last = snapshots(scene, [[rotate], [flip]])
-    assert last.sites == ((0, 0, 0), (1, 0, 1))
-    assert last.moved == {0: (0, 0, 1), 1: (0, 1, 0)}
+from random_runs import SPECS, random_run
 
 
 def test_an_inadmissible_move_is_refused(tmp_path: Path) -> None:
@@ -121,8 +74,34 @@ def test_the_numbers_of_a_run() -> None:
     """The title says what the run had and what is left, in words that agree in number."""
     scene = scene_from_spec("agv:graph=P4,n=1")
     out, on = (scene.system.action("edge", at) for at in ((0, 1), (1, 2)))
-    text = pictures._counts([[out], [], [on], [on]], [(out,)])
+    text = pictures._counts([[out], [], [on], [on]], [(out,)], "round")
     assert text == "4 rounds, 3 moves  \N{RIGHTWARDS ARROW}  1 cube, 1 move, largest cube 1"
+
+
+def test_the_numbers_of_a_path_that_is_no_run() -> None:
+    """Moves alone are counted once; cubes that were given are called so."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    assert pictures._counts([[out]], [(out,)], "move").startswith("1 move  ")
+    assert pictures._counts([[out]], [(out,)], "cube").startswith("1 cube, 1 move  ")
+    run = list(snapshots(scene, [[out]]))
+    for step_name, word in (("move", "as given, 1 move"), ("round", "as executed, 1 round")):
+        figure = pictures._figure(scene, run, run, "", set(), step_name=step_name)
+        legend = figure.axes[-1].get_legend()
+        assert legend is not None
+        assert legend.get_texts()[0].get_text() == word
+
+
+def test_states_of_the_schedule() -> None:
+    """Asked for, the states are those after some cubes, and are called so."""
+    scene, rounds, _ = random_run("hex:n=6", 20)
+    run = list(snapshots(scene, rounds))
+    shortest = list(snapshots(scene, normal_cube_path(chain.from_iterable(rounds))))
+    figure = pictures._figure(scene, run, shortest, "", set(), what="schedule")
+    words = [text.get_text() for text in figure.texts]
+    assert len(shortest) < len(run)
+    assert words[2] == "start"
+    assert words[-1].startswith(f"cube {len(shortest) - 1}")
 
 
 def test_long_specs_are_cut() -> None:
@@ -176,37 +155,6 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_film(tmp_path: Path) -> None:
-    """A frame for the start and each step; progress counts them; nothing else is left behind."""
-    scene, rounds, _ = random_run("hex:n=4", 6)
-    path, told = tmp_path / "film.gif", list[tuple[int, int]]()
-    animate(scene, rounds, path, progress=lambda done, total: told.append((done, total)))
-    assert path.read_bytes().startswith(b"GIF89a")
-    with Image.open(path) as image:
-        assert getattr(image, "n_frames", 1) == 7
-    assert told == [(done, 7) for done in range(1, 8)]
-    assert list(tmp_path.iterdir()) == [path]
-
-
-@pytest.mark.slow
-def test_a_film_that_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
-    """An interrupt in the middle leaves neither a film nor a part of one, and an old film stays."""
-    scene, rounds, _ = random_run("hex:n=4", 3)
-    path = tmp_path / "film.gif"
-    path.write_bytes(b"old")
-
-    def stop(done: int, total: int) -> None:
-        if done == 2 < total:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        animate(scene, rounds, path, progress=stop)
-    assert [(found.name, found.read_bytes()) for found in tmp_path.iterdir()] == [
-        ("film.gif", b"old")
-    ]
-
-
-@pytest.mark.slow
 def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     """Where matplotlib can keep nothing, a picture is drawn all the same, and silently."""
     golden = Path(__file__).parents[3] / "logs" / "golden" / "arm-6.mcap"
@@ -222,3 +170,110 @@ def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "arm.png").exists()
+
+
+@pytest.mark.parametrize("spec", ["hex:n=3", "hex:n=8", "arm:n=5", "assembly"])
+def test_boxes_have_the_colours_of_their_modules(spec: str) -> None:
+    """Below is the colour that the module has in the states; the legend shows that of no module."""
+    scene, rounds, _ = random_run(spec, 12)
+    run = list(snapshots(scene, rounds))
+    figure = pictures._figure(scene, run, run, "", set())
+    chart = figure.axes[-1]
+    below = chart.collections[-1]
+    assert isinstance(below, PolyCollection)
+    seen = set[tuple[int, int]]()
+    for path, colour in zip(below.get_paths(), below.get_facecolor(), strict=True):
+        step, module = np.asarray(path.vertices)[:4].mean(axis=0).round().astype(int).tolist()
+        assert to_rgb(cast("Any", colour)) == pytest.approx(colours(scene, run[step].sites)[module])
+        seen.add((step, module))
+    assert seen == {(step, module) for step, snap in enumerate(run) for module in snap.moved}
+    legend = chart.get_legend()
+    assert legend is not None
+    shown = [to_rgb(cast("Any", patch.get_facecolor())) for patch in legend.get_patches()]
+    assert shown[1] == pytest.approx(pictures._SWATCH)
+    assert shown[0] == pytest.approx(pictures._pale(pictures._SWATCH))
+
+
+def test_the_legend_of_a_long_schedule_fits() -> None:
+    """With thousands of rounds and with moves that cancel all of its words lie on the page."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    run = list(snapshots(scene, [[out], [out], *[[]] * 10000]))
+    figure = pictures._figure(scene, run, run[:1], "", {(1, out), (2, out)})
+    legend = figure.axes[-1].get_legend()
+    assert legend is not None
+    assert len(legend.get_texts()) == 5
+    assert legend.get_window_extent().x1 < figure.bbox.x1
+
+
+def test_both_ends_are_told_where_they_differ() -> None:
+    """The dotted and the solid line are in the legend if the cubes are fewer than the rounds."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    run = list(snapshots(scene, [[out], [], []]))
+    for shortest, told in ((run, False), (run[:2], True)):
+        legend = pictures._figure(scene, run, shortest, "", set()).axes[-1].get_legend()
+        assert legend is not None
+        words = {text.get_text() for text in legend.get_texts()}
+        assert (words >= {"end of path", "end of cubes"}) is told
+
+
+@pytest.mark.parametrize("spec", ["hex:n=5", "hex-open:n=6", "agv:graph=grid30x30,n=2", "arm:n=5"])
+def test_all_states_have_one_frame(spec: str) -> None:
+    """It holds all that the run and the cubes visit, those of states that are not shown too."""
+    scene, rounds, _ = random_run(spec, 12)
+    run = list(snapshots(scene, rounds))
+    shortest = list(snapshots(scene, normal_cube_path(chain.from_iterable(rounds))))
+    *states, _ = pictures._figure(scene, run, shortest, "", set()).axes
+    assert len(states) == 6
+    ((limits, _size),) = {
+        (
+            tuple(np.round((*axes.get_xlim(), *axes.get_ylim()), 9).tolist()),
+            (round(axes.get_position().width, 9), round(axes.get_position().height, 9)),
+        )
+        for axes in states
+    }
+    visited = [site for snap in (*run, *shortest) for site in snap.sites]
+    left, right, low, high = extent(scene, visited)
+    assert limits[0] <= left + 1e-9
+    assert right <= limits[1] + 1e-9
+    assert limits[2] <= low + 1e-9
+    assert high <= limits[3] + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("box", "page", "columns"),
+    [
+        ((0, 6, 0, 6), 9, 6),
+        ((0, 13, 0, 8), 9, 3),
+        ((0, 40, 0, 1.2), 9, 1),
+        ((0, 1.2, 0, 40), 9, 6),
+        ((0, 32, 0, 32), 9, 3),
+        ((0, 93, 0, 55), 13, 2),
+        ((0, 1000, 0, 1000), 13, 3),
+    ],
+)
+def test_states_are_as_large_as_there_is_room(
+    box: tuple[float, float, float, float], page: float, columns: int
+) -> None:
+    """Small frames stand side by side, wide ones below one another, large ones on a wide page."""
+    found = pictures._panels(box, 6)
+    assert (found.page, found.columns) == (page, columns)
+
+
+def test_axes_of_one_module_have_whole_numbers() -> None:
+    """One module is lane 0 and nothing else; steps count from 1 to the last."""
+    scene = scene_from_spec("agv:graph=P4,n=1")
+    out = scene.system.action("edge", (0, 1))
+    for rounds, steps in (([], [1]), ([[out]], [1]), ([[out], [out], []], [1, 2, 3])):
+        run = list(snapshots(scene, rounds))
+        chart = pictures._figure(scene, run, run, "", set()).axes[-1]
+        assert chart.get_yticks().tolist() == [0]
+        assert chart.get_xticks().tolist() == steps
+
+
+def test_ticks_are_round_numbers() -> None:
+    """Never more than asked for, multiples of 1, 2 or 5 times a power of ten, from the first on."""
+    assert list(pictures._ticks(1, 8, 16)) == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert list(pictures._ticks(0, 59, 12)) == [0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55]
+    assert list(pictures._ticks(1, 1000, 16)) == [100, 200, 300, 400, 500, 600, 700, 800, 900, 1000]

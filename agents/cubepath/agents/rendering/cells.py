@@ -6,7 +6,7 @@ discs, and what is no place is a wall.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from math import ceil, floor, pi, sqrt
@@ -14,14 +14,17 @@ from math import ceil, floor, pi, sqrt
 import numpy as np
 
 from cubepath.agents.rendering.layout import cell_of, known_places, marks_of
-from cubepath.agents.rendering.pen import LINE, TILE, WALL, Pen, Points, Spot, arcs
+from cubepath.agents.rendering.marks import Mark, Shot
+from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Pen, Points, Spot, arcs
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     Look,
     PlacePen,
     disc,
     draw_places,
+    extent_of,
     frame_of,
+    place_marks,
     place_pen,
 )
 from cubepath.agents.rendering.style import Style
@@ -41,13 +44,13 @@ class _Rows:
     up: int
 
     def middle(self, _system: System, place: Site) -> Spot:
-        x, y = cell_of(place)[:2]
+        x, y = cell_of(place)
         return x + self.slant * y, self.up * y * self.stretch
 
-    def cells(self, pen: PlacePen) -> list[tuple[int, int]]:
-        """Return the cells in the box of the pen; where there is no end, one more on each side."""
-        more = 0 if pen.system.bounded else 1
-        left, right, low, high = pen.box
+    def cells(self, system: System, box: Box) -> list[tuple[int, int]]:
+        """Return the cells in a box; where there is no end, one more on each side."""
+        more = 0 if system.bounded else 1
+        left, right, low, high = box
         left, right, low, high = left - more, right + more, low - more, high + more
         return [
             (column, self.up * row)
@@ -82,7 +85,8 @@ def _free_cells(pen: PlacePen, cells: Iterable[tuple[int, int]]) -> list[tuple[i
 
 def _lattice_ground(rows: _Rows, pen: PlacePen) -> None:
     """Draw free cells pale, and the obstacles of either kind."""
-    cells, system = rows.cells(pen), pen.system
+    system = pen.system
+    cells = rows.cells(system, pen.box)
     _free_cells(pen, cells)
     pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=LINE)
     pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=WALL)
@@ -90,7 +94,8 @@ def _lattice_ground(rows: _Rows, pen: PlacePen) -> None:
 
 def _map_ground(rows: _Rows, pen: PlacePen) -> None:
     """Draw free cells pale and others dark; walls where neighbours do not meet."""
-    cells, system = rows.cells(pen), pen.system
+    system = pen.system
+    cells = rows.cells(system, pen.box)
     free = _free_cells(pen, cells)
     pen.draw("cell", [cell for cell in cells if not system.has_place(cell)], facecolors=WALL)
     pen.strokes(_walls(system, free), colors=WALL, linewidths=pen.line(0.1))
@@ -119,6 +124,22 @@ def _draw_cells(
     places = place_pen(pen, scene.system, look)
     (_map_ground if on_map else _lattice_ground)(rows, places)
     draw_places(places, scene, sites, moved, words)
+
+
+def _marks(
+    scene: Scene, shots: Sequence[Shot], box: Box, *, rows: _Rows, on_map: bool
+) -> Iterator[Mark]:
+    yield from place_marks(scene, shots, discs=on_map)
+    system, cells = scene.system, rows.cells(scene.system, box)
+    if on_map:
+        free = [cell for cell in cells if system.has_place(cell)]
+        if len(free) < len(cells) or _walls(system, free):
+            yield Mark("wall", face=WALL)
+        return
+    if any(cell in system.filled for cell in cells):
+        yield Mark("obstacle", face=WALL)
+    if any(cell in system.empty for cell in cells):
+        yield Mark("kept free", face=LINE)
 
 
 def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) -> str:
@@ -160,7 +181,9 @@ def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = Fa
     return Style(
         text=partial(_text, hexagons=hexagons, on_map=on_map),
         frame=partial(frame_of, look),
+        extent=partial(extent_of, look),
         draw=partial(_draw_cells, look=look, rows=rows, on_map=on_map),
+        marks=partial(_marks, rows=rows, on_map=on_map),
     )
 
 

@@ -5,12 +5,24 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import sqrt
 
 import numpy as np
 
-from cubepath.agents.rendering.pen import INK, PALE_GOAL, WALL, Box, Pen, Points, Spot, palette
+from cubepath.agents.rendering.layout import spot_of
+from cubepath.agents.rendering.marks import Mark, Shot
+from cubepath.agents.rendering.pen import (
+    GHOST,
+    INK,
+    PALE_GOAL,
+    WALL,
+    Box,
+    Pen,
+    Points,
+    Spot,
+    palette,
+)
 from cubepath.agents.rendering.style import Style, readable
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -63,7 +75,7 @@ def _mark(system: System, marks: Mapping[Site, str], chord: Site) -> str:
 
 def _spots(system: System) -> dict[Site, Spot]:
     """Return where the points lie, in cells."""
-    known = np.array(list(system.positions.values()))
+    known = np.array([spot_of(system, point) for point in system.positions])
     spread = known.max(axis=0) - known.min(axis=0)
     area = max(float(spread[0] * spread[1]), 1e-3 * float(spread.max()) ** 2)
     unit = sqrt(area / len(known)) / _APART or 1.0
@@ -120,10 +132,20 @@ def _draw(
             pen.write(spot, str(point), (1.0, 1.0, 1.0), size=0.62)
 
 
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    if scene.goal:
+        yield Mark("goal", face=PALE_GOAL)
+    if scene.system.filled:
+        yield Mark("fixed edge", face=WALL)
+    if any(moved for _, moved in shots):
+        yield Mark("has just flipped", edge=INK)
+        yield Mark("quadrilateral of a flip", face=GHOST)
+
+
 def _ends(chord: Site) -> tuple[Site, Site]:
     if isinstance(chord, tuple) and len(chord) == 2:
         return chord[0], chord[1]
     raise InputError(f"a chord is a pair of points, found {chord!r}")
 
 
-CHORDS = Style(text=_text, frame=_frame, draw=_draw)
+CHORDS = Style(text=_text, frame=_frame, extent=_frame, draw=_draw, marks=_marks)

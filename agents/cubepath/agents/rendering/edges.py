@@ -5,11 +5,11 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from math import ceil, floor, pi
 
-from cubepath.agents.rendering.joints import MARK, marked, segments
+from cubepath.agents.rendering.joints import MARK, marked, segments, vertex_of
 from cubepath.agents.rendering.layout import (
     ARRIVED_MARK,
     GOAL_MARK,
@@ -18,11 +18,14 @@ from cubepath.agents.rendering.layout import (
     marks_of,
     tips_of,
 )
+from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
 from cubepath.agents.rendering.pen import (
     INK,
     LINE,
     PALE_GOAL,
     WALL,
+    Box,
+    Colour,
     Pen,
     Points,
     Spot,
@@ -34,6 +37,7 @@ from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
     draw_modules,
+    extent_of,
     frame_of,
     place_pen,
 )
@@ -59,6 +63,7 @@ def _outline(kind: str, place: Site) -> Points:
 
 
 _LOOK = Look(_middle, _outline, 0.7)
+_DARK: Colour = (0.133, 0.145, 0.165)
 
 
 def _draw(
@@ -73,7 +78,9 @@ def _draw(
     _ground(edges)
     arms = segments(sites, moved)
     edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
-    draw_modules(edges, arms.moved, arms.sites, palette(len(arms.sites)), ways=False)
+    colours = palette(len(sites))
+    own = [colours[number] for number in arms.numbers]
+    draw_modules(edges, arms.moved, arms.sites, own, ways=False)
     pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
     pen.discs(arms.marked, 0.17, facecolors=INK)
     pen.discs(arms.changed, 0.25, facecolors="none")
@@ -92,6 +99,28 @@ def _ground(pen: PlacePen) -> None:
     free = [edge for edge in edges if system.has_place(edge)]
     pen.draw("cell", free if len(free) <= FREE_MAX else [], facecolors=LINE)
     pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
+
+
+def _colours(_system: System, sites: Sequence[Site]) -> list[Colour]:
+    """Return the colours of segments by number; vertices are dark, as marks are drawn."""
+    return [
+        hue if vertex_of(site) is None else _DARK
+        for hue, site in zip(palette(len(sites)), sites, strict=True)
+    ]
+
+
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    if scene.goal:
+        yield Mark("goal", face=PALE_GOAL)
+    if scene.system.filled:
+        yield Mark("fixed", face=WALL)
+    arms = [segments(sites, moved) for sites, moved in shots]
+    yield from moves_marks((found.sites, found.moved) for found in arms)
+    yield Mark("joint", face="white", edge=INK, is_round=True)
+    if any(found.marked for found in arms):
+        yield Mark("marked vertex", face=INK, is_round=True)
+    if any(found.changed for found in arms):
+        yield Mark("mark has just changed", edge=INK, is_round=True)
 
 
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
@@ -119,4 +148,11 @@ def _text(scene: Scene, sites: Sequence[Site]) -> str:
     return "\n".join(lines[:-1])
 
 
-EDGES = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw)
+EDGES = Style(
+    text=_text,
+    frame=partial(frame_of, _LOOK),
+    extent=partial(extent_of, _LOOK),
+    draw=_draw,
+    marks=_marks,
+    colours=_colours,
+)

@@ -22,10 +22,12 @@ _MARKED = "marked"
 class Segments:
     """Sites in a picture of lattice edges, with the vertices taken out.
 
-    `moved` counts as `sites` does; `changed` are the vertices whose letter has just changed.
+    `numbers` are those that the segments have among all sites, and `moved` counts as `sites` does;
+    `changed` are the vertices whose letter has just changed.
     """
 
     sites: list[Site]
+    numbers: list[int]
     moved: dict[int, Site]
     marked: list[Vertex]
     changed: list[Vertex]
@@ -43,6 +45,7 @@ def segments(sites: Sequence[Site], moved: Mapping[int, Site] | None = None) -> 
     changed = [vertex_of(sites[number]) for number in known]
     return Segments(
         sites=[sites[number] for number in numbers],
+        numbers=list(numbers),
         moved={numbers[number]: site for number, site in known.items() if number in numbers},
         marked=marked(sites),
         changed=[vertex for vertex in changed if vertex is not None],

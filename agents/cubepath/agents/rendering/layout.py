@@ -7,19 +7,33 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from cubepath.agents.rendering.pen import Spot
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import Scene, System
 
 MODULE_MARK, ARRIVED_MARK, GOAL_MARK = "o", "@", "+"
 """How an unlabelled module shows in text, off and on a goal cell, and a goal cell without one."""
 
 
-def cell_of(place: Site) -> tuple[int, ...]:
-    """Return a place as whole numbers; InputError where it is something else."""
-    if isinstance(place, tuple) and all(isinstance(number, int) for number in place):
-        return place
-    raise InputError(f"only places of whole numbers can be drawn on a lattice, found {place!r}")
+def cell_of(place: Site) -> tuple[int, int]:
+    """Return a cell of a lattice in the plane; InputError where a place is something else."""
+    match place:
+        case (int(x), int(y)):
+            return x, y
+        case _:
+            raise InputError(f"{place!r} cannot be drawn as a cell, expected two whole numbers")
+
+
+def spot_of(system: System, place: Site) -> Spot | None:
+    """Return where the system says that a place lies, None where it does not say.
+
+    InputError where that is no point of the plane.
+    """
+    position = system.positions.get(place)
+    if position is not None and len(position) != 2:
+        raise InputError(f"position {position} of {place!r} cannot be drawn, expected two numbers")
+    return position
 
 
 def known_places(scene: Scene) -> list[Site]:
@@ -30,9 +44,19 @@ def known_places(scene: Scene) -> list[Site]:
 
 
 def tips_of(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the two vertices of a lattice edge; a vertex, as a place, is both of its own."""
-    x, y, *rest = cell_of(edge)
-    return (x, y), (x + (rest == [0]), y + (rest == [1]))
+    """Return the two vertices of a lattice edge; a vertex, as a place, is both of its own.
+
+    InputError where it is no edge in the plane.
+    """
+    match edge:
+        case (int(x), int(y)):
+            return (x, y), (x, y)
+        case (int(x), int(y), (0 | 1) as axis):
+            return (x, y), (x + (axis == 0), y + (axis == 1))
+        case _:
+            raise InputError(
+                f"{edge!r} cannot be drawn as an edge, expected two whole numbers and 0 or 1"
+            )
 
 
 def marks_of(scene: Scene, sites: Sequence[Site]) -> dict[Site, str]:

@@ -5,13 +5,16 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
+from cubepath.agents.rendering.layout import spot_of
+from cubepath.agents.rendering.marks import Mark, Shot
 from cubepath.agents.rendering.pen import (
+    GHOST,
     GOAL,
     INK,
     LINE,
@@ -73,7 +76,7 @@ def _spots(system: System) -> dict[Site, Spot]:
     """Return where the middles of the places lie, in cells."""
     places = [place for place in system.places if place not in system.filled]
     return {
-        place: system.positions.get(place, (float(number % _ROW), -1.2 * (number // _ROW)))
+        place: spot_of(system, place) or (float(number % _ROW), -1.2 * (number // _ROW))
         for number, place in enumerate(places)
     }
 
@@ -101,8 +104,7 @@ def _draw(
     system, written = scene.system, readable(pen, words)
     spots = _spots(system)
     goal = scene.goal or frozenset()
-    colours = dict(zip(system.letters, palette(len(system.letters)), strict=True))
-    colours |= dict.fromkeys(_NOTHING, _PALE)
+    colours = _by_letter(system)
 
     def colour(site: Site) -> Colour:
         return colours.get(letter_of(system, site), _PALE)
@@ -135,6 +137,28 @@ def _draw(
     small(aims, (0.28, -0.28), edgecolors=GOAL, linewidths=0.7 * width)
 
 
+def _by_letter(system: System) -> dict[str, Colour]:
+    colours = dict(zip(system.letters, palette(len(system.letters)), strict=True))
+    return colours | dict.fromkeys(_NOTHING, _PALE)
+
+
+def _colours(system: System, sites: Sequence[Site]) -> list[Colour]:
+    """Return the colours of the letters that are on."""
+    known = _by_letter(system)
+    return [known.get(letter_of(system, site), _PALE) for site in sites]
+
+
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    goal = scene.goal or frozenset()
+    if any(not goal.isdisjoint(sites) for sites, _ in shots):
+        yield Mark("has the letter of the goal", edge=GOAL)
+    if any(not goal.issubset(sites) for sites, _ in shots):
+        yield Mark("lower right: letter of the goal", face="white", edge=GOAL)
+    if any(moved for _, moved in shots):
+        yield Mark("has just changed", edge=INK)
+        yield Mark("upper left: letter before", face=GHOST)
+
+
 def _box(size: float, middle: Spot) -> Points:
     """Return a square with round corners."""
     half, corner = 0.44 * size, 0.12 * size
@@ -143,4 +167,4 @@ def _box(size: float, middle: Spot) -> Points:
     return np.add(arcs(about, corner), middle)
 
 
-LETTERS = Style(text=_text, frame=_frame, draw=_draw)
+LETTERS = Style(text=_text, frame=_frame, extent=_frame, draw=_draw, marks=_marks, colours=_colours)

@@ -27,14 +27,29 @@ Box: TypeAlias = tuple[float, float, float, float]
 
 INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
 PALE_GOAL, LINE, TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
+GHOST = "#d3d3d4"
+"""The trace of a module in a legend, where it is of no module in particular."""
+_HUES = (
+    *("#332288", "#ee7733", "#44aa99", "#ddcc77", "#0077bb"),
+    *("#117733", "#88ccee", "#999933", "#aa4499"),
+)
+"""Told apart by the colour-blind too, and from goals and obstacles (Tol, "muted" and "vibrant")."""
 
 
 def palette(count: int) -> list[Colour]:
-    """Return a colour for each module by number, evenly spaced to the eye (viridis)."""
-    from matplotlib import colormaps  # noqa: PLC0415 - only when something is drawn
+    """Return a colour for each module by number, which is the same however many there are.
 
-    places = np.linspace(0.08, 0.95, count) if count > 1 else np.array([0.35])
-    return [(red, green, blue) for red, green, blue, _ in colormaps["viridis"](places).tolist()]
+    After the nine hues come lighter and then darker ones; they repeat after 27.
+    """
+    return [_colour(number % len(_HUES), number // len(_HUES) % 3) for number in range(count)]
+
+
+@lru_cache
+def _colour(hue: int, shade: int) -> Colour:
+    """Return a hue as it is, mixed with white, or mixed with black."""
+    red, green, blue = (part / 255 for part in bytes.fromhex(_HUES[hue][1:]))
+    kept, added = ((1.0, 0.0), (0.6, 0.4), (0.62, 0.0))[shade]
+    return kept * red + added, kept * green + added, kept * blue + added
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pen import GOAL, INK, WALL, Box, Pen, palette
+from cubepath.agents.rendering.pen import GOAL, INK, WALL, Box, Colour, Pen, palette
 from cubepath.agents.rendering.styles import style_of
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -20,7 +20,7 @@ from cubepath.protocol.core.system import Scene
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["GOAL", "INK", "WALL", "draw_on", "draw_pixels", "frame", "palette"]
+__all__ = ["GOAL", "INK", "WALL", "colours", "draw_on", "draw_pixels", "extent", "frame", "palette"]
 
 
 def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> NDArray[np.uint8]:
@@ -51,13 +51,26 @@ def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
     return style_of(scene).frame(scene, also)
 
 
+def extent(scene: Scene, visited: Iterable[Site]) -> Box:
+    """Return what pictures of a run show, in cells: start, goal, and all sites that modules visit.
+
+    Of a workspace that is much larger the rest is left out.
+    """
+    return style_of(scene).extent(scene, visited)
+
+
+def colours(scene: Scene, sites: Sequence[Site]) -> Sequence[Colour]:
+    """Return the colour that each module has in a picture when it is at its site."""
+    return style_of(scene).colours(scene.system, sites)
+
+
 def draw_on(
     axes: Axes,
     scene: Scene,
     sites: Sequence[Site],
     *,
     moved: Mapping[int, Site] | None = None,
-    also: Iterable[Site] = (),
+    box: Box | None = None,
     numbers: bool | None = None,
 ) -> None:
     """Draw modules at `sites`, by number, on matplotlib's `axes`, which must have their place.
@@ -66,16 +79,16 @@ def draw_on(
     systems one in the colour of the module that is to come there; edges of it lie on a pink band.
     Vertices that are marked are dark discs, with a ring where the mark has just come or gone.
     `moved` says of modules that have just moved from which site: they get a dark outline and leave
-    a pale trace. The frame holds start, goal, finite workspaces and the sites in `also`. `numbers`
+    a pale trace. The frame is `box`, or holds start, goal and finite workspaces. `numbers`
     writes each module's label, or its number, on it; left out, where there is room to read it.
     """
-    pen = _pen(axes, scene, (*sites, *also))
+    pen = _pen(axes, scene, frame(scene, sites) if box is None else box)
     style_of(scene).draw(pen, scene, sites, moved or {}, numbers)
 
 
-def _pen(axes: Axes, scene: Scene, sites: Iterable[Site]) -> Pen:
-    """Set the axes up to show the scene and these sites; an endless lattice fills all of them."""
-    left, right, low, high = frame(scene, sites)
+def _pen(axes: Axes, scene: Scene, box: Box) -> Pen:
+    """Set the axes up to show this frame; an endless lattice fills all of them."""
+    left, right, low, high = box
     seen = axes.get_window_extent()
     if not scene.system.bounded:
         wide = max(right - left, (high - low) * seen.width / seen.height)

@@ -5,7 +5,7 @@ Room: agents; draws what it is given and asks nobody.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -13,13 +13,27 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.rendering.layout import known_places
-from cubepath.agents.rendering.pen import GOAL, INK, Box, Colour, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
+from cubepath.agents.rendering.pen import (
+    GOAL,
+    INK,
+    WALL,
+    Box,
+    Colour,
+    Pen,
+    Points,
+    Spot,
+    arcs,
+    palette,
+)
 from cubepath.agents.rendering.style import readable
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
 FREE_MAX = 8000
 """So many free cells are drawn one by one, of more none."""
+_LARGE = 12
+"""Workspaces of at most so many cells a side are always shown whole."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +93,28 @@ def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
+def extent_of(look: Look, scene: Scene, visited: Iterable[Site]) -> Box:
+    """Return the frame about start, goal and the places visited, with a cell to spare.
+
+    A workspace that is not much larger is shown whole.
+    """
+    system = scene.system
+    sites = (*scene.start, *(scene.goal or ()), *visited)
+    known = np.array([look.middle(system, system.place_of(site)) for site in sites])
+    near = look.margin + 1
+    left, low = known.min(axis=0) - near
+    right, high = known.max(axis=0) + near
+    if system.bounded and system.places:
+        whole = frame_of(look, scene, ())
+        left, right = max(left, whole[0]), min(right, whole[1])
+        low, high = max(low, whole[2]), min(high, whole[3])
+        wide, tall = whole[1] - whole[0], whole[3] - whole[2]
+        small = max(wide, tall) - 2 * look.margin < _LARGE
+        if small or (right - left) * (high - low) > wide * tall / 2:
+            return whole
+    return float(left), float(right), float(low), float(high)
+
+
 def draw_places(
     pen: PlacePen,
     scene: Scene,
@@ -95,7 +131,8 @@ def draw_places(
     places = [system.place_of(site) for site in sites]
     draw_modules(pen, left, places, colours, ways=True)
     labels = [system.label_of(site) for site in goals]
-    hues = [GOAL if label is None else colours[label % len(colours)] for label in labels]
+    by_label = {system.label_of(site): colours[number] for number, site in enumerate(sites)}
+    hues = [GOAL if label is None else by_label[label] for label in labels]
     pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
     if readable(pen, words):
         for number, site in enumerate(sites):
@@ -124,3 +161,17 @@ def draw_modules(
     pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
     stirred = [places[number] for number in left]
     pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
+
+
+def place_marks(
+    scene: Scene, shots: Sequence[Shot], *, discs: bool = False, round_goal: bool = False
+) -> Iterator[Mark]:
+    """Yield the marks that `draw_places` makes; those of the ground are not among them.
+
+    `discs` says that modules are discs, `round_goal` that outlines of the goal are round as well.
+    """
+    if scene.goal and scene.system.labels is None:
+        yield Mark("goal", edge=GOAL, is_round=round_goal)
+    elif scene.goal:
+        yield Mark("goal of the module of its colour", edge=WALL, is_round=round_goal)
+    yield from moves_marks(shots, is_round=discs)

@@ -6,23 +6,27 @@ circle.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from math import cos, pi, sin
 
 import numpy as np
 
-from cubepath.agents.rendering.layout import known_places, marks_of
-from cubepath.agents.rendering.pen import LINE, TILE, Pen, Spot
+from cubepath.agents.rendering.layout import known_places, marks_of, spot_of
+from cubepath.agents.rendering.marks import Mark, Shot
+from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Pen, Spot
 from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
     disc,
     draw_places,
+    extent_of,
     frame_of,
+    place_marks,
     place_pen,
 )
 from cubepath.agents.rendering.style import Style
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 
@@ -31,7 +35,10 @@ _MANY = 40
 
 
 def _middle(system: System, place: Site) -> Spot:
-    return system.positions.get(place) or _circle(system.places)[place]
+    found = spot_of(system, place) or _circle(system.places).get(place)
+    if found is None:
+        raise InputError(f"{place!r} cannot be drawn: it has no position and is none of the places")
+    return found
 
 
 @lru_cache(maxsize=64)
@@ -66,6 +73,14 @@ def _ground(pen: PlacePen) -> None:
     pen.strokes(lines, colors=LINE, linewidths=pen.line(0.05))
     width = pen.line(0.04)
     pen.draw("cell", pen.system.places, facecolors=TILE, edgecolors=LINE, linewidths=width)
+    fixed = [pen.system.place_of(site) for site in pen.system.filled]
+    pen.draw("module", fixed, facecolors=WALL)
+
+
+def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
+    yield from place_marks(scene, shots, discs=True, round_goal=True)
+    if scene.system.filled:
+        yield Mark("fixed", face=WALL, is_round=True)
 
 
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
@@ -89,4 +104,10 @@ def _name(place: Site) -> str:
     return place if isinstance(place, str) else site_text(place)
 
 
-GRAPH = Style(text=_text, frame=partial(frame_of, _LOOK), draw=_draw)
+GRAPH = Style(
+    text=_text,
+    frame=partial(frame_of, _LOOK),
+    extent=partial(extent_of, _LOOK),
+    draw=_draw,
+    marks=_marks,
+)

@@ -43,6 +43,7 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
+from cubepath.coordinator.commands.pictures import add_view_command
 from cubepath.coordinator.commands.plan_options import (
     INPUT_HELP,
     add_plan_options,
@@ -60,7 +61,6 @@ from cubepath.coordinator.commands.search_options import (
 )
 from cubepath.coordinator.commands.usage import Parser, number, whole
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.input_files import STANDARD_INPUT
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 
@@ -197,16 +197,7 @@ def _parser() -> argparse.ArgumentParser:
     add_plan_options(convert)
 
     add_recording_commands(command)
-    view = command("view", _view, "draw a recording: states of the run, and its schedule")
-    view.add_argument("log", type=input_path, metavar="LOG")
-    view.add_argument(
-        "-o",
-        "--output",
-        type=output_path,
-        metavar="PICTURE",
-        help="file to write: .png, .svg, .pdf, or .gif for a film (default: LOG with .png)",
-    )
-
+    add_view_command(command)
     add_complex_commands(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
@@ -376,37 +367,3 @@ def _convert(options: argparse.Namespace) -> int:
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
     answer(options, document, f"{found.count} {found.what} written to {file_name(options.output)}")
     return solved(options, found.unsolved)
-
-
-def _view(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415
-        FILM_SUFFIXES,
-        PICTURE_SUFFIXES,
-        animate,
-        run_picture,
-    )
-    from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    if options.output is None and options.log == STANDARD_INPUT:
-        raise InputError("standard input: has no name for a picture, expected -o PICTURE")
-    path: Path = options.output or options.log.with_suffix(".png")
-    check_files(options, [options.log], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
-    recording = read_recording(options.log)
-    for problem in recording.problems:
-        complain(f"{recording.path}: {problem}; drawing what could be read")
-    gatherer = gathered(recording)
-    rounds = [step.actions for step in gatherer.steps]
-    if path.suffix.lower() in FILM_SUFFIXES:
-        with progress_bar(None, "film", " frames") as bar:
-
-            def progress(done: int, total: int) -> None:
-                bar.total = total
-                bar.update(done - bar.n)
-
-            animate(recording.scene, rounds, path, progress=progress)
-    else:
-        heap = gatherer.heap
-        run_picture(recording.scene, rounds, heap.cube_path(), path, found=heap.normal_form())
-    answer(options, {"log": str(recording.path), "picture": str(path)}, f"written to {path}")
-    return DONE

@@ -8,7 +8,7 @@ when something is drawn.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,9 @@ from cubepath.agents.rendering.pictures import INK
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
 
 Points = NDArray[np.float64]
 
@@ -123,6 +126,14 @@ def draw_complex(complex_: CubicalComplex, path: Path, title: str = "") -> None:
     axes.set_aspect("equal")
     if not flat:
         axes.set_box_aspect(None, zoom=1.25)
+        figure.legend(
+            handles=_swatches(largest_cubes(complex_)),
+            loc="lower center",
+            ncols=5,
+            frameon=False,
+            fontsize=9,
+            labelcolor=INK,
+        )
     counts = ", ".join(
         f"{count} {name}"
         for count, name in zip(complex_.f_vector, _names(complex_.dimension), strict=True)
@@ -138,6 +149,33 @@ def _names(dimension: int) -> list[str]:
     return ["vertices", "edges", "squares", *(f"{k}-cubes" for k in range(3, dimension + 1))][
         : dimension + 1
     ]
+
+
+def _colour_in(dimension: int) -> str:
+    """Return the colour of a square whose largest cube has this dimension."""
+    return _SQUARES[min(dimension - 2, len(_SQUARES) - 1)]
+
+
+def _swatches(largest: NDArray[np.int64]) -> list[Artist]:
+    """Return the entries of the legend: the colours of squares that occur."""
+    from matplotlib.patches import Patch  # noqa: PLC0415
+
+    said: dict[str, list[int]] = {}
+    for k in np.unique(largest).tolist():
+        said.setdefault(_colour_in(k), []).append(k)
+    return [
+        Patch(
+            facecolor=colour,
+            alpha=0.6,
+            label="square in no 3-cube" if found == [2] else f"in a {_cubes(found)}",
+        )
+        for colour, found in said.items()
+    ]
+
+
+def _cubes(dimensions: list[int]) -> str:
+    first, last = dimensions[0], dimensions[-1]
+    return f"{first}-cube" if first == last else f"{first}-cube to {last}-cube"
 
 
 def _draw_flat(axes: Any, points: Points, edges: NDArray[np.int32], size: float) -> None:
@@ -156,7 +194,7 @@ def _draw_solid(
         Poly3DCollection,
     )
 
-    colours = [_SQUARES[min(k - 2, len(_SQUARES) - 1)] for k in largest_cubes(complex_).tolist()]
+    colours = [_colour_in(k) for k in largest_cubes(complex_).tolist()]
     squares = points[corners_of_squares(complex_)]
     axes.add_collection3d(Poly3DCollection(squares, facecolors=colours, alpha=0.35, linewidths=0))
     axes.add_collection3d(Line3DCollection(points[edges], colors=_EDGE, linewidths=0.8))

@@ -11,11 +11,12 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.runs.contents import info, render
-    from cubepath.coordinator.runs.drawing import (
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture
+    from cubepath.coordinator.runs.films import (
         FILM_SUFFIXES,
-        PICTURE_SUFFIXES,
+        FRAMES_PER_SECOND,
         animate,
-        run_picture,
+        check_frame_rate,
     )
     from cubepath.coordinator.runs.gatherer import Gatherer, gathered
     from cubepath.coordinator.runs.launch import Outcome, Plan, run
@@ -25,7 +26,8 @@ else:
         __name__,
         {
             "contents": "info render",
-            "drawing": "FILM_SUFFIXES PICTURE_SUFFIXES animate run_picture",
+            "drawing": "PICTURE_SUFFIXES run_picture",
+            "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate check_frame_rate",
             "gatherer": "Gatherer gathered",
             "launch": "Outcome Plan run",
             "playback": "Replayed replay",
@@ -34,12 +36,14 @@ else:
 
 __all__ = [
     "FILM_SUFFIXES",
+    "FRAMES_PER_SECOND",
     "PICTURE_SUFFIXES",
     "Gatherer",
     "Outcome",
     "Plan",
     "Replayed",
     "animate",
+    "check_frame_rate",
     "gathered",
     "info",
     "render",

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.shortening.normal_path import Shortened, shorten
     from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, task_of
     from cubepath.coordinator.shortening.path_input import PathInput, read_input
+    from cubepath.coordinator.shortening.path_steps import read_steps
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -29,6 +30,7 @@ else:
             "normal_path": "Shortened shorten",
             "optimality": "Beyond Task beyond task_of",
             "path_input": "PathInput read_input",
+            "path_steps": "read_steps",
         },
     )
 
@@ -44,6 +46,7 @@ __all__ = [
     "certified_path",
     "convert",
     "read_input",
+    "read_steps",
     "shorten",
     "task_of",
     "timed_path",

@@ -135,4 +135,5 @@ __all__ = [
     "write_moves_npz",
     "write_path",
     "write_timetable",
+    "written_whole",
 ]

@@ -1,0 +1,167 @@
+"""The steps of a path from a file, with a scene to draw them in: moves, or cubes as they are given.
+
+Room: coordinator. Moves that stand for themselves are drawn too, where they say what they do and
+their sites are cells of a lattice in the plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from cubepath.coordinator.normal_form.array_heap import NormalForm
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.coordinator.shortening.normal_path import shortened
+from cubepath.coordinator.shortening.path_input import PathInput, read_input
+from cubepath.protocol.core.actions import Action, apply_in_place
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.path_files.moves import CubeName, read_cubes
+from cubepath.protocol.path_files.npz import holds_cubes, is_npz, read_cubes_npz
+from cubepath.protocol.path_files.numbered import Progress
+from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.listed import TabledSystem
+
+
+@dataclass(frozen=True, eq=False)
+class PathSteps:
+    """A path in steps from the start of a scene on, every one admissible, and its normal cube path.
+
+    `step_name` says what a step is. `normal_form` says what becomes of each move in order.
+    """
+
+    scene: Scene
+    step_name: Literal["move", "cube"]
+    steps: Sequence[Sequence[Action]]
+    cubes: Sequence[Sequence[Action]]
+    normal_form: NormalForm
+
+
+def read_steps(
+    file: InputFile,
+    system: str | None = None,
+    hints: PlanHints = NO_HINTS,
+    progress: Progress | None = None,
+) -> PathSteps:
+    """Read a moves file, a cubes file, a scenario or another program's plan; the content tells.
+
+    InputError where the file cannot be read or drawn: as `read_input`, for cubes that are none or
+    not admissible, and where nothing says where modules are.
+    """
+    cubes = _cubes_in(file)
+    if cubes is not None:
+        return _of_cubes(file.path, cubes, system, hints)
+    given = read_input(file, system, hints, progress)
+    found = shortened(given)
+    scene = given.scene or _own_scene(given)
+    steps = [(action,) for action in given.actions]
+    return PathSteps(scene, "move", steps, found.cube_path, found.normal_form)
+
+
+def _cubes_in(file: InputFile) -> Iterable[tuple[CubeName, ...]] | None:
+    """Return the cubes of a cubes file of either form, None where it is something else."""
+    if is_npz(file):
+        return read_cubes_npz(file) if holds_cubes(file) else None
+    for _, line in file.numbered_lines():
+        try:
+            found = msgspec.json.decode(line)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            return None
+        return read_cubes(file) if isinstance(found, dict) and set(found) == {"moves"} else None
+    return None
+
+
+def _of_cubes(
+    path: Path, cubes: Iterable[tuple[CubeName, ...]], system: str | None, hints: PlanHints
+) -> PathSteps:
+    if hints.format is not None or hints.companions:
+        raise InputError(f"{path}: a cubes file, expected neither --format nor --with")
+    if system is None:
+        raise InputError(
+            f"{path}: a cubes file, which does not say where modules start: expected --system"
+        )
+    scene = local_only(scene_from_spec(system), "schedules")
+    steps = list(_checked(path, cubes, scene))
+    heap = FastHeap(telling=True)
+    heap.extend(action for step in steps for action in step)
+    return PathSteps(scene, "cube", steps, heap.cube_path(), heap.normal_form())
+
+
+def _checked(
+    path: Path, cubes: Iterable[tuple[CubeName, ...]], scene: Scene
+) -> Iterator[list[Action]]:
+    """Yield the actions of each cube; InputError names the first that is none."""
+    state = set(scene.start_state)
+    for number, names in enumerate(cubes, 1):
+        try:
+            step = _cube(scene, names)
+            for action in step:
+                apply_in_place(action, state)
+        except InputError as error:
+            raise InputError(f"{path}: cube {number}: {error}") from None
+        yield step
+
+
+def _cube(scene: Scene, names: Iterable[CubeName]) -> list[Action]:
+    found = [_action(scene, name) for name in names]
+    if not is_cube(found):
+        raise InputError("its moves do not commute")
+    return found
+
+
+def _action(scene: Scene, name: CubeName) -> Action:
+    if not isinstance(name, GeneratorPlacement):
+        raise InputError(
+            f"move {msgspec.json.encode(name).decode()} is named by an id, expected generator and"
+            " place, which say where modules go"
+        )
+    return scene.system.action(name.generator, site_from_json(name.at))
+
+
+def _own_scene(given: PathInput) -> Scene:
+    """Return a scene for moves that stand for themselves, drawn as cells that moves join."""
+    path, start = given.source, given.start
+    if not given.moves:
+        raise InputError(f"{path}: no moves and no --system: nothing says what there is to draw")
+    if start is None:
+        raise InputError(
+            f"{path}: moves without before and after do not say where modules are, expected these"
+            " or generators with --system SYSTEM"
+        )
+    listed: dict[Action, Move] = {}
+    positions: dict[Site, tuple[float, float]] = {}
+    for number, move in enumerate(given.moves, 1):
+        for site in in_order(move.action.support):
+            positions[site] = _position(path, number, site)
+        if move.action not in listed:
+            before, after = (in_order(end & move.action.trace) for end in move.action.ends)
+            if len(before) != len(after) or not before:
+                raise InputError(
+                    f"{path}: move {number}: {len(before)} modules before and {len(after)} after,"
+                    " expected as many, and at least one, or nobody can be followed"
+                )
+            motion = tuple(zip(before, after, strict=True))
+            listed[move.action] = Move(move.action, "move", number, motion)
+    system = TabledSystem(listed.values(), drawing="graph", positions=positions)
+    return Scene(str(path), "", system, in_order(start))
+
+
+def _position(path: Path, number: int, site: Site) -> tuple[float, float]:
+    match site:
+        case (int(x), int(y)):
+            return float(x), float(y)
+        case _:
+            raise InputError(
+                f"{path}: move {number}: site {site_text(site)} is no cell [x, y] of a lattice,"
+                " expected such cells, or generators with --system SYSTEM"
+            )

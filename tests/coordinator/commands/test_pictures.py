@@ -1,0 +1,142 @@
+"""``cubepath view`` draws what it is asked for, and refuses in one line what it cannot draw."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from cubepath.coordinator.commands.main import main
+
+GOLDEN = Path(__file__).parents[3] / "logs" / "golden"
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a recording of 6 rounds or so, which have fewer cubes."""
+    return Path(shutil.copy(GOLDEN / "agv-6.mcap", tmp_path / "run.mcap"))
+
+
+def frames(path: Path) -> int:
+    with Image.open(path) as image:
+        return int(getattr(image, "n_frames", 1))
+
+
+def numbers(log: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
+    """Return what ``cubepath info`` says of a recording."""
+    capsys.readouterr()
+    assert main(["info", str(log), "--json"]) == 0
+    found: dict[str, int] = json.loads(capsys.readouterr().out)
+    return found
+
+
+@pytest.mark.slow
+def test_films_of_the_run_and_of_its_schedule(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A frame for the start and for each round, or for each cube; rounds if nothing is said."""
+    film = log.with_suffix(".gif")
+    found = numbers(log, capsys)
+    assert found["cubes"] < found["rounds"]
+    for options, count in (
+        ([], found["rounds"]),
+        (["--what", "run"], found["rounds"]),
+        (["--what", "schedule", "--fps", "10"], found["cubes"]),
+    ):
+        assert main(["view", str(log), "-o", str(film), *options]) == 0
+        assert frames(film) == 1 + count
+
+
+@pytest.mark.slow
+def test_pictures_lie_beside_the_recording(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Without a name the picture has that of the recording; of run and schedule it is another."""
+    shown = []
+    for what in ("run", "schedule"):
+        assert main(["view", str(log), "--what", what, "--json"]) == 0
+        assert json.loads(capsys.readouterr().out) == {
+            "log": str(log),
+            "picture": str(log.with_suffix(".png")),
+        }
+        shown.append(log.with_suffix(".png").read_bytes())
+    assert shown[0] != shown[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("a.jpeg", [], "a.jpeg: found the suffix .jpeg, expected one of .png, .svg, .pdf, .gif"),
+        ("a", [], "a: found no suffix, expected one of .png, .svg, .pdf, .gif"),
+        ("a.png", ["--fps", "5"], "a.png: a picture, expected --fps with a film (.gif) alone"),
+        ("a.gif", ["--fps", "0"], "0 frames a second: expected 0.01 to 50, as GIF counts in"),
+        ("a.gif", ["--fps", "nan"], "nan frames a second: expected 0.01 to 50, as GIF counts in"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused_before_any_work(
+    tmp_path: Path,
+    name: str,
+    options: list[str],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One line, although the recording is not even there."""
+    target = tmp_path / name
+    assert main(["view", str(tmp_path / "no.mcap"), "-o", str(target), *options]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert message in said[0]
+    assert not target.exists()
+
+
+@pytest.mark.slow
+def test_other_paths_are_drawn(tmp_path: Path) -> None:
+    """Moves that stand for themselves, cubes of a system, and another program's plan."""
+    moves = tmp_path / "moves.jsonl"
+    edges = [[[0, 0], [1, 0]], [[0, 1], [1, 1]]]
+    lines = [
+        {"id": number, "support": edge, "trace": edge, "before": edge[:1], "after": edge[1:]}
+        for number, edge in enumerate(edges)
+    ]
+    moves.write_text("\n".join(map(json.dumps, lines)))
+    cubes = tmp_path / "cubes.jsonl"
+    cubes.write_text(json.dumps({"moves": [{"generator": "edge", "at": at} for at in edges]}))
+    imports = GOLDEN.parents[1] / "tests" / "data" / "imports"
+    plan, room = imports / "lacam.txt", imports / "room.map"
+    film, picture = str(tmp_path / "film.gif"), tmp_path / "picture.svg"
+    for arguments, count in (
+        ([str(moves)], 2),
+        ([str(moves), "--what", "schedule"], 1),
+        ([str(cubes), "--system", "agv:graph=grid2x2,n=2"], 1),
+        ([str(plan), "--with", str(room)], 8),
+    ):
+        assert main(["view", *arguments, "-o", film]) == 0
+        assert frames(Path(film)) == 1 + count
+        assert main(["view", *arguments, "-o", str(picture)]) == 0
+        assert picture.read_bytes().startswith(b"<?xml")
+        picture.unlink()
+
+
+def test_a_recording_says_itself_what_it_is_of(
+    log: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Another system, or a file beside it, is refused in one line."""
+    for options in (["--system", "hex"], ["--with", str(log)], ["--format", "plain"]):
+        assert main(["view", str(log), *options]) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert said.endswith(
+            "says itself what its system is: expected no --system, --format or --with"
+        )
+
+
+@pytest.mark.parametrize("content", [b"", b"no recording"])
+def test_what_is_called_a_recording_is_refused_as_one(
+    tmp_path: Path, content: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line says that it is none."""
+    path = tmp_path / "run.mcap"
+    path.write_bytes(content)
+    assert main(["view", str(path)]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "recording" in said
