@@ -355,7 +355,7 @@ def _morse_columns(
     With a limit of 0 in Python's integers; else compiled, and None where it is exceeded.
     """
     count = len(matching.partner)
-    run = _compiled_flow
+    run: Callable[[int, _Boundary, _Matching, _Flow, int], int] = _compiled_flow
     total = np.zeros(count, np.int64)
     if not limit:
         run = _flow
