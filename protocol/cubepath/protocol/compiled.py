@@ -141,20 +141,31 @@ class Compiled(Generic[_Arguments, _Result]):
         """Call the compiled function."""
         return cast("_Result", (self._dispatcher or self.dispatcher)(*arguments, **named))
 
-    def for_work(self, steps: int) -> Callable[_Arguments, _Result]:
-        """Return what to call for about so many steps: one of a loop over a site, for example.
+    def for_work(self, steps: int, *, by_entries: bool = False) -> Callable[_Arguments, _Result]:
+        """Return what to call for about so many steps, of a microsecond each in plain Python.
 
-        As long as the `allowance` of the process lasts that is `plain`, then the compiled function.
-        The results are the same, and both go on with what the other left in the arrays.
+        As long as the `allowance` of the process lasts that is `plain`, or `plain_by_entries`, then
+        the compiled function. The results are the same, and both go on with what the other left in
+        the arrays.
         """
-        return self.plain if allowance.grant(steps) else self
+        if allowance.grant(steps):
+            return self.plain_by_entries if by_entries else self.plain
+        return self
 
     def plain(self, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
         """Call the function in plain Python: the same results, some hundred times as slow.
 
-        In it arrays are memory views and integers are Python's. So a function that is to be called
-        like this takes the entries of arrays one by one, and returns a number, a boolean or
-        nothing; and its integers stay within their types.
+        Signed integers must stay within the types of the arrays that they come from; unsigned ones
+        wrap around as in compiled code.
+        """
+        with np.errstate(over="ignore"):
+            return cast("_Result", self.in_python(*arguments, **named))
+
+    def plain_by_entries(self, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
+        """Call the function in plain Python on memory views: several times as fast as `plain`.
+
+        In it integers are Python's. So the function takes the entries of arrays one by one, and
+        returns a number, a boolean or nothing; and its integers stay within their types.
         """
         found = self.in_python(
             *map(_view, arguments), **{name: _view(each) for name, each in named.items()}
@@ -163,7 +174,7 @@ class Compiled(Generic[_Arguments, _Result]):
 
     @property
     def in_python(self) -> FunctionType:
-        """The function itself, for memory views; what it calls is not compiled either."""
+        """The function itself; what it calls is not compiled either."""
         if self._in_python is None:
             function = self._function
             self._in_python = FunctionType(

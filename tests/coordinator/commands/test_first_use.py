@@ -85,13 +85,17 @@ def test_a_small_command_compiles_nothing_and_gives_the_same(
 
 @pytest.mark.parametrize(
     ("work", "arguments"),
-    [(RESET, ()), (COMMAND, ("verify", str(GOLDEN / "hex-5.mcap"), "--json"))],
-    ids=["reset", "verify"],
+    [
+        (RESET, ()),
+        (COMMAND, ("verify", str(GOLDEN / "hex-5.mcap"), "--json")),
+        (COMMAND, ("complex", "arm:n=4", "--homology", "--link", "--json")),
+    ],
+    ids=["reset", "verify", "complex"],
 )
-def test_what_needs_no_heap_loads_no_numba(
+def test_other_small_work_loads_no_numba(
     work: str, arguments: tuple[str, ...], tmp_path: Path
 ) -> None:
-    """An environment's reset and a recording's verification leave nothing in any cache either."""
+    """A reset, a verification and a small complex leave nothing in any cache either."""
     _, loaded, cached = carried_out(work, "plain", tmp_path, *arguments)
     assert not loaded
     assert cached == []

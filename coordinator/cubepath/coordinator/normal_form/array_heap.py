@@ -205,7 +205,7 @@ class NumberedHeap:
         if reserved:
             self._reserve(numbers)
         each = 1 + self._incidences // max(self._actions, 1)
-        append_moves = kernel.append_moves.for_work(count * each)
+        append_moves = kernel.append_moves.for_work(count * each, by_entries=True)
         done = append_moves(self._heap, numbers, 0, reserved, levels, partners)
         while done < count:
             self._pack()
@@ -216,7 +216,8 @@ class NumberedHeap:
     def _reserve(self, numbers: Numbers) -> None:
         slots, pieces = _used(self._columns()), _used(self._rows())
         counts = np.bincount(numbers, minlength=self._actions)
-        kernel.demand.for_work(self._incidences)(self._heap, counts, slots)
+        demand = kernel.demand.for_work(self._incidences, by_entries=True)
+        demand(self._heap, counts, slots)
         self._lay_out(slots, pieces + kernel.PIECE * counts, spare=0)
 
     def _pack(self) -> None:
@@ -235,7 +236,8 @@ class NumberedHeap:
             raise InputError(f"a path that takes {max(lengths)} entries, expected at most {_MOST}")
         # What is not touched takes no memory. The old pool of columns is gone before the second.
         columns, rows = self._columns(), self._rows()
-        pack = kernel.pack.for_work(len(columns) + len(rows) + sum(used))
+        steps = len(columns) + len(rows) + sum(used)
+        pack = kernel.pack.for_work(steps, by_entries=True)
         pool = np.empty(lengths[0], dtype=np.int32)
         pack(columns, slots, self._heap.slots, pool, True)
         self._heap = self._heap._replace(slots=pool)
