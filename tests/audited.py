@@ -39,8 +39,8 @@ class Carried:
     """What a command came to: its exit code and answer, and what was seen of it.
 
     `opened` says of each file of the folder how often it was opened to be read.
-    `fallen` is how many moves fell onto compiled heaps, `fallen_plainly` onto those of the
-    reference; what is only to load the compiled code does not count.
+    `fallen` is how many moves fell onto heaps of numbers, `fallen_plainly` onto those of the
+    reference.
     """
 
     code: int
@@ -114,26 +114,22 @@ OFFENCES = {"read-twice": _read_twice, "fall-twice": _fall_twice}
 @contextlib.contextmanager
 def _counting() -> Generator[Callable[[], tuple[int, int]]]:
     """Count the moves that fall onto heaps, until now."""
-    from cubepath.coordinator.normal_form import kernel
-    from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+    from cubepath.coordinator.normal_form.array_heap import NumberedHeap
     from cubepath.coordinator.normal_form.heap import Heap
 
-    FastHeap.prepare()
-    compiled, plain = kernel.append_moves, Heap.append
+    numbered, plain = NumberedHeap.append, Heap.append
     fallen = [0, 0]
 
-    def append_moves(heap: Any, numbers: Any, begin: int, *others: Any) -> int:
-        stopped = compiled(heap, numbers, begin, *others)
-        fallen[0] += stopped - begin
-        return stopped
+    def append_numbers(self: NumberedHeap, numbers: Any, **options: Any) -> Any:
+        fallen[0] += len(numbers)
+        return numbered(self, numbers, **options)
 
     def append(self: Heap, action: Any) -> None:
         fallen[1] += 1
         plain(self, action)
 
-    kernel.append_moves = append_moves  # type: ignore[assignment]
+    NumberedHeap.append = append_numbers  # type: ignore[method-assign]
     Heap.append = append  # type: ignore[method-assign]
-    FastHeap.prepare = staticmethod(lambda: None)  # type: ignore[method-assign]
     yield lambda: (fallen[0], fallen[1])
 
 

@@ -85,7 +85,7 @@ def one(pair: Pair) -> int:
     return pair.one
 def call(number: int) -> int:
     return one(Pair(one=number, other=0))
-call.stats = one.stats
+call.dispatcher = one.dispatcher
 """,
     "unrelated": """
 from cubepath.protocol.compiled import compiled
@@ -103,7 +103,7 @@ from importlib import import_module
 for name in before:
     import_module(f"room.{name}")
 call = import_module(f"room.{last}").call
-print(call(7), sum(call.stats.cache_hits.values()))
+print(call(7), sum(call.dispatcher.stats.cache_hits.values()))
 """
 
 
@@ -217,3 +217,63 @@ def test_a_damaged_file_is_compiled_and_kept_again(tmp_path: Path) -> None:
 def test_with_nowhere_to_write_it_is_compiled_all_the_same(tmp_path: Path) -> None:
     """Neither the installation nor a home can be written to: right all the same, and silent."""
     assert installation(tmp_path, "nowhere").call("outer") == (71, False)
+
+
+LITTLE = """
+import sys
+import numpy as np
+from room.loops import Part, fill
+
+def filled(steps):
+    part, kept = Part(np.zeros((3, 2), dtype=np.int32)), np.zeros(2, dtype=np.bool_)
+    answer = fill.for_work(steps)(part, kept, 7)
+    return (answer, part.rows.tolist(), kept.tolist())
+
+found = [filled(steps) for steps in map(int, sys.argv[1:])]
+assert all(each == found[0] for each in found), found
+print(found[0], "numba" in sys.modules)
+"""
+
+LOOPS = """
+from typing import NamedTuple
+import numpy as np
+from numpy.typing import NDArray
+from cubepath.protocol.compiled import compiled
+from room.inner import scaled
+at = np.uint32
+class Part(NamedTuple):
+    rows: NDArray[np.int32]
+@compiled
+def fill(part: Part, kept: NDArray[np.bool_], number: int) -> int:
+    for row in range(len(part.rows)):
+        part.rows[at(row), 1] = half(scaled(number)) + row
+    kept[0] = number > 0
+    return half(number)
+@compiled
+def half(number: int) -> int:
+    return number // 2
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("works", "loaded"),
+    [((100, 1000, 10_000), False), ((400_000,), True), ((100, 299_900, 1), True)],
+)
+def test_little_work_is_done_without_numba(
+    tmp_path: Path, works: tuple[int, ...], loaded: bool
+) -> None:
+    """In plain Python as long as the allowance lasts, then compiled, with the same results."""
+    room = installation(tmp_path, "tree")
+    (tmp_path / "room" / "loops.py").write_text(LOOPS)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", LITTLE, *map(str, works)],
+        env=room.variables,
+        capture_output=True,
+        text=True,
+        timeout=100,
+        check=False,
+    )
+    answer = (3, [[0, 35], [0, 36], [0, 37]], [True, False])
+    assert (done.stdout, done.stderr) == (f"{answer} {loaded}\n", "")
+    assert bool(list(tmp_path.rglob("*.nbi"))) == loaded

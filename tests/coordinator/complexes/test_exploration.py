@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 import complexes
+from cubepath.coordinator.complexes.collapses import collapse
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
 from cubepath.coordinator.complexes.exploration import explore
+from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.shape_complexes import shape_complex
 from cubepath.coordinator.complexes.state_complexes import bytes_for, f_vector, state_complex
@@ -24,6 +28,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.systems.listed import TabledSystem
+from plain_steps import COMPILED, PLAIN, plain_steps
 
 SMALL = [
     "hex:n=3,base=1",
@@ -241,3 +246,28 @@ def test_a_state_from_which_nothing_moves_is_a_point() -> None:
     built = state_complex(explore(scene_from_spec("arm-free:start=deadlock")))
     assert built.complex.f_vector == (1,)
     assert isinstance(built.complex, CubicalComplex)
+
+
+def all_of(spec: str, left: int) -> list[object]:
+    """Return all that is found out of a complex, with so many steps in plain Python."""
+    with plain_steps(left):
+        explored = explore(scene_from_spec(spec))
+        built = state_complex(explored).complex
+        arrays: list[NDArray[Any]] = [explored.states, explored.starts, *built.faces]
+        arrays += [explored.actions, explored.targets]
+        collapsed = collapse(built)
+        return [
+            *((array.dtype, array.tolist()) for array in arrays),
+            homology(built),
+            check_links(built),
+            (collapsed.left, collapsed.steps.tolist()),
+        ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", SMALL)
+def test_plain_python_and_compiled_code_find_the_same(spec: str) -> None:
+    """States, edges, cubes, homology, links and collapses; and with a change from one to other."""
+    plain = all_of(spec, PLAIN)
+    assert all_of(spec, COMPILED) == plain
+    assert all_of(spec, 2000) == plain

@@ -1,11 +1,11 @@
-"""The compiled heap over numbers: levels, pairs, what has changed, room, and large paths."""
+"""The heap over numbers, plain and compiled: levels, pairs, changes, room, and large paths."""
 
 from __future__ import annotations
 
 import doctest
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from random import Random
 
 import numpy as np
@@ -20,6 +20,7 @@ from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from plain_steps import COMPILED, PLAIN, plain_steps
 from strategies import Word, crowded_words, edge, lists_of, toggle, words
 
 
@@ -48,6 +49,15 @@ def hub_words(draw: st.DrawFn) -> Word:
 all_words = st.one_of(words(max_size=60), crowded_words(), hub_words())
 
 
+@pytest.fixture(params=[PLAIN, COMPILED], ids=["plain", "compiled"], scope="module")
+def _each_way(request: pytest.FixtureRequest) -> Generator[None]:
+    with plain_steps(request.param):
+        yield
+
+
+each_way = pytest.mark.usefixtures("_each_way")
+
+
 def numbered(word: Sequence[Action]) -> tuple[Numbers, ActionTable]:
     numbering = Numbering()
     numbers = [numbering.number(action) for action in word]
@@ -60,6 +70,7 @@ def as_multisets(cubes: Sequence[Sequence[Action]]) -> list[Counter[Action]]:
     return [Counter(cube) for cube in cubes]
 
 
+@each_way
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(all_words)
@@ -81,6 +92,7 @@ def test_levels_are_those_of_the_reference(word: Word) -> None:
         assert word[partner] == word[place]
 
 
+@each_way
 @settings(max_examples=50)
 @given(all_words)
 def test_pairs_cancel_one_after_the_other(word: Word) -> None:
@@ -102,38 +114,42 @@ def test_pairs_cancel_one_after_the_other(word: Word) -> None:
 def test_the_stream_agrees_with_the_reference_at_every_question(
     word: Word, data: st.DataObject
 ) -> None:
-    """Counts, cubes and changes, asked at any moments: the changes add up to the cube path."""
+    """Counts, cubes and changes, asked at any moments: the changes add up to the cube path.
+
+    From some moment on, before, in or after the path, the code is compiled.
+    """
     telling = data.draw(st.booleans())
-    heap, reference = FastHeap(telling=telling), Heap()
-    standing: Counter[tuple[int, Action]] = Counter()
-    begin = 0
-    while begin < len(word):
-        end = data.draw(st.integers(begin + 1, len(word)))
-        for action in word[begin:end]:
-            heap.append(action)
-            reference.append(action)
-        begin = end
-        assert heap.moves == reference.moves
-        assert heap.cubes == reference.cubes
-        assert heap.reduced_moves == reference.reduced_moves
-        assert heap.max_cube_dimension == reference.max_cube_dimension
-        assert heap.level_of(word[end - 1]) == reference.level_of(word[end - 1])
-        before = Counter(standing)
-        added, removed = heap.changes()
-        standing.subtract((piece.level, piece.action) for piece in removed)
-        standing.update((piece.level, piece.action) for piece in added)
-        cubes = reference.cube_path()
-        now = Counter((level, action) for level, cube in enumerate(cubes, 1) for action in cube)
-        assert +standing == now
-        assert min(standing.values(), default=0) >= 0
-        # A piece that is taken away and one like it that is put there are two changes.
-        assert len(removed) <= before.total()
-        assert [piece.level for piece in added] == sorted(piece.level for piece in added)
-        assert heap.cube_path() == cubes
-        if telling:
-            for told, found in zip(heap.normal_form(), cancellations(word[:end]), strict=True):
-                assert told.tolist() == found.tolist()
-    assert heap.changes() == ((), ())
+    with plain_steps(data.draw(st.sampled_from([0, 10, 30, 100, 300, 1000, PLAIN]))):
+        heap, reference = FastHeap(telling=telling), Heap()
+        standing: Counter[tuple[int, Action]] = Counter()
+        begin = 0
+        while begin < len(word):
+            end = data.draw(st.integers(begin + 1, len(word)))
+            for action in word[begin:end]:
+                heap.append(action)
+                reference.append(action)
+            begin = end
+            assert heap.moves == reference.moves
+            assert heap.cubes == reference.cubes
+            assert heap.reduced_moves == reference.reduced_moves
+            assert heap.max_cube_dimension == reference.max_cube_dimension
+            assert heap.level_of(word[end - 1]) == reference.level_of(word[end - 1])
+            before = Counter(standing)
+            added, removed = heap.changes()
+            standing.subtract((piece.level, piece.action) for piece in removed)
+            standing.update((piece.level, piece.action) for piece in added)
+            cubes = reference.cube_path()
+            now = Counter((level, action) for level, cube in enumerate(cubes, 1) for action in cube)
+            assert +standing == now
+            assert min(standing.values(), default=0) >= 0
+            # A piece that is taken away and one like it that is put there are two changes.
+            assert len(removed) <= before.total()
+            assert [piece.level for piece in added] == sorted(piece.level for piece in added)
+            assert heap.cube_path() == cubes
+            if telling:
+                for told, found in zip(heap.normal_form(), cancellations(word[:end]), strict=True):
+                    assert told.tolist() == found.tolist()
+        assert heap.changes() == ((), ())
 
 
 def test_a_heap_that_was_not_to_tell_does_not() -> None:
@@ -142,6 +158,7 @@ def test_a_heap_that_was_not_to_tell_does_not() -> None:
         FastHeap().normal_form()
 
 
+@each_way
 @settings(max_examples=50)
 @given(all_words, st.integers(1, 40))
 def test_the_size_of_the_portions_does_not_matter(word: Word, portion: int) -> None:
@@ -156,6 +173,7 @@ def test_the_size_of_the_portions_does_not_matter(word: Word, portion: int) -> N
     assert at_once.max_cube_dimension == by_portions.max_cube_dimension
 
 
+@each_way
 @settings(max_examples=50)
 @given(all_words)
 def test_everything_undone_leaves_nothing(word: Word) -> None:
@@ -219,10 +237,30 @@ def pieces_of(numbers: Numbers, levels: Numbers) -> list[tuple[int, int]]:
 
 
 @pytest.mark.slow
+def test_going_over_to_compiled_code_changes_nothing() -> None:
+    """Wherever in a path that happens: the same pieces, and what became of every move."""
+    out, table = ring(60, 1200)
+    path = np.concatenate([out, out[400:][::-1]])
+
+    def fallen(left: int) -> list[list[int]]:
+        heap = NumberedHeap(table, telling=True)
+        for begin in range(0, len(path), 100):
+            with plain_steps(PLAIN if begin < left else COMPILED):
+                heap.append(path[begin : begin + 100])
+        return [part.tolist() for part in (*heap.pieces(), *heap.normal_form())]
+
+    plain = fallen(len(path))
+    assert len(plain[0]) < 500
+    for left in range(0, len(path), 300):
+        assert fallen(left) == plain
+
+
+@pytest.mark.slow
 def test_a_million_moves_there_and_back() -> None:
     """Half a million moves of 8 sites, undone in part and as a whole, in well under 5 seconds."""
     out, table = ring(500, 500_000)
-    normal_form(out[:1], table)  # the compiler's time is not meant
+    with plain_steps(COMPILED):
+        normal_form(out[:1], table)  # the compiler's time is not meant
     half = len(out) // 2
     began = time.process_time()
     back = normal_form(np.concatenate([out, out[::-1]]), table)

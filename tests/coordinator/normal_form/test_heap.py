@@ -1,6 +1,6 @@
 """The heap of pieces: its cube path is admissible, normal, shortest, and the same for any order.
 
-All of it holds of the reference in Python and of the compiled heap.
+All of it holds of the reference, and of the heap of numbers in plain Python and compiled.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import os
 import subprocess
 import sys
 import tracemalloc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from random import Random
 
 import pytest
@@ -29,6 +29,7 @@ from cubepath.coordinator.normal_form.definitions import (
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.system import Scene
+from plain_steps import COMPILED, PLAIN, plain_steps
 from strategies import (
     SCENES,
     ClassKey,
@@ -52,7 +53,19 @@ from strategies import (
 Cubes = Sequence[Sequence[Action]]
 Make = Callable[[], Heap | FastHeap]
 abstract_words = st.one_of(words(), crowded_words())
-both_heaps = pytest.mark.parametrize("make", [Heap, FastHeap])
+HEAPS: dict[str, tuple[Make, int]] = {
+    "reference": (Heap, PLAIN),
+    "plain": (FastHeap, PLAIN),
+    "compiled": (FastHeap, COMPILED),
+}
+
+
+@pytest.fixture(params=HEAPS, scope="module")
+def make(request: pytest.FixtureRequest) -> Generator[Make]:
+    """Return what makes a heap of each kind in turn."""
+    found, left = HEAPS[request.param]
+    with plain_steps(left):
+        yield found
 
 
 def path_of(make: Make, word: Word) -> tuple[tuple[Action, ...], ...]:
@@ -70,7 +83,6 @@ def flat(cubes: Cubes) -> Word:
 
 
 @pytest.mark.slow
-@both_heaps
 @given(abstract_words)
 @settings(max_examples=200)
 def test_a_word_becomes_a_normal_cube_path_of_its_class(make: Make, word: Word) -> None:
@@ -82,7 +94,6 @@ def test_a_word_becomes_a_normal_cube_path_of_its_class(make: Make, word: Word) 
 
 
 @pytest.mark.slow
-@both_heaps
 @given(abstract_words)
 @settings(max_examples=200)
 def test_the_obvious_normal_form_is_the_same(make: Make, word: Word) -> None:
@@ -91,7 +102,6 @@ def test_the_obvious_normal_form_is_the_same(make: Make, word: Word) -> None:
 
 
 @pytest.mark.slow
-@both_heaps
 @given(abstract_words, st.data())
 @settings(max_examples=200)
 def test_any_order_that_respects_dependencies_gives_the_same(
@@ -102,7 +112,6 @@ def test_any_order_that_respects_dependencies_gives_the_same(
 
 
 @pytest.mark.slow
-@both_heaps
 @given(st.data())
 @settings(max_examples=200)
 def test_detours_there_and_back_change_nothing(make: Make, data: st.DataObject) -> None:
@@ -113,7 +122,6 @@ def test_detours_there_and_back_change_nothing(make: Make, data: st.DataObject) 
 
 
 @pytest.mark.slow
-@both_heaps
 @given(abstract_words)
 @settings(max_examples=200)
 def test_after_every_move_the_path_is_that_of_the_moves_so_far(make: Make, word: Word) -> None:
@@ -132,7 +140,6 @@ def test_after_every_move_the_path_is_that_of_the_moves_so_far(make: Make, word:
 
 
 @pytest.mark.slow
-@both_heaps
 @pytest.mark.parametrize("spec", SCENES)
 @given(data=st.data())
 @settings(max_examples=100)
@@ -243,7 +250,6 @@ def test_no_cube_path_of_a_system_is_shorter(spec: str, data: st.DataObject) -> 
     assert not search.reaches(word, where.start_state, end, length - 1)
 
 
-@both_heaps
 def test_equal_moves_cancel_across_any_distance(make: Make) -> None:
     """A step back cancels the step out though a thousand moves of others came in between."""
     others = [edge(f"b{n}", f"b{n + 1}") for n in range(1000)]
@@ -253,7 +259,6 @@ def test_equal_moves_cancel_across_any_distance(make: Make) -> None:
     assert heap.cube_path() == tuple((action,) for action in others)
 
 
-@both_heaps
 def test_a_reader_between_keeps_two_equal_moves_apart(make: Make) -> None:
     """What only reads a site holds a writer there and back, but not other readers."""
     write, read, other = toggle("s"), toggle("a", reads=["s"]), toggle("b", reads=["s"])
@@ -262,7 +267,6 @@ def test_a_reader_between_keeps_two_equal_moves_apart(make: Make) -> None:
     assert path_of(make, [read, write, read]) == ((read,), (write,), (read,))
 
 
-@both_heaps
 def test_the_empty_path_has_no_cubes(make: Make) -> None:
     """No moves, and a path that comes to nothing, are the path of no cubes."""
     heap = make()
@@ -272,7 +276,6 @@ def test_the_empty_path_has_no_cubes(make: Make) -> None:
     assert heap.level_of(edge(0, 1)) == 0
 
 
-@both_heaps
 def test_equal_moves_keep_their_own_labels(make: Make) -> None:
     """Where equal actions come again under other ids, each cube shows the id that came there."""
     back = edge(1, 2)
@@ -300,7 +303,6 @@ def test_a_group_of_readers_knows_its_greatest_level(seed: int) -> None:
         assert len(group._added) <= 2 * len(left)  # pyright: ignore[reportPrivateUsage]
 
 
-@both_heaps
 def test_a_writer_falls_past_readers_that_are_gone(make: Make) -> None:
     """Readers had levels 1, 2 and 3, the upper two are undone: the next writer has level 2."""
     one, two, three = (toggle(n, reads=["hub"]) for n in (1, 2, 3))

@@ -55,7 +55,8 @@ def collapse(complex_: CubicalComplex) -> Collapsed:
     count = len(above.start) - 1
     best: Collapsed | None = None
     for attempt in range(ORDERS if complex_.euler == 1 else 1):
-        steps = _collapsed(cells.faces, above, _order(count, attempt), attempt % 2)
+        collapsed = _collapsed.for_work(8 * (count + len(cells.faces.cell)))
+        steps = collapsed(cells.faces, above, _order(count, attempt), attempt % 2)
         found = _in_numbers(complex_, cells.offset, steps)
         if best is None or sum(found.left) < sum(best.left):
             best = found

@@ -33,7 +33,8 @@ def classes(count: int, pairs: Cells, differ: NDArray[np.bool_]) -> tuple[Cells,
     can be put on two sides so that the pairs with differ[i], shape (n,), lie on different ones and
     all others on the same. Classes are numbered in the order of their least elements.
     """
-    return _classes(count, np.ascontiguousarray(pairs), differ)
+    steps = 4 * (count + len(pairs))
+    return _classes.for_work(steps)(count, np.ascontiguousarray(pairs), differ)
 
 
 @compiled

@@ -31,6 +31,8 @@ MAX_STATES = 2_000_000
 _CHUNK = 1 << 12
 _STEP = 64
 _FREE = -1
+_STATE_STEPS = 4
+"""Steps of an action that a module of a state may propose."""
 
 Progress = Callable[[int, int], None]
 """Told how many states have been expanded and how many are known."""
@@ -114,7 +116,7 @@ class _Walk:
 
     def _rehash(self, size: int) -> None:
         self._table = np.full(size, _FREE, dtype=np.int32)
-        _insert_all(self._table, self._states, self.known)
+        _insert_all.for_work(4 * self.known)(self._table, self._states, self.known)
 
     def _room(self, more: int) -> None:
         """Make room for so many more states, and for wider ones if sites were met."""
@@ -140,15 +142,19 @@ class _Walk:
             self._room(0)
             self._placing = self.bits.placing()
         placing = self._placing
-        room = np.empty((_widest(placing, self._states[self.done : stop]), 2), dtype=np.int32)
+        work = _STATE_STEPS * (stop - self.done) * self.bits.words
+        widest = _widest.for_work(work)(placing, self._states[self.done : stop])
+        room = np.empty((widest, 2), dtype=np.int32)
+        work *= widest
         counts = np.zeros(stop - self.done, dtype=np.int32)
         known = _Known(self._states, self._forbidden, self._table)
-        _count(known, self.done, placing, room, counts)
+        _count.for_work(work)(known, self.done, placing, room, counts)
         edges = np.empty((int(counts.sum()), 3), dtype=np.int32)
         self._room(len(edges))
         before = self.known
         known = _Known(self._states, self._forbidden, self._table)
-        self.known = _expand(known, before, self.done, placing, edges)
+        expand = _expand.for_work(work + _STATE_STEPS * len(edges))
+        self.known = expand(known, before, self.done, placing, edges)
         self._edges.append((counts, edges))
         system = self.bits.scene.system
         if not system.local:

@@ -156,7 +156,8 @@ def _chains_of(complex_: CubicalComplex) -> _Chains:
     dimension = np.repeat(
         np.arange(len(complex_.faces), dtype=np.int8), np.array(complex_.f_vector, np.int64)
     )
-    return _Chains(dimension, _summed(cells.faces, cells.sign))
+    summed = _summed.for_work(4 * len(cells.faces.cell))
+    return _Chains(dimension, summed(cells.faces, cells.sign))
 
 
 @compiled
@@ -317,7 +318,8 @@ def _reduced(chains: _Chains) -> tuple[_Chains, list[Column] | None]:
     complex are left empty, and only its columns, which are exact, are good.
     """
     above = cofaces(Rows(chains.boundary.start, chains.boundary.face))
-    matching = _matched(chains.boundary, above)
+    matched = _matched.for_work(8 * (chains.count + len(chains.boundary.face)))
+    matching = matched(chains.boundary, above)
     critical = np.flatnonzero(matching.partner < 0)
     dimension = chains.dimension[critical]
     if len(critical) == chains.count:
@@ -355,7 +357,9 @@ def _morse_columns(
     With a limit of 0 in Python's integers; else compiled, and None where it is exceeded.
     """
     count = len(matching.partner)
-    run = _compiled_flow
+    run: Callable[[int, _Boundary, _Matching, _Flow, int], int] = _compiled_flow.for_work(
+        100 * len(critical)
+    )
     total = np.zeros(count, np.int64)
     if not limit:
         run = _flow

@@ -106,7 +106,10 @@ def check_links(complex_: CubicalComplex) -> Links:
     wrong = set(bad)
     if len(simplices) > 1:
         counts = np.stack(simplices, axis=1)
-        wrong |= set(np.flatnonzero(_cliques_differ(ends, graph, counts)).tolist())
+        sizes = np.diff(ends.starts)
+        steps = 4 * int((sizes * sizes).sum() + counts.sum())
+        differ = _cliques_differ.for_work(steps)(ends, graph, counts)
+        wrong |= set(np.flatnonzero(differ).tolist())
     failing = [
         bad.get(vertex) or _unfilled(complex_, vertex, ends, graph)
         for vertex in sorted(wrong)[:_WITNESSES]
@@ -220,4 +223,4 @@ def _unfilled(
 
 
 def _pairwise(clique: Sequence[int], graph: Ranges) -> bool:
-    return all(_joined(graph, one, other) for one, other in combinations(clique, 2))
+    return all(_joined.for_work(10)(graph, one, other) for one, other in combinations(clique, 2))

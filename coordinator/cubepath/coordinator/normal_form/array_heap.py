@@ -204,17 +204,20 @@ class NumberedHeap:
         reserved = count >= max(self._sites + self._actions, self.reduced_moves)
         if reserved:
             self._reserve(numbers)
-        done = kernel.append_moves(self._heap, numbers, 0, reserved, levels, partners)
+        each = 1 + self._incidences // max(self._actions, 1)
+        append_moves = kernel.append_moves.for_work(count * each, by_entries=True)
+        done = append_moves(self._heap, numbers, 0, reserved, levels, partners)
         while done < count:
             self._pack()
-            done = kernel.append_moves(self._heap, numbers, done, False, levels, partners)
+            done = append_moves(self._heap, numbers, done, False, levels, partners)
         skip = len(levels) - count if told else len(levels)
         return NormalForm(levels[skip:], partners[skip:])
 
     def _reserve(self, numbers: Numbers) -> None:
         slots, pieces = _used(self._columns()), _used(self._rows())
         counts = np.bincount(numbers, minlength=self._actions)
-        kernel.demand(self._heap, counts, slots)
+        demand = kernel.demand.for_work(self._incidences, by_entries=True)
+        demand(self._heap, counts, slots)
         self._lay_out(slots, pieces + kernel.PIECE * counts, spare=0)
 
     def _pack(self) -> None:
@@ -233,11 +236,13 @@ class NumberedHeap:
             raise InputError(f"a path that takes {max(lengths)} entries, expected at most {_MOST}")
         # What is not touched takes no memory. The old pool of columns is gone before the second.
         columns, rows = self._columns(), self._rows()
+        steps = len(columns) + len(rows) + sum(used)
+        pack = kernel.pack.for_work(steps, by_entries=True)
         pool = np.empty(lengths[0], dtype=np.int32)
-        kernel.pack(columns, slots, self._heap.slots, pool, True)
+        pack(columns, slots, self._heap.slots, pool, True)
         self._heap = self._heap._replace(slots=pool)
         pool = np.empty(lengths[1], dtype=np.int32)
-        kernel.pack(rows, pieces, self._heap.pieces, pool, False)
+        pack(rows, pieces, self._heap.pieces, pool, False)
         self._heap = self._heap._replace(pieces=pool)
         self._heap.totals[kernel.SLOTS_USED : kernel.PIECES_USED + 1] = used
 

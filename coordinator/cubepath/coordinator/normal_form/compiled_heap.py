@@ -143,7 +143,8 @@ class FastHeap:
     What it is and why cancellation needs no search is said of
     `cubepath.coordinator.normal_form.heap.Heap`, which gives the same answers. New sites and
     actions may come at any time. Moves wait in a short queue until something is asked, for a call
-    into compiled code costs as much as some tens of moves. Space is that of the pieces that are
+    into compiled code costs as much as some tens of moves; the same code runs in plain Python until
+    there are so many moves that compiling it pays. Space is that of the pieces that are
     left and of the distinct actions met.
 
     >>> step = Action([1, 2], [1, 2], [1], [2])
@@ -166,18 +167,6 @@ class FastHeap:
         self._queue: list[int] = []
         # Moves in the heap whose label is not that of the first action that they equal.
         self._labelled: dict[int, Action] = {}
-
-    @staticmethod
-    def prepare() -> None:
-        """Load the compiled code, or make it, now: else the first question waits for it.
-
-        Seconds after an installation or a change, a seventh of one otherwise.
-        """
-        step = Action([1], [1], [1], [])
-        heap = FastHeap()
-        for path in ([step], [step] * 4):  # room made as needed, and at once
-            heap.extend(path)
-            heap._all()
 
     @property
     def moves(self) -> int:

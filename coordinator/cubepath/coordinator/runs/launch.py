@@ -26,7 +26,6 @@ from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.normal_form.certificate import certificate_of
-from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gatherer import Gatherer, Step
 from cubepath.coordinator.runs.schedule import (
     Assignment,
@@ -270,7 +269,6 @@ class _Run:
         self._task = task
         self._writer = writer
         self._gatherer = Gatherer(task.scene, self._step)
-        FastHeap.prepare()  # not in the middle of the run
         self._execution = None if task.assignment is None else ScheduleExecution(task.assignment)
         self._began = time.monotonic()
 

@@ -16,7 +16,6 @@ from typing import Any
 
 import zenoh
 
-from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.actions import Action
@@ -118,7 +117,6 @@ class _Player:
         self._endpoint = endpoint
         self._recording = recording
         self._gatherer = Gatherer(recording.scene)
-        FastHeap.prepare()  # not in the middle of the replay
         self._queue: SimpleQueue[tuple[str, bytes]] = SimpleQueue()
         self._arrived = 0
         self._progress: Progress | None = None
