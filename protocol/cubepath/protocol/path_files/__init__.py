@@ -135,5 +135,4 @@ __all__ = [
     "write_moves_npz",
     "write_path",
     "write_timetable",
-    "written_whole",
 ]
