@@ -28,6 +28,16 @@ def answer(capture: Capture, *arguments: str, code: int = 0) -> dict[str, object
     return document
 
 
+@pytest.mark.parametrize("spec", ["hex:n=7", "hex:n=30"])
+def test_what_has_no_end_is_told_so_at_once(spec: str, capsys: Capture) -> None:
+    """One line that says who wanders off, and what can be asked for instead."""
+    assert main(["complex", spec]) == 2
+    seen = capsys.readouterr()
+    assert (seen.out, seen.err.count("\n")) == ("", 1)
+    assert f"{spec}: endless, since" in seen.err
+    assert "all modules on by [1, 0], again and again: expected --shape" in seen.err
+
+
 def test_all_that_is_asked_for_is_answered(capsys: Capture) -> None:
     """Counts, homology, links, contractibility of the arm with five segments."""
     found = answer(capsys, "arm:n=5", "--homology", "--link")

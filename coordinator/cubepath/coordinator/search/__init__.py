@@ -12,6 +12,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.search.anytime import CubePath, Improved, improve
     from cubepath.coordinator.search.budget import Budget, Stage
+    from cubepath.coordinator.search.endless import wandering
     from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
@@ -22,6 +23,7 @@ else:
         {
             "anytime": "CubePath Improved improve",
             "budget": "Budget Stage",
+            "endless": "wandering",
             "exact": "MAX_STATES Optimum optimum",
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
@@ -42,4 +44,5 @@ __all__ = [
     "maskable",
     "only_class",
     "optimum",
+    "wandering",
 ]

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         read_text,
         readable,
     )
+    from cubepath.protocol.core.json_keys import check_keys
     from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
     from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
     from cubepath.protocol.core.ordinals import Ordinals
@@ -99,6 +100,7 @@ else:
             "input_files": (
                 "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source opened read_text readable"
             ),
+            "json_keys": "check_keys",
             "keyed_values": "Keys all_values given_values",
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
@@ -159,6 +161,7 @@ __all__ = [
     "all_values",
     "apply",
     "apply_in_place",
+    "check_keys",
     "check_output",
     "commute",
     "did_you_mean",

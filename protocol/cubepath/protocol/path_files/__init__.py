@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     )
     from cubepath.protocol.path_files.durations import (
         Durations,
-        duration_from,
         durations_in_words,
         read_durations,
         time_text,
@@ -75,7 +74,7 @@ else:
             "certificates": (
                 "Certificate certificate_schema companion read_certificate write_certificate"
             ),
-            "durations": ("Durations duration_from durations_in_words read_durations time_text"),
+            "durations": ("Durations durations_in_words read_durations time_text"),
             "moves": (
                 "CubeName MoveName NumberedId PathMove cube_schema id_of known_of_named "
                 "move_schemas read_cubes read_moves write_cubes write_moves"
@@ -108,7 +107,6 @@ __all__ = [
     "certificate_schema",
     "companion",
     "cube_schema",
-    "duration_from",
     "durations_in_words",
     "holds_cubes",
     "id_of",

@@ -23,7 +23,14 @@ if TYPE_CHECKING:
     )
     from cubepath.protocol.systems.lattice import LatticeSystem
     from cubepath.protocol.systems.listed import TabledSystem
-    from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, edge_of, quadrilateral
+    from cubepath.protocol.systems.point_sets import (
+        SWEEPS,
+        Edge,
+        Point,
+        distinct_edges,
+        edge_of,
+        quadrilateral,
+    )
     from cubepath.protocol.systems.triangles import Triangles
 else:
     __getattr__, __dir__ = lazy_face(
@@ -36,7 +43,7 @@ else:
             ),
             "lattice": "LatticeSystem",
             "listed": "TabledSystem",
-            "point_sets": "Edge Point SWEEPS edge_of quadrilateral",
+            "point_sets": "Edge Point SWEEPS distinct_edges edge_of quadrilateral",
             "triangles": "Triangles",
         },
     )
@@ -53,6 +60,7 @@ __all__ = [
     "Scenario",
     "TabledSystem",
     "Triangles",
+    "distinct_edges",
     "edge_of",
     "flip_of",
     "graph_from_map",
