@@ -149,6 +149,30 @@ def test_modules_that_are_told_the_same_goals_share_one_set() -> None:
     assert goal_sets(nothing) == (frozenset(),) * 5
 
 
+def test_goals_are_places_or_sites() -> None:
+    """A goal that is a site is met by its own label alone, one that is a place by any module.
+
+    So it is for the module itself and for what it senses; an empty place meets no goal site.
+    """
+    system = scene_from_spec("agv-labelled:graph=P4,n=3").system
+    here, near, empty = (1, 0), (2, 1), 0
+    assert system.sensed(1)[:2] == (empty, 2)
+
+    def flags(*goals: Site) -> list[int]:
+        seen = observe(system, here, {1: here, 2: near}, goals=frozenset(goals))["observation"]
+        return [int(seen[place]) for place in (1, 3, 5)]
+
+    assert flags() == [0, 0, 0]
+    assert flags((1, 0)) == [1, 0, 0]
+    assert flags((1, 1)) == [0, 0, 0]
+    assert flags(1) == [1, 0, 0]
+    assert flags((2, 1)) == [0, 0, 1]
+    assert flags((2, 0)) == [0, 0, 0]
+    assert flags(2) == [0, 0, 1]
+    assert flags((0, 0), (0, 1)) == [0, 0, 0]
+    assert flags(0) == [0, 1, 0]
+
+
 def test_legal_is_what_the_mask_says() -> None:
     """Any integer may be asked about; to stay claims nothing, nor does what is not legal."""
     scene = scene_from_spec("hex:n=4")

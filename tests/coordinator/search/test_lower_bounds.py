@@ -22,6 +22,7 @@ from cubepath.coordinator.search.lower_bounds import (
 )
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.triangulations import fan, polygon_points
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound, flip_bound
 from cubepath.protocol.systems.lattice import LatticeSystem
@@ -86,9 +87,27 @@ def test_labelled_vehicles_need_as_long_as_the_longest_way() -> None:
     assert module_bound(labelled, start, goal, within=99) == 7
     assert module_bound(plain, {0, 1}, {7, 8}, within=99) == 7
     assert module_bound(plain, {0, 4}, {4, 8}, within=99) == 4
+    assert module_bound(labelled, {(0, 0), (5, 1)}, {(4, 0), (6, 1)}, within=99) == 4
+    assert module_bound(labelled, {(0, 0), (5, 1)}, {(1, 0), (8, 1)}, within=99) == 3
+    assert module_bound(labelled, {(0, 0), (5, 1)}, {(4, 0), (6, 1)}, within=2) == 2
     grid = scene("agv-labelled:graph=grid5x5,n=2").system
     crossed = {((4, 4), 0), ((0, 0), 1)}
     assert module_bound(grid, {((0, 0), 0), ((4, 4), 1)}, crossed, within=99) == 8
+
+
+@pytest.mark.parametrize("spec", ["agv:graph=P9,n=2", "hex:n=2"])
+def test_from_one_start_the_bound_is_that_of_the_goal(spec: str) -> None:
+    """Modules paired by hand along a line, with the same start each time and other goals."""
+    system = scene(spec).system
+
+    def on(*places: int) -> set[Site]:
+        return set(places) if system.graph is not None else {(place, 0) for place in places}
+
+    bounds = {
+        ends: module_bound(system, on(0, 3), on(*ends), within=99)
+        for ends in [(0, 3), (1, 3), (0, 5), (3, 8), (0, 1)]
+    }
+    assert bounds == {(0, 3): 0, (1, 3): 1, (0, 5): 2, (3, 8): 5, (0, 1): 2}
 
 
 def test_obstacles_and_walls_make_ways_longer() -> None:
@@ -151,6 +170,10 @@ def test_modules_that_are_not_taken_one_to_one_are_not_paired() -> None:
     system = LatticeSystem(Catalogue(SQUARES, (merge,)))
     assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0)}, within=9) == 1
     assert module_bound(system, {(0, 0), (9, 0)}, {(1, 0)}, within=3) == 3
+    # A source that is far from every target counts as much as a target far from every source.
+    assert module_bound(system, {(0, 0), (9, 0)}, {(1, 0)}, within=99) == 8
+    assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0), (9, 0)}, within=99) == 7
+    assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0), (9, 0)}, within=3) == 3
 
 
 def test_examples_in_the_docstrings_hold() -> None:

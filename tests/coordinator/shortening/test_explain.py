@@ -37,6 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write(tmp_path / "told.jsonl", lines)
     ids = [{"id": each, "support": [["x"], "y"], "trace": [["x"]]} for each in "aba"]
     write(tmp_path / "named.jsonl", ids)
+    write(tmp_path / "one.jsonl", ids[:1])
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -150,6 +151,27 @@ def test_a_certificate_of_a_file_is_verified(
     assert names == expected
     alone = answer_of(capsys, "verify", str(certificate), "--of", source, *options)
     assert [check["name"] for check in alone["checks"]] == expected[:-1]
+
+
+@pytest.mark.parametrize(
+    ("source", "options", "proved"),
+    [
+        ("crossing.jsonl", ("--system", SYSTEM), (5, 3, 2)),
+        ("named.jsonl", (), (3, 3, 3)),
+        ("one.jsonl", (), (1, 1, 1)),
+    ],
+)
+def test_what_is_proved_is_counted(
+    folder: Path, capsys: Output, source: str, options: tuple[str, ...], proved: tuple[int, ...]
+) -> None:
+    """Moves, those that are left, and the cubes that no schedule of the class goes below."""
+    arguments = ["verify", str(certify(capsys, source, *options)), "--of", source, *options]
+    found = answer_of(capsys, *arguments)
+    assert (found["moves"], found["reduced_moves"], found["cubes"]) == proved
+    assert main(arguments) == 0
+    cubes = "1 cube" if proved[-1] == 1 else f"{proved[-1]} cubes"
+    told = capsys.readouterr().out.splitlines()[-1]
+    assert told == f"proved: in the class of {source}, and none in it has fewer than {cubes}"
 
 
 def test_a_certificate_of_a_recording_is_verified(folder: Path, capsys: Output) -> None:

@@ -19,7 +19,7 @@ import tamperings_of_results
 import tamperings_of_schedules
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.coordinator.verification import rounds as rederive
-from cubepath.coordinator.verification.recording import CHECKS, recover, verify
+from cubepath.coordinator.verification.recording import CHECKS, Verification, recover, verify
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -66,6 +66,31 @@ def test_every_check_can_fail() -> None:
     for module in (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules):
         assert module.__doc__  # imported for the tamperings that it adds
     assert {checks[0] for _, checks in (each.values for each in TAMPERINGS)} == set(CHECKS)
+
+
+def detail_of(found: Verification, name: str) -> str:
+    """Return what is said of the check of this name."""
+    return next(check.detail for check in found.checks if check.name == name)
+
+
+def test_the_cubes_of_the_class_are_counted() -> None:
+    """One cube fewer, or more, than the moves have fails `class` with both counts."""
+    whole = crowd()
+    summary = first(whole, "summary")
+    count = summary.cubes
+    last = first(whole, "cube", lambda message: message.index == count)
+    fewer = edited(edited(whole, last), summary, replace(summary, cubes=count - 1))
+    more = edited(
+        edited(whole, last, last, replace(last, index=count + 1)),
+        summary,
+        replace(summary, cubes=count + 1),
+    )
+    for recording, wrong in ((fewer, count - 1), (more, count + 1)):
+        found = verify(recording)
+        assert "complete" not in failing(found)
+        assert found.cubes == count
+        assert detail_of(found, "class") == f"{wrong} cubes, the moves have {count}"
+        assert detail_of(found, "summary") == f"cubes is {wrong}, derived is {count}"
 
 
 CANNOT_BE_DERIVED = ("note", "failed", "error", "ended")
