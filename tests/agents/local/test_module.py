@@ -253,12 +253,13 @@ def test_each_kind_of_message_has_its_last_phase(kind: str, phase: str) -> None:
         core.arbitrate()
     if phase == "report":
         core.report()
-    message: Message = {
+    messages: dict[str, Message] = {
         "here": Here(1, 1, 2),
         "note": NoteMessage(1, 1, 2, [7]),
         "claim": Claim(1, 1, 2, "edge", [1, 2]),
         "verdict": Verdict(1, 1, 2, granted=True, to=[0]),
-    }[kind]
+    }
+    message = messages[kind]
     phases = ["sense", "claim", "settle", "report"]
     if phases.index(phase) <= phases.index(LAST_PHASES[kind]):
         assert core.hear(message) == []
