@@ -58,10 +58,13 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came of a trial: whether all tests passed, and how much processor time that took."""
+    """What came of a trial: whether all tests passed, and what it cost."""
 
     passed: bool
+    empty: bool
+    """There was no test to run."""
     seconds: float
+    """The processor time."""
     output: str
 
 
@@ -128,7 +131,8 @@ class _Child:
         if code == MISUSED:
             raise AssertionError(f"pytest could not be run:\n{output}")
         passed = code in (PASSED, NOTHING_COLLECTED)
-        return Verdict(passed, used.ru_utime + used.ru_stime, output)
+        seconds = used.ru_utime + used.ru_stime
+        return Verdict(passed, code == NOTHING_COLLECTED, seconds, output)
 
     def kill_rest(self) -> None:
         """End what it has started and left."""

@@ -83,7 +83,10 @@ def _parser() -> argparse.ArgumentParser:
 def _seconds_as_it_is(
     files: Iterable[str], processes: int, *, slow: bool
 ) -> dict[str, float] | None:
-    """Return the processor time of each file's tests; None, with a complaint, where one fails."""
+    """Return the processor time of each file's tests, of those that have any of this kind.
+
+    None, with a complaint, where a test fails.
+    """
     found: dict[str, float] = {}
     trials = [Trial(file, None, MIRRORED[file], slow, BASELINE_SECONDS) for file in files]
     for trial, verdict in _shown(trials, processes, f"{_kind(slow=slow)} tests as they are"):
@@ -91,23 +94,26 @@ def _seconds_as_it_is(
             complain(f"{' '.join(trial.tests)}: they fail on the source as it is, expected not")
             complain(verdict.output)
             return None
-        found[trial.file] = verdict.seconds
+        if not verdict.empty:
+            found[trial.file] = verdict.seconds
     return found
 
 
 def _survivors(
-    mutants: Iterable[tuple[str, int]], seconds: dict[str, float], processes: int, *, slow: bool
+    mutants: Sequence[tuple[str, int]], seconds: dict[str, float], processes: int, *, slow: bool
 ) -> list[tuple[str, int]]:
     """Return the mutants of which these tests notice nothing."""
     trials = [
         Trial(file, number, MIRRORED[file], slow, max(SECONDS_LEAST, 3 * seconds[file]))
         for file, number in mutants
+        if file in seconds
     ]
-    return sorted(
+    found = {
         (trial.file, trial.number)
         for trial, verdict in _shown(trials, processes, f"{_kind(slow=slow)} tests of mutants")
-        if verdict.passed and trial.number is not None
-    )
+        if not verdict.passed
+    }
+    return [mutant for mutant in mutants if mutant not in found]
 
 
 def _kind(*, slow: bool) -> str:
