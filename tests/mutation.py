@@ -14,12 +14,20 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from random import Random
 
-from cubepath.coordinator.commands.console import BAD_INPUT, DONE, FAILED, complain, progress_bar
+from cubepath.coordinator.commands.console import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    complain,
+    progress_bar,
+)
 from mutants import ROOT, Trial, Verdict, mutations_of, run_trials
 
 _VERIFICATION = "coordinator/cubepath/coordinator/verification"
@@ -140,9 +148,20 @@ def _report(sample: Sequence[tuple[str, int]], left: Sequence[tuple[str, int]]) 
     return "\n".join([*lines, f"{found} of {len(sample)} mutants found, {share:.1%}"])
 
 
+def _ended(number: int, frame: object) -> None:
+    """End as after an interrupt, so that no mutant is left running."""
+    del number, frame
+    raise KeyboardInterrupt
+
+
 if __name__ == "__main__":
     if os.environ.get("PYTHONHASHSEED") != "0":  # the order of sets is the same each time
         environment = {**os.environ, "PYTHONHASHSEED": "0"}
         os.execve(sys.executable, [sys.executable, *sys.argv], environment)  # noqa: S606 - this one
     os.chdir(ROOT)
-    sys.exit(main())
+    signal.signal(signal.SIGTERM, _ended)
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        complain("interrupted")
+        sys.exit(INTERRUPTED)
