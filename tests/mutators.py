@@ -2,7 +2,7 @@
 
 What nobody runs, or only people read, is left alone: docstrings, annotations, type aliases,
 imports, blocks for type checkers, decorators, texts, and what an error says. An assertion that
-something cannot happen is not taken out either.
+something cannot happen is not taken out either, and a zip stays strict.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ _COMPUTED: dict[type[ast.operator], type[ast.operator]] = {
     ast.RShift: ast.LShift,
 }
 _CALLED = {"min": "max", "max": "min", "any": "all", "all": "any", "sorted": "list"}
+_SYMMETRIC = {"min", "max"}
 _UNTOUCHED_FIELDS = {"annotation", "returns", "decorator_list", "type_params", "ctx", "op", "ops"}
 
 
@@ -111,6 +112,7 @@ def _is_left_alone(node: ast.AST) -> bool:
             | ast.Assign(targets=[ast.Name(id="__slots__" | "__all__")])
             | ast.If(test=ast.Name(id="TYPE_CHECKING"))
             | ast.Raise(exc=ast.Call(func=ast.Name(id="AssertionError")))
+            | ast.keyword(arg="strict")
         ):
             return True
         case _:
@@ -228,16 +230,15 @@ def _(node: ast.Constant, parent: ast.AST) -> Iterator[ast.AST]:
 def _(node: ast.Call, _: ast.AST) -> Iterator[ast.AST]:
     keywords, arguments = node.keywords, node.args
     for at, keyword in enumerate(keywords):
-        if keyword.arg is not None:
+        if keyword.arg not in {None, "strict"}:
             yield _with(node, keywords=[*keywords[:at], *keywords[at + 1 :]])
-    if len(arguments) > 1 and not any(isinstance(each, ast.Starred) for each in arguments[:2]):
+    called = node.func.id if isinstance(node.func, ast.Name) else ""
+    starred = any(isinstance(each, ast.Starred) for each in arguments[:2])
+    if len(arguments) > 1 and not starred and called not in _SYMMETRIC:
         yield _with(node, args=[arguments[1], arguments[0], *arguments[2:]])
-    if isinstance(node.func, ast.Name) and node.func.id in _CALLED:
-        name = _CALLED[node.func.id]
-        # A list takes no key to sort by.
-        yield _with(
-            node, func=_with(node.func, id=name), keywords=keywords if name != "list" else []
-        )
+    if called in _CALLED:
+        kept = [] if called == "sorted" else keywords  # a list takes no key to sort by
+        yield _with(node, func=_with(node.func, id=_CALLED[called]), keywords=kept)
 
 
 @_changed.register

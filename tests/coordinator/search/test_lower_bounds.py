@@ -202,6 +202,9 @@ def test_modules_that_are_not_taken_one_to_one_are_not_paired() -> None:
     assert module_bound(system, {(0, 0), (9, 0)}, {(1, 0)}, within=99) == 8
     assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0), (9, 0)}, within=99) == 7
     assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0), (9, 0)}, within=3) == 3
+    # As many targets as sources are not paired either: of three pairs one would be 8 apart.
+    sources: set[Site] = {(0, 0), (1, 0), (10, 0)}
+    assert module_bound(system, sources, {(0, 0), (9, 0), (10, 0)}, within=99) == 1
     # Nor where nobody is left, or was there: a file may say so.
     assert module_bound(system, {(0, 0)}, set(), within=9) == 0
     assert module_bound(system, set(), {(0, 0)}, within=9) == 0

@@ -115,6 +115,14 @@ def test_a_catalogue_is_of_generators_that_can_be_told_apart() -> None:
         Catalogue(EDGES, (STEP,))
 
 
+def test_a_catalogue_is_its_lattice_and_generators() -> None:
+    """What follows from these is neither shown nor compared, so catalogues can be kept in sets."""
+    one, other = (Catalogue(SQUARES, (STEP, PUSH)) for _ in range(2))
+    assert {one} == {other}
+    assert one != Catalogue(SQUARES, (PUSH, STEP))
+    assert repr(one) == f"Catalogue(lattice={SQUARES!r}, generators={(STEP, PUSH)!r})"
+
+
 def test_a_module_proposes_each_generator_in_both_directions() -> None:
     """In the order of the catalogue, there and back, each time from where its mover stands."""
     catalogue = Catalogue(SQUARES, (STEP, PUSH))
