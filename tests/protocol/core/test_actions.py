@@ -157,6 +157,8 @@ def test_what_contradicts_the_definition_is_refused(
         ({"guards": {("c", "x")}}, "step: a guard holds 'x', which is not in the support"),
         ({"guards": {("x", "c")}}, "step: a guard holds 'x', which is not in the support"),
         ({"free": {"b", "a"}}, "step: site 'a' is free and in the trace or a local state"),
+        ({"free": {"A", "b"}}, "step: site 'b' is free and in the trace or a local state"),
+        ({"guards": {("A", "b")}}, "step: guard site 'b' is in the trace, so undoing could fail"),
         ({"free": {"on"}}, "step: site 'on' is free and in the trace or a local state"),
         ({"guards": {("b", "a")}}, "step: guard site 'a' is in the trace, so undoing could fail"),
     ],
@@ -169,7 +171,7 @@ def test_conditions_that_contradict_the_definition_are_refused(
     Of several sites the first in canonical order is named.
     """
     with pytest.raises(InputError, match=f"^{message}$"):
-        Action({*"abc", "on"}, {"a", "b"}, {"a", "on"}, {"b", "on"}, label="step", **conditions)
+        Action({*"Aabc", "on"}, {"a", "b"}, {"a", "on"}, {"b", "on"}, label="step", **conditions)
 
 
 def test_a_free_site_may_be_on_in_no_local_state() -> None:

@@ -188,7 +188,7 @@ def damages() -> dict[str, tuple[bytes, str]]:
 def summary_of(data: bytes) -> int:
     """Return where the summary of a closed recording begins."""
     footer = Footer.read(ReadDataStream(BytesIO(data[-len(MAGIC) - 20 :])))
-    return footer.summary_start
+    return int(footer.summary_start)
 
 
 @pytest.mark.parametrize("name", damages())
