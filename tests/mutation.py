@@ -52,7 +52,10 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_VERIFICATION}/proof.py": ("tests/coordinator/normal_form/test_certificate.py",),
     f"{_VERIFICATION}/recording.py": _RECORDED,
     f"{_VERIFICATION}/rounds.py": _RECORDED,
-    f"{_VERIFICATION}/schedule.py": _RECORDED,
+    f"{_VERIFICATION}/schedule.py": (
+        "tests/coordinator/verification/test_schedule.py",
+        *_RECORDED,
+    ),
     f"{_VERIFICATION}/transcript.py": _RECORDED,
 }
 """The files that are changed, each with the tests that are to notice."""

@@ -39,6 +39,17 @@ SUMMARY: dict[str, Any] = {
 }
 
 
+SAID: dict[str, dict[str, Any]] = json.loads(
+    (Path(__file__).parents[2] / "data" / "tamperings.json").read_text()
+)
+"""What is said of each tampering by the check that it is about, and the checks that fail."""
+
+
+def detail_of(found: Verification, name: str) -> str:
+    """Return what is said of the check of this name."""
+    return next(check.detail for check in found.checks if check.name == name)
+
+
 @pytest.mark.parametrize("key", SUMMARY)
 def test_every_number_of_the_summary_is_derived(key: str) -> None:
     """Each number of the summary, off by one, fails `summary` alone, which names it."""
@@ -47,18 +58,18 @@ def test_every_number_of_the_summary_is_derived(key: str) -> None:
     new = change if isinstance(change, str) else not old if change is None else old + change
     found = verify(edited(crowd(), summary, replace(summary, **{key: new})))
     assert failing(found) == {"summary"}
-    assert next(check for check in found.checks if not check.ok).detail.startswith(f"{key} is ")
+    assert detail_of(found, "summary").startswith(f"{key} is ")
 
 
 @pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
 def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
-    """The check that a tampering is about fails, in one line that says where."""
+    """The check that a tampering is about fails, in one line that says where; others as known."""
     found = verify(make())
     assert not found.ok
     assert set(checks) <= failing(found)
-    detail = next(check.detail for check in found.checks if check.name == checks[0])
-    assert detail
-    assert "\n" not in detail
+    assert detail_of(found, checks[0]) == SAID[make.__name__]["said"]
+    assert "\n" not in detail_of(found, checks[0])
+    assert [check.name for check in found.checks if not check.ok] == SAID[make.__name__]["failing"]
 
 
 def test_every_check_can_fail() -> None:
@@ -66,11 +77,6 @@ def test_every_check_can_fail() -> None:
     for module in (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules):
         assert module.__doc__  # imported for the tamperings that it adds
     assert {checks[0] for _, checks in (each.values for each in TAMPERINGS)} == set(CHECKS)
-
-
-def detail_of(found: Verification, name: str) -> str:
-    """Return what is said of the check of this name."""
-    return next(check.detail for check in found.checks if check.name == name)
 
 
 def test_the_cubes_of_the_class_are_counted() -> None:
