@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Iterator
 from dataclasses import replace as replace_record
 from pathlib import Path
@@ -43,6 +44,8 @@ SAID: dict[str, dict[str, Any]] = json.loads(
     (Path(__file__).parents[2] / "data" / "tamperings.json").read_text()
 )
 """What is said of each tampering by the check that it is about, and the checks that fail."""
+ARRIVED = re.compile(r"^message \d+ \([\w/]+|(?<= is )\w+/\w+(?= of round)")
+"""What depends on which message came first in a round, which is not the same in each run."""
 
 
 def detail_of(found: Verification, name: str) -> str:
@@ -67,8 +70,9 @@ def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[st
     found = verify(make())
     assert not found.ok
     assert set(checks) <= failing(found)
-    assert detail_of(found, checks[0]) == SAID[make.__name__]["said"]
-    assert "\n" not in detail_of(found, checks[0])
+    detail = detail_of(found, checks[0])
+    assert "\n" not in detail
+    assert ARRIVED.sub("X", detail) == SAID[make.__name__]["said"]
     assert [check.name for check in found.checks if not check.ok] == SAID[make.__name__]["failing"]
 
 
