@@ -225,6 +225,20 @@ def test_an_end_that_is_not_reached_fails(folder: Path, capsys: Output) -> None:
     assert found["checks"][-1]["detail"] == "[1,1] is not at the end as it says"
 
 
+def test_the_end_is_carried_out_where_the_start_is_known(folder: Path, capsys: Output) -> None:
+    """Also where the certificate does not tell it; not where its form fails already."""
+    proof = certify(capsys, "crossing.jsonl", "--system", SYSTEM)
+    written = json.loads(proof.read_text())
+    arguments = ["verify", str(proof), "--of", "crossing.jsonl", "--system", SYSTEM]
+    proof.write_text(json.dumps({**written, "end": None}))
+    names = [check["name"] for check in answer_of(capsys, *arguments)["checks"]]
+    assert names == ["form", "cancelled", "schedule", "reduced", "chain", "end"]
+    proof.write_text(json.dumps({**written, "cubes": []}))
+    found = answer_of(capsys, *arguments, code=1)
+    detail = "move 1 is in no pair and in no cube"
+    assert found["checks"] == [{"name": "form", "ok": False, "detail": detail}]
+
+
 def test_cubes_of_another_schedule_fail(folder: Path, capsys: Output) -> None:
     """The cubes file must have the moves of the certificate, whatever their order in a cube."""
     certify(capsys, "crossing.jsonl", "--system", SYSTEM)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace as replace_record
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+import tamperings
 import tamperings_of_certificates
 import tamperings_of_results
 import tamperings_of_schedules
@@ -24,7 +25,7 @@ from cubepath.coordinator.verification.recording import CHECKS, Verification, re
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
 from cubepath.protocol.wire.messages import Cube, decode
 from recordings import edited, first, record_of, recorded, with_records
@@ -259,6 +260,63 @@ def test_the_order_of_arrival_within_a_round_does_not_matter() -> None:
     assert verify(
         with_records(whole, sorted(whole.records, key=lambda each: (each.round, each.data)))
     ).ok
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        tamperings.a_move_onto_another_module,
+        tamperings.a_lost_claim_is_executed_too,
+        tamperings.a_granted_claim_is_not_executed,
+    ],
+)
+def test_what_is_said_does_not_depend_on_the_order_of_arrival(make: Tampering) -> None:
+    """Of several things that are wrong the same one is named, whoever reported first."""
+    recording = make()
+    told = {
+        verify(with_records(recording, sorted(recording.records, key=key))).checks
+        for key in (
+            lambda each: (each.round, each.data),
+            lambda each: (each.round, each.data[::-1]),
+            lambda each: (each.round, each.topic),
+        )
+    }
+    assert told == {verify(recording).checks}
+
+
+def test_rounds_count_from_1_and_cubes_too() -> None:
+    """What stands under another number is named, the least of several."""
+    whole = crowd()
+    report = first(whole, "report")
+    none = with_records(whole, [*whole.records, record_of(replace(report, round=0))])
+    assert detail_of(verify(none), "reports") == "round 0: rounds count from 1"
+    cube, count = first(whole, "cube"), first(whole, "summary").cubes
+    for strays, least in (((count + 2, count + 1), count + 1), ((count + 1, 0), 0)):
+        more = [record_of(replace(cube, index=index)) for index in strays]
+        said = detail_of(verify(with_records(whole, [*whole.records, *more])), "complete")
+        assert said == f"cube {least}: the summary counts {count}"
+
+
+def test_of_several_moves_that_do_not_belong_the_first_is_named() -> None:
+    """By its label, among those that are too many in a cube, and those that are missing."""
+    whole = crowd()
+    cubes = [first(whole, "cube", lambda message, n=n: message.index == n) for n in (1, 2, 3)]
+    moves = [move for cube in cubes for move in cube.moves]
+
+    def labels(placed: Iterable[GeneratorPlacement]) -> list[str]:
+        action = whole.scene.system.action
+        return [action(move.generator, site_from_json(move.at)).label for move in placed]
+
+    more = edited(whole, cubes[0], replace(cubes[0], moves=moves))
+    extra = labels(moves[len(cubes[0].moves) :])
+    assert len(set(extra)) > 1
+    said = detail_of(verify(more), "class")
+    assert said == f"cube 1 is not that of the moves: {min(extra)} is too many"
+    wide = next(cube for cube in cubes if len(cube.moves) > 1)
+    less = edited(whole, wide, replace(wide, moves=[]))
+    said = detail_of(verify(less), "class")
+    missing = min(labels(wide.moves))
+    assert said == f"cube {wide.index} is not that of the moves: {missing} is missing"
 
 
 def test_progress_is_told_for_each_round() -> None:

@@ -68,6 +68,11 @@ def test_a_rule_may_take_over_at_the_end_of_the_schedule_alone() -> None:
     place = next(place for place, each in enumerate(records) if each.kind == "go")
     records[place] = with_fields(records[place], data=b"{}")
     assert failing(verify(with_records(whole, records))) == {"messages"}
+    # One that cannot be read hides none of those after it.
+    records = list(stopped(repair=True).records)
+    place = next(place for place, each in enumerate(records) if each.kind == "go")
+    records[place] = with_fields(records[place], data=b"{}")
+    assert told(with_records(stopped(repair=True), records)) == ""
 
 
 def test_a_run_that_reached_its_goal_was_at_the_end_of_its_schedule() -> None:

@@ -13,7 +13,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.records import Footer
-from mcap.writer import Writer
+from mcap.writer import IndexType, Writer
 
 from cubepath.protocol.recordings.recording import (
     FLUSH_EVERY,
@@ -162,6 +162,10 @@ def damages() -> dict[str, tuple[bytes, str]]:
         "another file": (b"{}", f"not an MCAP file: {magic}"),
         "killed": (killed, f"truncated at byte {end} of {end}: {counted}"),
         "head cut": (killed + b"\x06\x00", f"truncated at byte {end} of {end + 2}: {counted}"),
+        "body cut": (
+            killed + b"\x06" + (9).to_bytes(8, "little") + b"x",
+            f"truncated at byte {end} of {end + 10}: {counted}",
+        ),
         "no record": (killed + b"w" * 9, f"corrupt at byte {end} of {end + 9}: {counted}"),
         "no opcode": (killed + bytes(9), f"corrupt at byte {end} of {end + 9}: {counted}"),
         "magic after": (
@@ -225,6 +229,39 @@ def test_a_chunk_must_have_a_checksum_and_a_size_that_can_be() -> None:
     (problem,) = salvage(huge).problems
     assert problem.endswith(said)
     assert problem.startswith(f"corrupt at byte {start - 53}: chunk 2 (log times ")
+
+
+def test_a_chunk_whose_head_is_damaged_is_named_without_times() -> None:
+    """What cannot be read of its head is not taken from the chunk before; a reason is given."""
+    whole = files()[0]
+    start, _ = chunks_of(whole)[1]
+    name = start - 16  # the length of the compression's name
+    assert whole[name : name + 8] == b"\x04\x00\x00\x00zstd"
+    (problem,) = salvage(whole[:name] + b"\xff" * 4 + whole[name + 4 :]).problems
+    assert problem.startswith(f"corrupt at byte {start - 53}: chunk 2 cannot be read: ")
+    assert not problem.endswith(": ")
+
+
+def test_a_recording_needs_no_summary() -> None:
+    """Another writer may leave it out: the footer says so, and there is no problem."""
+    out = BytesIO()
+    writer = Writer(
+        out,
+        index_types=IndexType.NONE,
+        repeat_channels=False,
+        repeat_schemas=False,
+        use_statistics=False,
+        use_summary_offsets=False,
+    )
+    writer.start()
+    channel = writer.register_channel("a", "json", 0)
+    writer.add_message(channel, 1, b"{}", 2, 0)
+    writer.finish()  # type: ignore[no-untyped-call]
+    assert summary_of(out.getvalue()) == 0
+    found = salvage(out.getvalue())
+    assert found.problems == []
+    assert [message.data for message in found.messages] == [b"{}"]
+    assert list(found.topics.values()) == ["a"]
 
 
 def test_bytes_after_the_end_are_named() -> None:
