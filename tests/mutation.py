@@ -49,7 +49,10 @@ MIRRORED: dict[str, tuple[str, ...]] = {
         "tests/coordinator/shortening/test_explain.py",
         *_RECORDED,
     ),
-    f"{_VERIFICATION}/proof.py": ("tests/coordinator/normal_form/test_certificate.py",),
+    f"{_VERIFICATION}/proof.py": (
+        "tests/coordinator/verification/test_proof.py",
+        "tests/coordinator/normal_form/test_certificate.py",
+    ),
     f"{_VERIFICATION}/recording.py": _RECORDED,
     f"{_VERIFICATION}/rounds.py": _RECORDED,
     f"{_VERIFICATION}/schedule.py": (
