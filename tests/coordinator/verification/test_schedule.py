@@ -15,7 +15,7 @@ from cubepath.protocol.wire.messages import Go, decode
 from recordings import edited, first, record_of, with_records
 from schedules import VEHICLES, original
 from tamperings import failing, moved
-from tamperings_of_schedules import carried_out, not_begun, stopped, with_summary
+from tamperings_of_schedules import carried_out, not_begun, stopped, with_cubes, with_summary
 
 
 def told(recording: Recording) -> str:
@@ -94,6 +94,13 @@ def test_a_stop_is_for_a_move_that_was_due_and_not_made() -> None:
     for change in (replace(stop, round=1), replace(stop, round=99), replace(stop, round=0)):
         assert told(with_summary(whole, schedule_stopped=change)).startswith(GAVE_UP)
     assert told(with_summary(whole, schedule_stopped=replace(stop, move=placed))) == wrong
+
+
+def test_a_schedule_may_stop_in_its_last_cube() -> None:
+    """The round of the stop is then that of the last cube."""
+    stop = first(stopped(), "summary").schedule_stopped
+    shorter = with_cubes(stopped(), 0, stop.round)
+    assert told(with_summary(shorter, schedule_cubes=stop.round)) == ""
 
 
 def first_made(recording: Recording) -> bytes:
