@@ -223,6 +223,10 @@ def test_an_end_that_is_not_reached_fails(folder: Path, capsys: Output) -> None:
     arguments = ["verify", str(proof), "--of", "crossing.jsonl", "--system", SYSTEM]
     found = answer_of(capsys, *arguments, code=1)
     assert found["checks"][-1]["detail"] == "[1,1] is not at the end as it says"
+    # What keeps the cubes from being carried out is told before that.
+    proof.write_text(json.dumps({**written, "end": [], "cubes": written["cubes"][::-1]}))
+    found = answer_of(capsys, *arguments, code=1)
+    assert found["checks"][-1]["detail"].startswith("cube 1, move ")
 
 
 def test_the_end_is_carried_out_where_the_start_is_known(folder: Path, capsys: Output) -> None:

@@ -94,6 +94,9 @@ def test_a_stop_is_for_a_move_that_was_due_and_not_made() -> None:
     for change in (replace(stop, round=1), replace(stop, round=99), replace(stop, round=0)):
         assert told(with_summary(whole, schedule_stopped=change)).startswith(GAVE_UP)
     assert told(with_summary(whole, schedule_stopped=replace(stop, move=placed))) == wrong
+    last = schedule_from_jsonl(whole.schedule or b"")[-1][0]
+    before = replace(stop, round=0, move=last)  # no cube has that number, nor has the last one
+    assert told(with_summary(whole, schedule_stopped=before)) == f"{GAVE_UP} (and 1 more)"
 
 
 def test_a_schedule_may_stop_in_its_last_cube() -> None:
