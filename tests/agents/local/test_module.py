@@ -10,7 +10,7 @@ import pytest
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local import arbitration
 from cubepath.agents.local.module import ModuleCore, ProtocolError
-from cubepath.agents.local.observation import Note, View, goal_sets
+from cubepath.agents.local.observation import STAY, Note, View, goal_sets
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.agents.rules.uniform import RANDOM
@@ -19,6 +19,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import addressees
 from cubepath.protocol.wire.messages import Claim, Here, Message, Report, Verdict
+from cubepath.protocol.wire.messages import Note as NoteMessage
 from local_families import LOCAL_FAMILIES
 from obvious_rounds import settled, sites_after
 
@@ -233,6 +234,57 @@ def test_an_early_message_waits_for_its_round() -> None:
     core.sense(1)
     seen = core.observation()["observation"]
     assert np.count_nonzero(seen[3::2] == 1) == 1
+
+
+LAST_PHASES = {"here": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
+"""The last phase of a round in which a kind of message still counts."""
+
+
+@pytest.mark.parametrize("phase", ["sense", "claim", "settle", "report"])
+@pytest.mark.parametrize("kind", LAST_PHASES)
+def test_each_kind_of_message_has_its_last_phase(kind: str, phase: str) -> None:
+    """It is heard up to that phase of its round and late in every further one."""
+    core = core_of("agv:graph=P3,n=1")
+    core.sense(1)
+    if phase != "sense":
+        core.observation()
+        core.claim(STAY, None)
+    if phase in {"settle", "report"}:
+        core.arbitrate()
+    if phase == "report":
+        core.report()
+    messages: dict[str, Message] = {
+        "here": Here(1, 1, 2),
+        "note": NoteMessage(1, 1, 2, [7]),
+        "claim": Claim(1, 1, 2, "edge", [1, 2]),
+        "verdict": Verdict(1, 1, 2, granted=True, to=[0]),
+    }
+    message = messages[kind]
+    phases = ["sense", "claim", "settle", "report"]
+    if phases.index(phase) <= phases.index(LAST_PHASES[kind]):
+        assert core.hear(message) == []
+    else:
+        late = f"module_0: {kind} of module_1 for round 1 came late, in phase {phase} of round 1"
+        with pytest.raises(ProtocolError, match=late):
+            core.hear(message)
+
+
+def test_a_report_tells_what_was_heard_in_an_order_of_its_own() -> None:
+    """By kind, then by module, whatever the order of arrival."""
+    said: list[Message] = [
+        *(Here(1, module, module) for module in (1, 2, 10)),
+        *(Claim(1, module, module, "edge", [0, module]) for module in (1, 2, 10)),
+    ]
+    expected = [("claim", 1), ("claim", 2), ("claim", 10), ("here", 1), ("here", 2), ("here", 10)]
+    for order in (said, said[::-1]):
+        core = core_of("agv:graph=K11,n=1")
+        core.sense(1)
+        for message in order:
+            core.hear(message)
+        core.observation()
+        core.claim(STAY, None)
+        core.arbitrate()
+        assert [(heard.kind, heard.module) for heard in core.report().heard] == expected
 
 
 @pytest.mark.parametrize("action", [-1, 1, 99])

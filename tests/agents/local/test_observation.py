@@ -10,10 +10,12 @@ import pytest
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import (
+    SILENT,
     checked_note,
     chosen_move,
     goal_sets,
     is_legal,
+    observation_length,
     observe,
     view_of,
 )
@@ -21,6 +23,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import CLOSED
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 
@@ -126,6 +129,58 @@ def test_a_view_reads_the_observation_back(spec: str) -> None:
             ]
 
 
+@pytest.mark.parametrize("spec", SPECS)
+def test_an_observation_has_the_shape_that_the_system_tells(spec: str) -> None:
+    """The own site and its flag, two entries a slot, an action for each move; notes if there are.
+
+    A slot where the system has no place shows that it is closed, and is no goal.
+    """
+    scene = scene_from_spec(spec)
+    system, site = scene.system, scene.start[0]
+    seen = observe(system, site, {}, goals=frozenset())
+    numbers = seen["observation"]
+    assert list(seen) == ["observation", "action_mask"]
+    assert numbers.shape == (observation_length(system),)
+    assert numbers.dtype == np.int32
+    assert seen["action_mask"].shape == (system.move_slots + 1,)
+    assert seen["action_mask"].dtype == np.int8
+    size = system.site_size
+    assert tuple(numbers[:size]) == system.encode_site(site)
+    slots = numbers[size + 1 :].reshape(-1, 2).tolist()
+    for near, shown in zip(system.sensed(system.place_of(site)), slots, strict=True):
+        assert shown == [CLOSED if near is None else system.background(near), 0]
+    notes = observe(system, site, {}, goals=frozenset(), note_length=3)["notes"]
+    assert notes.shape == (system.reach_slots, 3)
+    assert notes.dtype == np.int32
+    assert (notes == SILENT).all()
+
+
+def test_a_note_stands_in_the_slot_of_its_place() -> None:
+    """And is read back from there; what nobody said is silent, whatever its length."""
+    system = scene_from_spec("agv:graph=P4,n=1").system
+    assert system.reach(1) == (0, 2, 3)
+    said: dict[Site, tuple[int, ...]] = {0: (SILENT + 1, 5), 3: (-7, SILENT)}
+    seen = observe(system, 1, {}, goals=frozenset(), notes=said, note_length=2)
+    assert seen["notes"].tolist() == [[SILENT + 1, 5], [SILENT, SILENT], [-7, SILENT]]
+    assert view_of(system, seen).notes == said
+
+
+def test_a_view_tells_labels_and_moves() -> None:
+    """The label of who stands at a sensed place, None of others; the moves, by slot."""
+    system = scene_from_spec("agv-labelled:graph=P5,n=3").system
+    seen = observe(system, (2, 1), {1: (1, 0), 2: (2, 1)}, goals=frozenset())
+    view = view_of(system, seen, 1)
+    assert (view.site, view.place, view.system) == ((2, 1), 2, system)
+    assert [view.label_at(place) for place in range(5)] == [None, 0, None, None, None]
+    assert view.moves == system.moves((2, 1))
+    assert [(action, move.target) for action, move in view.legal()] == [(2, (3, 1))]
+    assert view.mask.tolist() == [1, 0, 1]
+    plain = scene_from_spec("agv:graph=P5,n=3").system
+    seen = observe(plain, 2, {1: 1, 2: 2}, goals=frozenset())
+    assert view_of(plain, seen).occupied == {1: 1}
+    assert view_of(plain, seen).label_at(1) is None
+
+
 def test_notes_are_heard_within_reach_and_by_place() -> None:
     """A note said in one round is heard in the next within reach, and not beyond."""
     scene = scene_from_spec("agv:graph=P6,n=3")
@@ -149,6 +204,30 @@ def test_modules_that_are_told_the_same_goals_share_one_set() -> None:
     assert len(set(goal_sets(vehicles))) == 5
     nothing = replace(vehicles, goals=())
     assert goal_sets(nothing) == (frozenset(),) * 5
+
+
+def test_goals_are_places_or_sites() -> None:
+    """A goal that is a site is met by its own label alone, one that is a place by any module.
+
+    So it is for the module itself and for what it senses; an empty place meets no goal site.
+    """
+    system = scene_from_spec("agv-labelled:graph=P4,n=3").system
+    here, near, empty = (1, 0), (2, 1), 0
+    assert system.sensed(1)[:2] == (empty, 2)
+
+    def flags(*goals: Site) -> list[int]:
+        seen = observe(system, here, {1: here, 2: near}, goals=frozenset(goals))["observation"]
+        return [int(seen[place]) for place in (1, 3, 5)]
+
+    assert flags() == [0, 0, 0]
+    assert flags((1, 0)) == [1, 0, 0]
+    assert flags((1, 1)) == [0, 0, 0]
+    assert flags(1) == [1, 0, 0]
+    assert flags((2, 1)) == [0, 0, 1]
+    assert flags((2, 0)) == [0, 0, 0]
+    assert flags(2) == [0, 0, 1]
+    assert flags((0, 0), (0, 1)) == [0, 0, 0]
+    assert flags(0) == [0, 1, 0]
 
 
 def test_legal_is_what_the_mask_says() -> None:

@@ -276,6 +276,13 @@ def test_the_empty_path_has_no_cubes(make: Make) -> None:
     assert heap.level_of(edge(0, 1)) == 0
 
 
+def test_a_cube_stands_in_the_order_of_the_least_sites(make: Make) -> None:
+    """Of the traces of its actions, whatever else they write or read, and whichever came first."""
+    far, near, reader = edge(1, 9), edge(2, 3), toggle(4, reads=[0])
+    for word in ([far, near, reader], [reader, near, far]):
+        assert path_of(make, word) == ((far, near, reader),)
+
+
 def test_equal_moves_keep_their_own_labels(make: Make) -> None:
     """Where equal actions come again under other ids, each cube shows the id that came there."""
     back = edge(1, 2)

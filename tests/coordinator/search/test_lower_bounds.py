@@ -22,8 +22,11 @@ from cubepath.coordinator.search.lower_bounds import (
 )
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Bound
 from cubepath.protocol.scenes.families.triangulations import fan, polygon_points
 from cubepath.protocol.systems.flips import FlipSystem, crossing_bound, flip_bound
+from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 from strategies import scene, walks
 
@@ -86,9 +89,52 @@ def test_labelled_vehicles_need_as_long_as_the_longest_way() -> None:
     assert module_bound(labelled, start, goal, within=99) == 7
     assert module_bound(plain, {0, 1}, {7, 8}, within=99) == 7
     assert module_bound(plain, {0, 4}, {4, 8}, within=99) == 4
+    assert module_bound(labelled, {(0, 0), (5, 1)}, {(4, 0), (6, 1)}, within=99) == 4
+    assert module_bound(labelled, {(0, 0), (5, 1)}, {(1, 0), (8, 1)}, within=99) == 3
+    assert module_bound(labelled, {(0, 0), (5, 1)}, {(4, 0), (6, 1)}, within=2) == 2
     grid = scene("agv-labelled:graph=grid5x5,n=2").system
     crossed = {((4, 4), 0), ((0, 0), 1)}
     assert module_bound(grid, {((0, 0), 0), ((4, 4), 1)}, crossed, within=99) == 8
+
+
+@pytest.mark.parametrize("spec", ["agv:graph=P9,n=2", "hex:n=2"])
+def test_from_one_start_the_bound_is_that_of_the_goal(spec: str) -> None:
+    """Modules paired by hand along a line, with the same start each time and other goals."""
+    system = scene(spec).system
+
+    def on(*places: int) -> set[Site]:
+        return set(places) if system.graph is not None else {(place, 0) for place in places}
+
+    bounds = {
+        ends: module_bound(system, on(0, 3), on(*ends), within=99)
+        for ends in [(0, 3), (1, 3), (0, 5), (3, 8), (0, 1)]
+    }
+    assert bounds == {(0, 3): 0, (1, 3): 1, (0, 5): 2, (3, 8): 5, (0, 1): 2}
+
+
+def test_the_greatest_bound_counts_and_of_equals_the_first() -> None:
+    """The way of a module where it is farther than one move; at equal ends there is no move."""
+    plain = scene("agv:graph=P9,n=2").system
+    assert lower_bound(plain, {0, 1}, {7, 8}, within=99) == Bound(7, "way of a module")
+    assert lower_bound(plain, {0, 1}, {7, 8}, within=5) == Bound(5, "way of a module")
+    assert lower_bound(plain, {0, 1}, {0, 2}, within=99) == Bound(1, "the ends differ")
+    assert lower_bound(plain, {0, 1}, {0, 1}, within=99) == Bound(0, "no move")
+    assert lower_bound(None, {0}, {1}, within=99) == Bound(1, "the ends differ")
+    assert lower_bound(None, {0}, {0}, within=99) == Bound(0, "no move")
+
+
+class Silent(GraphSystem):
+    """Vehicles of a class that does not say where they can go."""
+
+    def ways(self) -> None:  # type: ignore[override] # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return nothing, as a system may."""
+
+
+def test_where_ways_are_not_known_no_module_bounds_a_path() -> None:
+    """Such a system has a bound all the same where its ends differ."""
+    silent = Silent([0, 1, 2], [(0, 1), (1, 2)])
+    assert module_bound(silent, {0}, {2}, within=9) == 0
+    assert lower_bound(silent, {0}, {2}, within=9) == Bound(1, "the ends differ")
 
 
 def test_obstacles_and_walls_make_ways_longer() -> None:
@@ -110,6 +156,7 @@ def test_obstacles_and_walls_make_ways_longer() -> None:
 )
 def test_the_bottleneck_is_the_least_of_all_pairings(away: list[list[int]]) -> None:
     """Against all permutations."""
+    assert bottleneck([], 9) == 0
     best = min(
         max(row[column] for row, column in zip(away, order, strict=True))
         for order in permutations(range(len(away)))
@@ -151,6 +198,17 @@ def test_modules_that_are_not_taken_one_to_one_are_not_paired() -> None:
     system = LatticeSystem(Catalogue(SQUARES, (merge,)))
     assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0)}, within=9) == 1
     assert module_bound(system, {(0, 0), (9, 0)}, {(1, 0)}, within=3) == 3
+    # A source that is far from every target counts as much as a target far from every source.
+    assert module_bound(system, {(0, 0), (9, 0)}, {(1, 0)}, within=99) == 8
+    assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0), (9, 0)}, within=99) == 7
+    assert module_bound(system, {(0, 0), (2, 0)}, {(1, 0), (9, 0)}, within=3) == 3
+    # As many targets as sources are not paired either: of three pairs one would be 8 apart.
+    sources: set[Site] = {(0, 0), (1, 0), (10, 0)}
+    assert module_bound(system, sources, {(0, 0), (9, 0), (10, 0)}, within=99) == 1
+    # Nor where nobody is left, or was there: a file may say so.
+    assert module_bound(system, {(0, 0)}, set(), within=9) == 0
+    assert module_bound(system, set(), {(0, 0)}, within=9) == 0
+    assert module_bound(system, set(), set(), within=9) == 0
 
 
 def test_examples_in_the_docstrings_hold() -> None:

@@ -37,6 +37,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     write(tmp_path / "told.jsonl", lines)
     ids = [{"id": each, "support": [["x"], "y"], "trace": [["x"]]} for each in "aba"]
     write(tmp_path / "named.jsonl", ids)
+    write(tmp_path / "one.jsonl", ids[:1])
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
@@ -152,6 +153,27 @@ def test_a_certificate_of_a_file_is_verified(
     assert [check["name"] for check in alone["checks"]] == expected[:-1]
 
 
+@pytest.mark.parametrize(
+    ("source", "options", "proved"),
+    [
+        ("crossing.jsonl", ("--system", SYSTEM), (5, 3, 2)),
+        ("named.jsonl", (), (3, 3, 3)),
+        ("one.jsonl", (), (1, 1, 1)),
+    ],
+)
+def test_what_is_proved_is_counted(
+    folder: Path, capsys: Output, source: str, options: tuple[str, ...], proved: tuple[int, ...]
+) -> None:
+    """Moves, those that are left, and the cubes that no schedule of the class goes below."""
+    arguments = ["verify", str(certify(capsys, source, *options)), "--of", source, *options]
+    found = answer_of(capsys, *arguments)
+    assert (found["moves"], found["reduced_moves"], found["cubes"]) == proved
+    assert main(arguments) == 0
+    cubes = "1 cube" if proved[-1] == 1 else f"{proved[-1]} cubes"
+    told = capsys.readouterr().out.splitlines()[-1]
+    assert told == f"proved: in the class of {source}, and none in it has fewer than {cubes}"
+
+
 def test_a_certificate_of_a_recording_is_verified(folder: Path, capsys: Output) -> None:
     """One written from a recording proves the same as the one that is in it."""
     log = folder / "run.mcap"
@@ -201,6 +223,24 @@ def test_an_end_that_is_not_reached_fails(folder: Path, capsys: Output) -> None:
     arguments = ["verify", str(proof), "--of", "crossing.jsonl", "--system", SYSTEM]
     found = answer_of(capsys, *arguments, code=1)
     assert found["checks"][-1]["detail"] == "[1,1] is not at the end as it says"
+    # What keeps the cubes from being carried out is told before that.
+    proof.write_text(json.dumps({**written, "end": [], "cubes": written["cubes"][::-1]}))
+    found = answer_of(capsys, *arguments, code=1)
+    assert found["checks"][-1]["detail"].startswith("cube 1, move ")
+
+
+def test_the_end_is_carried_out_where_the_start_is_known(folder: Path, capsys: Output) -> None:
+    """Also where the certificate does not tell it; not where its form fails already."""
+    proof = certify(capsys, "crossing.jsonl", "--system", SYSTEM)
+    written = json.loads(proof.read_text())
+    arguments = ["verify", str(proof), "--of", "crossing.jsonl", "--system", SYSTEM]
+    proof.write_text(json.dumps({**written, "end": None}))
+    names = [check["name"] for check in answer_of(capsys, *arguments)["checks"]]
+    assert names == ["form", "cancelled", "schedule", "reduced", "chain", "end"]
+    proof.write_text(json.dumps({**written, "cubes": []}))
+    found = answer_of(capsys, *arguments, code=1)
+    detail = "move 1 is in no pair and in no cube"
+    assert found["checks"] == [{"name": "form", "ok": False, "detail": detail}]
 
 
 def test_cubes_of_another_schedule_fail(folder: Path, capsys: Output) -> None:

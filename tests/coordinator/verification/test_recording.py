@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import replace as replace_record
 from pathlib import Path
 from typing import Any
@@ -14,17 +15,18 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+import tamperings
 import tamperings_of_certificates
 import tamperings_of_results
 import tamperings_of_schedules
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.coordinator.verification import rounds as rederive
-from cubepath.coordinator.verification.recording import CHECKS, recover, verify
+from cubepath.coordinator.verification.recording import CHECKS, Verification, recover, verify
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
 from cubepath.protocol.wire.messages import Cube, decode
 from recordings import edited, first, record_of, recorded, with_records
@@ -40,6 +42,20 @@ SUMMARY: dict[str, Any] = {
 }
 
 
+SAID: dict[str, dict[str, Any]] = json.loads(
+    (Path(__file__).parents[2] / "data" / "tamperings.json").read_text()
+)
+"""What is said of each tampering by the check that it is about, and the checks that fail.
+
+Of `messages` a pattern: which of a round comes first is not the same in each run.
+"""
+
+
+def detail_of(found: Verification, name: str) -> str:
+    """Return what is said of the check of this name."""
+    return next(check.detail for check in found.checks if check.name == name)
+
+
 @pytest.mark.parametrize("key", SUMMARY)
 def test_every_number_of_the_summary_is_derived(key: str) -> None:
     """Each number of the summary, off by one, fails `summary` alone, which names it."""
@@ -48,18 +64,20 @@ def test_every_number_of_the_summary_is_derived(key: str) -> None:
     new = change if isinstance(change, str) else not old if change is None else old + change
     found = verify(edited(crowd(), summary, replace(summary, **{key: new})))
     assert failing(found) == {"summary"}
-    assert next(check for check in found.checks if not check.ok).detail.startswith(f"{key} is ")
+    assert detail_of(found, "summary").startswith(f"{key} is ")
 
 
 @pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
 def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
-    """The check that a tampering is about fails, in one line that says where."""
+    """The check that a tampering is about fails, in one line that says where; others as known."""
     found = verify(make())
     assert not found.ok
     assert set(checks) <= failing(found)
-    detail = next(check.detail for check in found.checks if check.name == checks[0])
-    assert detail
+    detail = detail_of(found, checks[0])
     assert "\n" not in detail
+    said = SAID[make.__name__]["said"]
+    assert re.fullmatch(said, detail) if checks[0] == "messages" else detail == said
+    assert [check.name for check in found.checks if not check.ok] == SAID[make.__name__]["failing"]
 
 
 def test_every_check_can_fail() -> None:
@@ -67,6 +85,26 @@ def test_every_check_can_fail() -> None:
     for module in (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules):
         assert module.__doc__  # imported for the tamperings that it adds
     assert {checks[0] for _, checks in (each.values for each in TAMPERINGS)} == set(CHECKS)
+
+
+def test_the_cubes_of_the_class_are_counted() -> None:
+    """One cube fewer, or more, than the moves have fails `class` with both counts."""
+    whole = crowd()
+    summary = first(whole, "summary")
+    count = summary.cubes
+    last = first(whole, "cube", lambda message: message.index == count)
+    fewer = edited(edited(whole, last), summary, replace(summary, cubes=count - 1))
+    more = edited(
+        edited(whole, last, last, replace(last, index=count + 1)),
+        summary,
+        replace(summary, cubes=count + 1),
+    )
+    for recording, wrong in ((fewer, count - 1), (more, count + 1)):
+        found = verify(recording)
+        assert "complete" not in failing(found)
+        assert found.cubes == count
+        assert detail_of(found, "class") == f"{wrong} cubes, the moves have {count}"
+        assert detail_of(found, "summary") == f"cubes is {wrong}, derived is {count}"
 
 
 CANNOT_BE_DERIVED = ("note", "failed", "error", "ended")
@@ -225,6 +263,68 @@ def test_the_order_of_arrival_within_a_round_does_not_matter() -> None:
     assert verify(
         with_records(whole, sorted(whole.records, key=lambda each: (each.round, each.data)))
     ).ok
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        tamperings.a_move_onto_another_module,
+        tamperings.a_lost_claim_is_executed_too,
+        tamperings.a_granted_claim_is_not_executed,
+    ],
+)
+def test_what_is_said_does_not_depend_on_the_order_of_arrival(make: Tampering) -> None:
+    """Of several things that are wrong the same one is named, whoever reported first."""
+    recording = make()
+    told = {
+        verify(with_records(recording, sorted(recording.records, key=key))).checks
+        for key in (
+            lambda each: (each.round, each.data),
+            lambda each: (each.round, each.data[::-1]),
+            lambda each: (each.round, each.topic),
+        )
+    }
+    assert told == {verify(recording).checks}
+
+
+def test_rounds_count_from_1_and_cubes_too() -> None:
+    """What stands under another number is named, the least of several."""
+    whole = crowd()
+    report = first(whole, "report")
+    none = with_records(whole, [*whole.records, record_of(replace(report, round=0))])
+    assert detail_of(verify(none), "reports") == "round 0: rounds count from 1"
+    # Only reports make a round that every module has to report.
+    here = first(whole, "here")
+    after = with_records(whole, [*whole.records, record_of(replace(here, round=99))])
+    assert "reports" not in failing(verify(after))
+    cube, count = first(whole, "cube"), first(whole, "summary").cubes
+    for strays, least in (((count + 2, count + 1), count + 1), ((count + 1, 0), 0)):
+        more = [record_of(replace(cube, index=index)) for index in strays]
+        said = detail_of(verify(with_records(whole, [*whole.records, *more])), "complete")
+        assert said == f"cube {least}: the summary counts {count}"
+
+
+def test_of_several_moves_that_do_not_belong_the_first_is_named() -> None:
+    """By its label, among those that are too many in a cube, and those that are missing."""
+    whole = crowd()
+    said_cubes: list[Any] = [decode(record.data) for record in whole.of_kind("cube")]
+    cubes = sorted(said_cubes, key=lambda cube: int(cube.index))[:3]
+    moves = [move for cube in cubes for move in cube.moves]
+
+    def labels(placed: Iterable[GeneratorPlacement]) -> list[str]:
+        action = whole.scene.system.action
+        return [action(move.generator, site_from_json(move.at)).label for move in placed]
+
+    more = edited(whole, cubes[0], replace(cubes[0], moves=moves))
+    extra = labels(moves[len(cubes[0].moves) :])
+    assert len(set(extra)) > 1
+    said = detail_of(verify(more), "class")
+    assert said == f"cube 1 is not that of the moves: {min(extra)} is too many"
+    wide = next(cube for cube in cubes if len(cube.moves) > 1)
+    less = edited(whole, wide, replace(wide, moves=[]))
+    said = detail_of(verify(less), "class")
+    missing = min(labels(wide.moves))
+    assert said == f"cube {wide.index} is not that of the moves: {missing} is missing"
 
 
 def test_progress_is_told_for_each_round() -> None:

@@ -1,13 +1,18 @@
 """Catalogues: the three systems give the numbers that the paper states."""
 
+import re
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
 from complexes import f_vector, shape_f_vector, states_of
-from cubepath.protocol.core.actions import admissible, apply
+from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.catalogue import (
+    EDGES,
     HEX_DIRECTIONS,
+    HEXAGONS,
+    LATTICES,
     SQUARES,
     Catalogue,
     Cell,
@@ -16,6 +21,165 @@ from cubepath.protocol.core.catalogue import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.families.hexagons import hex_catalogue
 from cubepath.protocol.scenes.specs import scene_from_spec
+
+STEP = Generator(
+    "step",
+    support=((0, 0), (1, 0), (0, 1), (1, 1)),
+    trace=((0, 0), (1, 0)),
+    before=((0, 0),),
+    after=((1, 0),),
+    motion=(((0, 0), (1, 0)),),
+    free=((0, 1), (1, 1)),
+    guards=(((0, 1), (1, 1)),),
+)
+PUSH = Generator(
+    "push",
+    support=((0, 0), (1, 0), (2, 0)),
+    trace=((0, 0), (1, 0), (2, 0)),
+    before=((0, 0), (1, 0)),
+    after=((1, 0), (2, 0)),
+    motion=(((1, 0), (2, 0)), ((0, 0), (1, 0))),
+)
+
+
+@pytest.mark.parametrize(
+    "site", [(0, 0), (0, 0, 0, 0), [0, 0, 1], (0, 0, True), (0, 0.0, 1), "abc"]
+)
+def test_a_site_of_a_lattice_is_integers(site: Any) -> None:
+    """As many as the lattice has entries, and neither booleans nor anything else."""
+    assert EDGES.check((3, -1, 1)) == (3, -1, 1)
+    with pytest.raises(InputError) as caught:
+        EDGES.check(site)
+    assert str(caught.value) == f"a site of lattice edges is 3 integers, found {site!r}"
+
+
+def test_a_translation_leaves_the_orbit_as_it_is() -> None:
+    """Only the first entries are moved, and there is none between two orbits."""
+    assert EDGES.shift((1, 2, 1), (10, -20)) == (11, -18, 1)
+    assert EDGES.between((1, 2, 1), (11, -18, 1)) == (10, -20)
+    assert EDGES.between((1, 2, 1), (11, -18, 0)) is None
+    assert HEXAGONS.between((1, 2), (0, 5)) == (-1, 3)
+    assert [(each.name, each.dimension, each.arity) for each in LATTICES.values()] == [
+        ("hexagons", 2, 2),
+        ("squares", 2, 2),
+        ("edges", 2, 3),
+    ]
+
+
+def test_a_generator_is_placed_with_all_that_it_says() -> None:
+    """Support, trace, local states, free sites and guards, each moved by as much."""
+    assert STEP.place(SQUARES, (5, 7)) == Action(
+        [(5, 7), (6, 7), (5, 8), (6, 8)],
+        [(5, 7), (6, 7)],
+        [(5, 7)],
+        [(6, 7)],
+        free=[(5, 8), (6, 8)],
+        guards=[((5, 8), (6, 8))],
+    )
+    assert STEP.place(SQUARES, (5, 7)).label == "step at [5, 7]"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"motion": ()}, "generator 'push': no module goes anywhere"),
+        ({"support": (), "trace": ()}, "generator 'push': a local state holds (0, 0), which"),
+        ({"trace": ()}, "generator 'push': the trace is empty"),
+        ({"motion": PUSH.motion[:1]}, "generator 'push': 'goes' must take every site of the"),
+        ({"motion": (((1, 0), (2, 0)), ((0, 0), (2, 0)))}, "generator 'push': 'goes' must take"),
+        ({"motion": (((1, 0), (2, 0)), ((1, 0), (1, 0)))}, "generator 'push': 'goes' must take"),
+    ],
+)
+def test_a_generator_says_where_each_of_its_modules_goes(
+    changes: dict[str, Any], message: str
+) -> None:
+    """From every site of the trace that is on before to every one that is on after."""
+    with pytest.raises(InputError, match=f"^{re.escape(message)}"):
+        replace(PUSH, **changes)
+
+
+def test_a_generator_may_read_what_stays_on() -> None:
+    """Only the sites of the trace have to go somewhere."""
+    held = replace(STEP, before=((0, 0), (0, 1)), after=((1, 0), (0, 1)), free=(), guards=())
+    assert held.place(SQUARES, (0, 0)).reads == {(0, 1), (1, 1)}
+
+
+def test_a_catalogue_is_of_generators_that_can_be_told_apart() -> None:
+    """At least one, no name twice, and all cells of the lattice."""
+    for generators, message in (
+        ((), "a catalogue has at least one generator, found none"),
+        ((STEP, PUSH, STEP), "generator 'step' stands twice in the catalogue"),
+    ):
+        with pytest.raises(InputError, match=f"^{message}$"):
+            Catalogue(SQUARES, generators)
+    with pytest.raises(InputError, match="a site of lattice edges is 3 integers"):
+        Catalogue(EDGES, (STEP,))
+
+
+def test_a_catalogue_is_its_lattice_and_generators() -> None:
+    """What follows from these is neither shown nor compared, so catalogues can be kept in sets."""
+    one, other = (Catalogue(SQUARES, (STEP, PUSH)) for _ in range(2))
+    assert {one} == {other}
+    assert one != Catalogue(SQUARES, (PUSH, STEP))
+    assert repr(one) == f"Catalogue(lattice={SQUARES!r}, generators={(STEP, PUSH)!r})"
+
+
+def test_a_module_proposes_each_generator_in_both_directions() -> None:
+    """In the order of the catalogue, there and back, each time from where its mover stands."""
+    catalogue = Catalogue(SQUARES, (STEP, PUSH))
+    assert catalogue.by_name == {"step": STEP, "push": PUSH}
+    found = catalogue.proposals((4, 4))
+    assert [(move.generator, move.at, move.motion) for move in found] == [
+        ("step", (4, 4), (((4, 4), (5, 4)),)),
+        ("step", (3, 4), (((4, 4), (3, 4)),)),
+        ("push", (3, 4), (((4, 4), (5, 4)), ((3, 4), (4, 4)))),
+        ("push", (2, 4), (((4, 4), (3, 4)), ((3, 4), (2, 4)))),
+    ]
+    assert [(move.source, move.target) for move in found] == [
+        ((4, 4), (5, 4)),
+        ((4, 4), (3, 4)),
+        ((4, 4), (5, 4)),
+        ((4, 4), (3, 4)),
+    ]
+    assert [move.action for move in found] == [
+        catalogue.place(move.generator, move.at)  # type: ignore[arg-type]
+        for move in found
+    ]
+    known = catalogue.place("step", (0, 0))
+    assert [move.action for move in catalogue.proposals((4, 4), lambda *_: known)] == [known] * 4
+
+
+def test_modules_of_another_orbit_propose_nothing() -> None:
+    """On the edges of a lattice a generator belongs to one axis, its mover's."""
+    step = Generator(
+        "along",
+        support=((0, 0, 1), (0, 1, 1)),
+        trace=((0, 0, 1), (0, 1, 1)),
+        before=((0, 0, 1),),
+        after=((0, 1, 1),),
+        motion=(((0, 0, 1), (0, 1, 1)),),
+    )
+    catalogue = Catalogue(EDGES, (step,))
+    assert catalogue.orbit((4, 5, 1)) == (0, 0, 1)
+    assert [move.at for move in catalogue.proposals((4, 5, 1))] == [(4, 5), (4, 4)]
+    assert catalogue.proposals((4, 5, 0)) == ()
+
+
+def test_a_move_is_possible_where_all_that_it_takes_along_stand() -> None:
+    """At the other end of its action the mover may stand, and the rest does not."""
+    there, back = Catalogue(SQUARES, (PUSH,)).proposals((1, 0))
+    assert [there.at, back.at] == [(0, 0), (-1, 0)]
+    assert there.possible({(0, 0), (1, 0)})
+    assert not there.possible({(1, 0), (2, 0)})
+    assert not there.possible({(1, 0)})
+    assert not back.possible({(-1, 0), (0, 0)})
+    assert back.possible({(0, 0), (1, 0)})
+    step, undone = Catalogue(SQUARES, (STEP,)).proposals((0, 0))
+    assert step.possible({(0, 0)})
+    assert not step.possible({(1, 0)})
+    assert not step.possible({(0, 0), (0, 1)})
+    assert undone.possible({(0, 0)})
+    assert not undone.possible({(-1, 0)})
 
 
 def euler(counts: list[int]) -> int:
@@ -99,7 +263,7 @@ def test_a_move_can_be_undone_by_the_same_module() -> None:
 
 
 Motion = tuple[tuple[Cell, Cell], ...]
-STEP = Generator(
+STRIDE = Generator(
     "step", ((0, 0), (1, 0)), ((0, 0), (1, 0)), ((0, 0),), ((1, 0),), (((0, 0), (1, 0)),)
 )
 
@@ -114,7 +278,7 @@ def test_a_cell_is_whole_numbers(cell: object) -> None:
 def test_names_of_generators_stand_once() -> None:
     """Two of one name could not be told apart in a file of moves."""
     with pytest.raises(InputError, match="generator 'step' stands twice in the catalogue"):
-        Catalogue(SQUARES, (STEP, replace(STEP, name="other"), STEP))
+        Catalogue(SQUARES, (STRIDE, replace(STRIDE, name="other"), STRIDE))
 
 
 @pytest.mark.parametrize(
@@ -130,4 +294,4 @@ def test_names_of_generators_stand_once() -> None:
 def test_modules_go_where_the_local_states_say(motion: Motion) -> None:
     """From every site of the trace that is on before, to one that is on after, and no other."""
     with pytest.raises(InputError, match="'step': 'goes' must take every site of the trace"):
-        replace(STEP, motion=motion)
+        replace(STRIDE, motion=motion)

@@ -10,9 +10,11 @@ from tempfile import TemporaryDirectory
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.records import Footer
+from mcap.writer import IndexType, Writer
 
 from cubepath.protocol.recordings.recording import (
     FLUSH_EVERY,
@@ -146,6 +148,121 @@ def test_damaged_parameters_are_named(closed: bool) -> None:
     assert found is not None
     assert found.parameters["seed"] == "6"
     assert any("parameters" in problem for problem in found.problems)
+
+
+def damages() -> dict[str, tuple[bytes, str]]:
+    """Return damaged recordings by name, each with the problem that is to be told."""
+    whole, killed = files()
+    size, end = len(whole), len(killed)
+    counted = "4 chunks and 200 messages could be read before it"
+    magic = "expected it to begin with the magic of MCAP"
+    read = "all messages could be read"
+    return {
+        "nothing": (b"", f"truncated within its first bytes: {magic}"),
+        "part of the magic": (MAGIC[:3], f"truncated within its first bytes: {magic}"),
+        "another file": (b"{}", f"not an MCAP file: {magic}"),
+        "killed": (killed, f"truncated at byte {end} of {end}: {counted}"),
+        "head cut": (killed + b"\x06\x00", f"truncated at byte {end} of {end + 2}: {counted}"),
+        "body cut": (
+            killed + b"\x06" + (9).to_bytes(8, "little") + b"x",
+            f"truncated at byte {end} of {end + 10}: {counted}",
+        ),
+        "no record": (killed + b"w" * 9, f"corrupt at byte {end} of {end + 9}: {counted}"),
+        "no opcode": (killed + bytes(9), f"corrupt at byte {end} of {end + 9}: {counted}"),
+        "magic after": (
+            killed + b"w" * 9 + MAGIC,
+            f"corrupt at byte {end} of {end + 17}: {counted}",
+        ),
+        "magic cut": (
+            whole[:-1],
+            f"truncated at byte {size - 1}: the closing magic is missing; {read}",
+        ),
+        "footer cut": (
+            whole[:-12],
+            f"truncated at byte {size - 12}: the closing magic is missing; {read}",
+        ),
+        "more": (whole + b"m", f"corrupt: 1 bytes follow after the end; {read}"),
+        "summary": (
+            flipped(whole, size - 60),
+            f"corrupt: the summary from byte {summary_of(whole)} on does not hold; {read}",
+        ),
+        "header": (flipped(whole, 25), "corrupt: the CRC of the data section does not hold"),
+    }
+
+
+def summary_of(data: bytes) -> int:
+    """Return where the summary of a closed recording begins."""
+    footer = Footer.read(ReadDataStream(BytesIO(data[-len(MAGIC) - 20 :])))
+    return int(footer.summary_start)
+
+
+@pytest.mark.parametrize("name", damages())
+def test_what_is_wrong_is_said_once_and_where(name: str) -> None:
+    """One problem, with its place; whatever else there is has been read."""
+    data, problem = damages()[name]
+    found = salvage(data)
+    assert found.problems == [problem]
+    if data.startswith(MAGIC):
+        count = 200 if "200 messages" in problem else 240
+        assert [message.sequence for message in found.messages] == list(range(count))
+        assert len(found.topics) == 6
+        assert [each.name for each in found.metadata] == ["cubepath"]
+        assert len(found.attachments) == 1
+
+
+def test_a_chunk_must_have_a_checksum_and_a_size_that_can_be() -> None:
+    """One without a CRC is not believed, one that claims gigabytes is not unpacked."""
+    out = BytesIO()
+    writer = Writer(out, enable_crcs=False)
+    writer.start()
+    channel = writer.register_channel("a", "json", 0)
+    writer.add_message(channel, 1, b"{}", 2, 0)
+    writer.finish()  # type: ignore[no-untyped-call]
+    found = salvage(out.getvalue())
+    assert "chunk 1 (log times 1 to 1) cannot be read: it has no checksum" in found.problems[0]
+    assert found.messages == []
+    whole = files()[0]
+    start, _ = chunks_of(whole)[1]
+    size = start - 28  # before it: size, CRC, and the compression's name of 4 with its length
+    assert 0 < int.from_bytes(whole[size : size + 8], "little") < 1 << 20
+    huge = whole[:size] + (2 << 30).to_bytes(8, "little") + whole[size + 8 :]
+    said = f"cannot be read: it claims to hold {2 << 30} bytes"
+    (problem,) = salvage(huge).problems
+    assert problem.endswith(said)
+    assert problem.startswith(f"corrupt at byte {start - 53}: chunk 2 (log times ")
+
+
+def test_a_chunk_whose_head_is_damaged_is_named_without_times() -> None:
+    """What cannot be read of its head is not taken from the chunk before; a reason is given."""
+    whole = files()[0]
+    start, _ = chunks_of(whole)[1]
+    name = start - 16  # the length of the compression's name
+    assert whole[name : name + 8] == b"\x04\x00\x00\x00zstd"
+    (problem,) = salvage(whole[:name] + b"\xff" * 4 + whole[name + 4 :]).problems
+    assert problem.startswith(f"corrupt at byte {start - 53}: chunk 2 cannot be read: ")
+    assert not problem.endswith(": ")
+
+
+def test_a_recording_needs_no_summary() -> None:
+    """Another writer may leave it out: the footer says so, and there is no problem."""
+    out = BytesIO()
+    writer = Writer(
+        out,
+        index_types=IndexType.NONE,
+        repeat_channels=False,
+        repeat_schemas=False,
+        use_statistics=False,
+        use_summary_offsets=False,
+    )
+    writer.start()
+    channel = writer.register_channel("a", "json", 0)
+    writer.add_message(channel, 1, b"{}", 2, 0)
+    writer.finish()  # type: ignore[no-untyped-call]
+    assert summary_of(out.getvalue()) == 0
+    found = salvage(out.getvalue())
+    assert found.problems == []
+    assert [message.data for message in found.messages] == [b"{}"]
+    assert list(found.topics.values()) == ["a"]
 
 
 def test_bytes_after_the_end_are_named() -> None:

@@ -21,17 +21,20 @@ Where the printed text falls short, and what `mended_time_geodesic` does about i
   normal cube path has six.
 - A genuine cube path to start with does not help: a call may itself leave a common edge inside,
   where cubes have vanished and their neighbours meet. The tests hold a genuine path of ten cubes
-  of which the printed text makes seven where the normal cube path has six. What does hold: if a
-  call leaves the length of a *genuine* cube path as it is, then no path of the class is shorter.
-  For then each cube holds an action that one of the cube before did not let pass, down from the
-  last cube to the first, and neither can cancel: their equals would have to pass the other.
+  of which the printed text to the letter makes seven where the normal cube path has six.
+  What does hold: if a call leaves the length of a *genuine* cube path as it is, then no path of the
+  class is shorter. For then each cube holds an action that one of the cube before did not let pass,
+  down from the last cube to the first, and neither can cancel: their equals would have to pass the
+  other.
 - What TimeGeodesic returns when it does succeed is a shortest cube path, not yet the normal one:
   that is the fixed point of ShrinkCubePath. `mended_time_geodesic` goes on until nothing changes.
 - Its cost is argued from the sum of the dimensions, which is said to fall in every loop. Commute
   keeps that sum, only cancellation lowers it. What falls whenever something changes is the sum of
   i * dim(C_i), as the proof of the theorem says: see `weight`.
-- Whether i follows its cube when ExciseTrivial takes one out before it is not said. Here i keeps
-  its value, as printed; a pair that is passed over so is seen in the next call.
+- What i is after ExciseTrivial has taken cubes out and reindexed the path is not said. `READINGS`
+  has four answers. ``[a], [b], [a]`` comes out with two cubes in each of them. The path of ten
+  cubes comes out with seven where i keeps its value or goes to the next cube, and with six, as it
+  should, where i steps back or is 1 again. In no reading is the result ever too short.
 
 The star condition of the definition is to be read at the vertex between two cubes, in the universal
 cover: see `cubepath.coordinator.normal_form.definitions.is_normal`. That is what Commute does, by
@@ -43,7 +46,7 @@ Coordinator; touches nothing. The paper counts cubes from 1, the code from 0.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 from cubepath.protocol.core.actions import Action, commute
 
@@ -51,6 +54,16 @@ Cube: TypeAlias = list[Action]
 """A cube: its actions, in the order in which they came to it."""
 CubePath: TypeAlias = list[Cube]
 """A cube path: its cubes in order."""
+Reading: TypeAlias = Literal["keeps", "follows", "steps back", "restarts"]
+"""What i is after cubes have been taken out of the path, see `READINGS`."""
+
+READINGS: dict[Reading, str] = {
+    "keeps": "i keeps its value",
+    "follows": "i stays with its cube, or with the next one if that is gone",
+    "steps back": "i stays with its cube, or with the one before if that is gone",
+    "restarts": "i is 1 again",
+}
+"""The readings of the reindexing in ExciseTrivial; the first is the text to the letter."""
 
 
 def Commute(cube: Sequence[Action], following: Sequence[Action]) -> Cube:  # noqa: N802 - the paper's name
@@ -84,11 +97,14 @@ def CommonEdge(path: CubePath, before: int, place: int) -> None:  # noqa: N802 -
         path[place] = [action for action in path[place] if action not in common]
 
 
-def ShrinkCubePath(cubes: Iterable[Iterable[Action]]) -> CubePath:  # noqa: N802 - the paper's name
+def ShrinkCubePath(  # noqa: N802 - the paper's name
+    cubes: Iterable[Iterable[Action]], reading: Reading = "keeps"
+) -> CubePath:
     """Return the cube path after one call of algorithm ShrinkCubePath, as printed.
 
-    What commutes with a cube moves into it from the next one. Numbers are the lines of the paper.
-    The input is left as it is. Shrinking a path that is already normal changes nothing.
+    What commutes with a cube moves into it from the next one. Numbers are the lines of the paper,
+    and `reading` says what i is after cubes have been taken out. The input is left as it is.
+    Shrinking a path that is already normal changes nothing.
     """
     path = [list(cube) for cube in cubes]
     i = 0  # 1
@@ -98,21 +114,40 @@ def ShrinkCubePath(cubes: Iterable[Iterable[Action]]) -> CubePath:  # noqa: N802
             path[i] = path[i] + moved  # 3
             gone = set(moved)
             path[i + 1] = [action for action in path[i + 1] if action not in gone]  # 4
-        ExciseTrivial(path, i + 1)  # 5
+        if not path[i + 1]:
+            ExciseTrivial(path, i + 1)  # 5
+            i = 0 if reading == "restarts" else i
         if i > 0:
             CommonEdge(path, i - 1, i)  # 6
+            before, own = not path[i - 1], not path[i]
             ExciseTrivial(path, i - 1, i)  # 7
+            i = _reindexed(i, reading, before=before, own=own)
         if not moved:
             i += 1  # 8
     return path
 
 
-def TimeGeodesic(cubes: Iterable[Iterable[Action]]) -> CubePath:  # noqa: N802 - the paper's name
+def _reindexed(i: int, reading: Reading, *, before: bool, own: bool) -> int:
+    """Return what i is after the cube before it, or its own, or both have been taken out."""
+    match reading:
+        case "keeps":
+            return i
+        case "follows":
+            return i - before
+        case "steps back":
+            return max(0, i - before - own)
+        case "restarts":
+            return 0 if before or own else i
+
+
+def TimeGeodesic(  # noqa: N802 - the paper's name
+    cubes: Iterable[Iterable[Action]], reading: Reading = "keeps"
+) -> CubePath:
     """Return what algorithm TimeGeodesic makes of a cube path, as printed.
 
     A homotopic path, never longer, and the shortest unless a common edge is inside before the last
     call: the module's docstring says when. An edge path is given as cubes of one action. Costs O(N)
-    calls of ShrinkCubePath, each of O(N) calls of Commute.
+    calls of ShrinkCubePath, each of O(N) calls of Commute unless i restarts.
 
     >>> a, b = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> TimeGeodesic([[a], [b]]) == [[a, b]]
@@ -123,7 +158,7 @@ def TimeGeodesic(cubes: Iterable[Iterable[Action]]) -> CubePath:  # noqa: N802 -
     path = [list(cube) for cube in cubes]
     while True:
         length = len(path)  # 1
-        path = ShrinkCubePath(path)  # 2
+        path = ShrinkCubePath(path, reading)  # 2
         if len(path) == length:  # 3
             return path
 

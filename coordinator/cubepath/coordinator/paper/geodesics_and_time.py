@@ -12,6 +12,7 @@ from cubepath.coordinator.complexes.state_complexes import StateComplex, state_c
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.paper.algorithms import (
+    READINGS,
     Commute,
     ShrinkCubePath,
     TimeGeodesic,
@@ -201,26 +202,20 @@ def _rounds_of_shortening() -> Outcome:
     expected=False,
 )
 def _printed_gap() -> Outcome:
-    legs = [toggle(f"p{n}", f"p{n + 1}") for n in range(-1, 3)]
-    out, back = legs[1:], legs[:0:-1]
-    other = [[toggle(f"q{n}", f"q{n + 1}")] for n in range(6)]
-    path = [[one, *two] for one, two in zip([*out, *back, legs[0]], [*other, []], strict=True)]
-    # Three cubes put in between, which are no common edges, make it a genuine cube path.
-    between = Action(["a", "p3", "q3"], ["a"], [], ["a"], label="a")
-    passing = Action(["d", "q1"], ["d"], [], ["d"], label="d")
-    path[2].append(passing)
-    path[3:3] = [[between], [passing], [between]]
-    genuine = [set(cube) for cube in genuine_cube_path(path)] == [set(cube) for cube in path]
-    printed = TimeGeodesic(path)
+    one, other = toggle("a"), toggle("b")
+    path = [[one], [other], [one]]
+    genuine = genuine_cube_path(path) == path
     normal = normal_cube_path(action for cube in path for action in cube)
-    mended = mended_time_geodesic(path)
+    found = {reading: len(TimeGeodesic(path, reading)) for reading in READINGS}
+    readings = ", ".join(f"{found[reading]} if {said}" for reading, said in READINGS.items())
     return (
         (
-            f"a {'genuine ' * genuine}cube path of {len(path)} cubes comes out with {len(printed)},"
-            f" the normal one of its class has {len(normal)}; mended it comes out with"
-            f" {len(mended)}"
+            f"[a], [b], [a] with commuting a and b is a {'genuine ' * genuine}cube path, and the"
+            f" normal one of its class has {len(normal)} cube. Once cubes are taken out, the text"
+            f" leaves open what i is; the path comes out with {readings}; mended it comes out with"
+            f" {len(mended_time_geodesic(path))}"
         ),
-        len(printed) == len(normal) or not genuine,
+        len(normal) in found.values() or not genuine,
     )
 
 

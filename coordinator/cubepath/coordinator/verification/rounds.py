@@ -81,8 +81,8 @@ class Rederivation:
         before = list(self.sites)
         self._execute(where, moves)
         self._check_sites(said.reports, before)
-        for module in sorted(said.reports):
-            placed = said.reports[module].move
+        for module, report in said.reports.items():
+            placed = report.move
             if placed is not None:
                 self.executed.append((number, Executed(module, placed.generator, placed.at)))
 
@@ -114,8 +114,8 @@ class Rederivation:
 
     def _moves(self, where: str, reports: Mapping[int, Report]) -> Moves:
         moves: Moves = {}
-        for module in sorted(reports):
-            placed = reports[module].move
+        for module, report in reports.items():
+            placed = report.move
             if placed is None:
                 continue
             move = self._move(module, placed.generator, placed.at)

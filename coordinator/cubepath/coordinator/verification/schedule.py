@@ -79,7 +79,7 @@ def _made(said: Round) -> _Moves:
 def _gave_up(said: Round) -> list[tuple[int, str]]:
     return [
         (module, report.failed)
-        for module, report in sorted(said.reports.items())
+        for module, report in said.reports.items()
         if report.failed is not None
     ]
 

@@ -41,7 +41,10 @@ Fail = Callable[[str, str], None]
 
 @dataclass(slots=True)
 class Round:
-    """What modules said in a round, by kind and speaker, and what they reported at its end."""
+    """What modules said in a round, by kind and speaker, and what they reported at its end.
+
+    Both in the order of their keys.
+    """
 
     said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
     reports: dict[int, Report] = field(default_factory=dict)
@@ -76,6 +79,10 @@ def transcript_of(recording: Recording, fail: Fail) -> Transcript:
         message = _message(record, fail)
         if message is not None:
             _sort(found, message, len(recording.scene.start), fail)
+    for this in found.rounds.values():
+        # What is said of them is the same whatever the order of arrival.
+        this.said = dict(sorted(this.said.items()))
+        this.reports = dict(sorted(this.reports.items()))
     modules = set(range(len(recording.scene.start)))
     while found.rounds.get(found.complete_rounds + 1, Round()).reports.keys() == modules:
         found.complete_rounds += 1

@@ -1,0 +1,173 @@
+"""Change the source here and there, and see whether the tests notice.
+
+With cubepath installed: ``python tests/mutation.py [--sample 300] [--seed 1] [-n 1]
+[--only FILE]``.
+
+A sample of mutants, the same for the same seed, is drawn from the files of `MIRRORED`. Each is run
+against the tests that mirror its file: those that are fast, and where they notice nothing the slow
+ones. What survives is listed with its file, line and change: a test is missing, or the mutant is
+equivalent. Modules compiled by numba are not among the files. Exit code 1 where less than 95% of
+the sample is found, 2 where the tests fail on the source as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from random import Random
+
+from cubepath.coordinator.commands.console import (
+    BAD_INPUT,
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    complain,
+)
+from cubepath.coordinator.commands.progress import progress_bar
+from mutants import ROOT, Trial, Verdict, mutations_of, run_trials
+
+_VERIFICATION = "coordinator/cubepath/coordinator/verification"
+_RECORDED = ("tests/coordinator/verification/test_recording.py",)
+MIRRORED: dict[str, tuple[str, ...]] = {
+    "protocol/cubepath/protocol/core/actions.py": ("tests/protocol/core/test_actions.py",),
+    "protocol/cubepath/protocol/core/catalogue.py": ("tests/protocol/core/test_catalogue.py",),
+    "protocol/cubepath/protocol/recordings/salvaging.py": (
+        "tests/protocol/recordings/test_salvaging.py",
+    ),
+    "agents/cubepath/agents/local/observation.py": ("tests/agents/local/test_observation.py",),
+    "coordinator/cubepath/coordinator/normal_form/heap.py": (
+        "tests/coordinator/normal_form/test_heap.py",
+    ),
+    "coordinator/cubepath/coordinator/search/lower_bounds.py": (
+        "tests/coordinator/search/test_lower_bounds.py",
+    ),
+    f"{_VERIFICATION}/certificate.py": (
+        "tests/coordinator/shortening/test_explain.py",
+        *_RECORDED,
+    ),
+    f"{_VERIFICATION}/proof.py": (
+        "tests/coordinator/verification/test_proof.py",
+        "tests/coordinator/normal_form/test_certificate.py",
+    ),
+    f"{_VERIFICATION}/recording.py": _RECORDED,
+    f"{_VERIFICATION}/rounds.py": _RECORDED,
+    f"{_VERIFICATION}/schedule.py": (
+        "tests/coordinator/verification/test_schedule.py",
+        *_RECORDED,
+    ),
+    f"{_VERIFICATION}/transcript.py": _RECORDED,
+}
+"""The files that are changed, each with the tests that are to notice."""
+FOUND_LEAST = 0.95
+SECONDS_LEAST = 10.0
+"""The least processor time that a mutant gets; otherwise thrice that of the source as it is."""
+BASELINE_SECONDS = 600.0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a sample of mutants and print the report."""
+    options = _parser().parse_args(arguments)
+    files = [options.only] if options.only else list(MIRRORED)
+    every = [(file, number) for file in files for number in range(len(mutations_of(file)))]
+    count = min(options.sample, len(every))
+    sample = sorted(Random(options.seed).sample(every, count))  # noqa: S311 - to be repeated
+    left = sample
+    for slow in (False, True) if sample else ():
+        seconds = _seconds_as_it_is(sorted({file for file, _ in left}), options.n, slow=slow)
+        if seconds is None:
+            return BAD_INPUT
+        left = _survivors(left, seconds, options.n, slow=slow)
+    print(_report(sample, left))
+    return DONE if len(left) <= (1 - FOUND_LEAST) * len(sample) else FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description="Change the source, and see if tests notice.")
+    parser.add_argument("--sample", type=int, default=300, help="how many mutants (default 300)")
+    parser.add_argument("--seed", type=int, default=1, help="which sample (default 1)")
+    parser.add_argument("-n", type=int, default=1, help="how many processes (default 1)")
+    parser.add_argument("--only", choices=MIRRORED, metavar="FILE", help="mutants of this file")
+    return parser
+
+
+def _seconds_as_it_is(
+    files: Iterable[str], processes: int, *, slow: bool
+) -> dict[str, float] | None:
+    """Return the processor time of each file's tests, of those that have any of this kind.
+
+    None, with a complaint, where a test fails.
+    """
+    found: dict[str, float] = {}
+    trials = [Trial(file, None, MIRRORED[file], slow, BASELINE_SECONDS) for file in files]
+    for trial, verdict in _shown(trials, processes, f"{_kind(slow=slow)} tests as they are"):
+        if not verdict.passed:
+            complain(f"{' '.join(trial.tests)}: they fail on the source as it is, expected not")
+            complain(verdict.output)
+            return None
+        if not verdict.empty:
+            found[trial.file] = verdict.seconds
+    return found
+
+
+def _survivors(
+    mutants: Sequence[tuple[str, int]], seconds: dict[str, float], processes: int, *, slow: bool
+) -> list[tuple[str, int]]:
+    """Return the mutants of which these tests notice nothing."""
+    trials = [
+        Trial(file, number, MIRRORED[file], slow, max(SECONDS_LEAST, 3 * seconds[file]))
+        for file, number in mutants
+        if file in seconds
+    ]
+    found = {
+        (trial.file, trial.number)
+        for trial, verdict in _shown(trials, processes, f"{_kind(slow=slow)} tests of mutants")
+        if not verdict.passed
+    }
+    return [mutant for mutant in mutants if mutant not in found]
+
+
+def _kind(*, slow: bool) -> str:
+    return "slow" if slow else "fast"
+
+
+def _shown(trials: Sequence[Trial], processes: int, what: str) -> Iterable[tuple[Trial, Verdict]]:
+    """Yield what comes of the trials, under a progress bar."""
+    with progress_bar(len(trials), what, " trials") as bar:
+        for trial, verdict in run_trials(trials, processes):
+            bar.update()
+            yield trial, verdict
+
+
+def _report(sample: Sequence[tuple[str, int]], left: Sequence[tuple[str, int]]) -> str:
+    """Return how many were found by file, and each survivor in a line."""
+    drawn, survived = Counter(file for file, _ in sample), Counter(file for file, _ in left)
+    lines = [f"{drawn[file] - survived[file]:4} of {drawn[file]:4} found  {file}" for file in drawn]
+    for file, number in left:
+        change = mutations_of(file)[number]
+        lines.append(f"{file}:{change.line}: {change.before}  ->  {change.after}")
+    found = len(sample) - len(left)
+    share = found / len(sample) if sample else 1
+    return "\n".join([*lines, f"{found} of {len(sample)} mutants found, {share:.1%}"])
+
+
+def _ended(number: int, frame: object) -> None:
+    """End as after an interrupt, so that no mutant is left running."""
+    del number, frame
+    raise KeyboardInterrupt
+
+
+if __name__ == "__main__":
+    if os.environ.get("PYTHONHASHSEED") != "0":  # the order of sets is the same each time
+        environment = {**os.environ, "PYTHONHASHSEED": "0"}
+        os.execve(sys.executable, [sys.executable, *sys.argv], environment)  # noqa: S606 - this one
+    os.chdir(ROOT)
+    signal.signal(signal.SIGTERM, _ended)
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        complain("interrupted")
+        sys.exit(INTERRUPTED)
