@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -310,6 +311,17 @@ def test_moves_that_stand_for_themselves_are_improved_by_one_another(tmp_path: P
     assert beyond(task_of(found), found).optimal is False
 
 
+def test_a_move_that_cancelled_is_told_from_others_of_its_id(tmp_path: Path) -> None:
+    """Where all ids are alike, the improved path names the move of the input that it means."""
+    path = loop(tmp_path / "ring.jsonl")
+    lines = [json.loads(line) | {"id": "step"} for line in path.read_text().splitlines()]
+    write_lines(path, lines)
+    found = shorten(path)
+    known = beyond(task_of(found), found, iterations=30)
+    assert known.improved == 1
+    assert known.named == ((("step", 6),),)
+
+
 def test_moves_without_contents_cannot_be_looked_beyond(tmp_path: Path) -> None:
     """The line says what is missing; so it does for moves that the system does not have."""
     path = tmp_path / "named.jsonl"
@@ -343,8 +355,6 @@ def test_the_command_line_says_which_gap_is_left(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Keys only where they are asked for, the improved path in the file, misuse refused."""
-    import json
-
     path = loop(tmp_path / "ring.jsonl")
     code, out, _ = run(capsys, "shorten", path, "--json")
     assert (code, "improved" in json.loads(out)) == (0, False)

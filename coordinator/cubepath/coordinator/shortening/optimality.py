@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
+import numpy as np
+
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search.anytime import CubePath, Improved, improve
@@ -30,7 +32,7 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Bound, System
-from cubepath.protocol.path_files.moves import CubeName, id_of
+from cubepath.protocol.path_files.moves import CubeName
 
 State = frozenset[Site]
 
@@ -389,10 +391,17 @@ def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[CubeNam
     def name(action: Action) -> CubeName:
         if action not in known:
             placed = None if task.system is None else _placed(task.system, action)
-            known[action] = id_of(action) if placed is None else placed
+            known[action] = _in_input(found.given, action) if placed is None else placed
         return known[action]
 
     return tuple(tuple(map(name, cube)) for cube in cubes)
+
+
+def _in_input(given: PathInput, action: Action) -> CubeName:
+    """Return the name of the first move of the input that does this, all of which may cancel."""
+    numbered = given.numbered
+    first = np.flatnonzero(numbered.numbers == numbered.actions.index(action))[:1]
+    return numbered.cube_names(first)[0]
 
 
 def _placed(system: System, action: Action) -> GeneratorPlacement | None:
