@@ -31,8 +31,8 @@ class Interrupts:
     """Makes SIGTERM and SIGHUP act like SIGINT, and remembers whether a signal came.
 
     The exception lets half-written files be removed. The flag is needed because a compiler may
-    swallow the exception. Outside the main thread nothing is changed, nor is a signal that already
-    has a handler of its own.
+    swallow the exception. It does nothing outside the main thread, and leaves signals alone that
+    already have another handler.
     """
 
     def __init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The cliques of a small graph, one after the other, for compiled code."""
+"""The cliques of a small graph, one after another, for compiled code."""
 
 from __future__ import annotations
 

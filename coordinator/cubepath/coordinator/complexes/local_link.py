@@ -27,7 +27,7 @@ def actions_at(scene: Scene, state: State) -> list[Action]:
 
 
 def spans_cube(scene: Scene, state: State, actions: Sequence[Action]) -> bool:
-    """Return whether actions that are admissible at the state span a cube: all corners exist."""
+    """Return whether actions admissible at the state span a cube: all its corners are states."""
     if not all(commute(one, other) for one, other in combinations(actions, 2)):
         return False
     if scene.system.local:

@@ -47,7 +47,7 @@ _READABLE, _SPECK = 10.5, 5.0
 """In points: the least width of a cell with a readable number; below the second it is a speck."""
 _QUIET, _BAND, _EDGES = "#6d727a", "#f4f5f6", "#b9bdc3"
 _SWATCH: Colour = (0.35, 0.37, 0.4)
-"""In the legend of the schedule, stands for the colour of any module; no module has it."""
+"""Stands for the colour of any module in the legend of the schedule; no module has it."""
 
 
 def run_picture(

@@ -158,7 +158,7 @@ class Transitions:
                     for end in (0, 1)
                     if all(source in move.action.ends[end] for source, _ in move.motion)
                 ]
-                # A site without moves so far may learn of one later.
+                # A site that had no moves so far may get one later.
                 self._still &= ~(1 << self.bit(move.source))
         if not self._rows[bit]:
             self._still |= 1 << bit

@@ -20,7 +20,7 @@ _Moves = set[tuple[str, Site | None]]
 
 
 def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> None:
-    """Check that the rounds are the cubes of the schedule, and that the reports explain its stop.
+    """Check that the rounds are the cubes of the schedule, and that its stop fits the reports.
 
     In a round in which one module cannot make its move, the others make theirs. Rounds after the
     schedule are not checked here.
