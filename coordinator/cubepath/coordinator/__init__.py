@@ -1,10 +1,10 @@
 """Coordinator: the global view, from launching a run to its shortest schedule and its record.
 
-Room: coordinator; imports the protocol, and of the agents what starts, names and draws them. Here
-is what a user needs of it: run, replay and verify, shorten and convert, certificates and
-timetables, complexes and what space they are, searches past the homotopy class with their bounds,
-pictures, and the paper's claims. Inside the project names are imported from the modules that define
-them.
+Room: coordinator; imports the protocol, and from the agents only what starts, names and draws them.
+It offers what a user needs: run, replay and verify, shorten and convert, certificates and
+timetables, complexes and their topology, searches past the homotopy class with their bounds,
+pictures, and the paper's claims. Inside the project, import each name from the module that defines
+it.
 
 | room | holds | may import |
 |---|---|---|

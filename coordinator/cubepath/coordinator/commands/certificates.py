@@ -1,4 +1,4 @@
-"""What ``cubepath shorten`` proves and times, and how ``cubepath verify`` checks what it proved.
+"""The certificates and timetables of ``cubepath shorten``, and how ``cubepath verify`` checks them.
 
 Room: coordinator.
 """
@@ -84,7 +84,7 @@ def add_certificate_options(verify: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Explained:
-    """What came of the options: keys for ``--json``, rows and lines for people, a timetable."""
+    """The results of the options: keys for ``--json``, rows and lines for people, a timetable."""
 
     document: dict[str, Any]
     rows: tuple[tuple[str, object], ...] = ()
@@ -93,10 +93,10 @@ class Explained:
 
 
 def explain(options: argparse.Namespace, found: Shortened) -> Explained:
-    """Do what the options ask for, which may be nothing; a certificate is written.
+    """Do what the options ask for, which may be nothing; write the certificate if they ask for it.
 
-    InputError where a file cannot be read or written; CheckError where the certificate does not
-    hold, which would be an error of this program.
+    InputError if a file cannot be read or written; CheckError if the certificate does not hold,
+    which would be a bug in this program.
     """
     durations = _durations(options)
     if not options.explain and options.certificate is None and durations is None:
@@ -166,7 +166,7 @@ def _durations(options: argparse.Namespace) -> Durations | None:
 
 
 def check_explain_options(options: argparse.Namespace) -> None:
-    """See that the options go together; InputError where they do not."""
+    """Check that the options fit together; InputError if they do not."""
     timed = options.durations is not None or bool(options.duration)
     given = "--certificate" if options.certificate is not None else "--duration"
     beyond = improving(options)
@@ -187,7 +187,7 @@ def check_explain_options(options: argparse.Namespace) -> None:
 
 
 def is_of_a_path(options: argparse.Namespace) -> bool:
-    """Tell whether what is to be verified is a certificate; InputError where --of is missing."""
+    """Return whether a certificate is to be verified; InputError if --of is missing."""
     if options.of is not None:
         return True
     for log in options.logs:
@@ -199,7 +199,7 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
 
 
 def verify_certificate(options: argparse.Namespace) -> int:
-    """Check a certificate against its path: what ``cubepath verify LOG --of INPUT`` does."""
+    """Check a certificate against its path, as ``cubepath verify LOG --of INPUT`` does."""
     from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
     from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
         check_certificate,

@@ -198,7 +198,7 @@ def _paper(options: argparse.Namespace) -> int:
             compute_claims(claims, note)
         except KeyboardInterrupt:
             bar.close()
-            _say_rows(options, rows)  # what was computed is not lost
+            _say_rows(options, rows)  # keep what was computed
             raise
     _say_rows(options, rows)
     wrong = [row for row in rows if not row.as_expected]

@@ -1,4 +1,4 @@
-"""What every command says and how: answers, tables, progress bars, complaints, exit codes.
+"""The output of commands: answers, tables, complaints, exit codes.
 
 Standard output and standard error may be full, closed, or a pipe that nobody reads any more.
 """
@@ -22,20 +22,21 @@ from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 CLOSED_PIPE = 141
-"""As a shell tells it of a program that SIGPIPE has ended."""
+"""The exit code that a shell reports for a program killed by SIGPIPE."""
 
 SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
 
 
 class Interrupts:
-    """Turns SIGTERM and SIGHUP into what SIGINT is, and remembers whether one came.
+    """Makes SIGTERM and SIGHUP act like SIGINT, and remembers whether a signal came.
 
-    So files that are half written are taken away again; and a compiler may swallow the exception.
-    Outside the main thread, or where somebody handles the signals already, it does nothing.
+    The exception lets half-written files be removed. The flag is needed because a compiler may
+    swallow the exception. It does nothing outside the main thread, and leaves signals alone that
+    already have another handler.
     """
 
     def __init__(self) -> None:
-        """Begin with none."""
+        """Begin without a signal."""
         self.came = False
         self._before: dict[int, Any] = {}
 
@@ -58,10 +59,10 @@ class Interrupts:
 
 
 def prepare_streams() -> None:
-    """Make standard streams that are closed harmless; CheckError where standard output is.
+    """Replace closed standard streams; CheckError if standard output is closed.
 
-    Otherwise the next file that is opened would take the number of the stream, and get what
-    somebody writes there.
+    Otherwise the next file that is opened would get the file descriptor of the stream, and receive
+    what is written to the stream.
     """
     for number in range(3):
         try:
@@ -75,12 +76,12 @@ def prepare_streams() -> None:
 
 
 def is_closed(stream: TextIO | None) -> bool:
-    """Tell whether a standard stream was closed when Python began, whatever its type says."""
+    """Return whether a standard stream was closed when Python started, whatever its type says."""
     return stream is None
 
 
 def silence(stream: TextIO) -> None:
-    """Send what is still to be written to a stream nowhere: Python would try it again at exit."""
+    """Discard the unwritten output of a stream, which Python would try to write again at exit."""
     with contextlib.suppress(OSError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())
@@ -88,12 +89,12 @@ def silence(stream: TextIO) -> None:
 
 
 def complain(what: object) -> None:
-    """Say something in one line on standard error."""
+    """Write one line to standard error."""
     _note(f"cubepath: {what}")
 
 
 def _note(text: str) -> None:
-    """Write a text to standard error; where that takes nothing, nothing is said."""
+    """Write a text to standard error, or silence it if it cannot be written to."""
     try:
         print(text, file=sys.stderr, flush=True)
     except OSError:
@@ -103,7 +104,7 @@ def _note(text: str) -> None:
 def say(text: str, end: str = "\n") -> None:
     """Write a text to standard output.
 
-    CheckError where it cannot be written, BrokenPipeError where nobody reads it any more.
+    CheckError if it cannot be written, BrokenPipeError if nobody reads it any more.
     """
     try:
         print(text, end=end, flush=True)
@@ -116,9 +117,9 @@ def say(text: str, end: str = "\n") -> None:
 
 
 def answer(options: argparse.Namespace, document: object, text: str) -> None:
-    """Print the answer of a command: the document with --json, else the text; errors of `say`.
+    """Print the answer of a command: the document with --json, else the text; errors as for `say`.
 
-    Where standard output has what the command was to write, the text goes to standard error.
+    If the output of the command itself goes to standard output, the text goes to standard error.
     """
     if getattr(options, "output", None) == STANDARD_OUTPUT:
         _note(text)

@@ -1,6 +1,6 @@
-"""The files that a command names: what `-` means, and no output in the place of an input.
+"""The files that a command names: the meaning of `-`, and that no output overwrites an input.
 
-Room: coordinator. All is checked before the work begins, which may be long.
+Room: coordinator. Everything is checked before the work begins, which may take long.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cubepath.protocol.core.output_files import (
 )
 
 PATH_SUFFIXES = (".jsonl", ".npz")
-"""What files of moves and cubes are called: JSON Lines, and the binary form."""
+"""The suffixes of files of moves and cubes: JSON Lines, and the binary form."""
 
 
 def input_path(text: str) -> Path:
@@ -34,7 +34,7 @@ def output_path(text: str) -> Path:
 
 
 def file_name(path: Path) -> str:
-    """Return how an answer calls a file."""
+    """Return the name of a file in an answer."""
     return {STANDARD_INPUT: "standard input", STANDARD_OUTPUT: "standard output"}.get(
         path, str(path)
     )
@@ -42,9 +42,9 @@ def file_name(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A file to write: its path, None where none is asked for, and the suffixes that it may have.
+    """A file to write: its path, None if none is asked for, and the suffixes that it may have.
 
-    With `stream` it can be standard output, and a pipe or a device of any name.
+    With `stream` it can also be standard output, or a pipe or device of any name.
     """
 
     path: Path | None
@@ -55,10 +55,10 @@ class Output:
 def check_files(
     options: argparse.Namespace, inputs: Iterable[Path | None], *outputs: Output
 ) -> None:
-    """See that no file is read and written, or written twice; InputError where one is.
+    """Check that no file is both read and written, or written twice; InputError if one is.
 
-    The files of ``--system``, ``--with`` and of SYSTEM are inputs besides. Every output is one that
-    can be written, under a name that says what it is, and is no recording.
+    The files of ``--system``, ``--with`` and SYSTEM count as inputs too. Every output must be
+    writable, must have a suffix that fits its content, and must not be an existing recording.
     """
     read = [path for path in inputs if path is not None]
     read += getattr(options, "companions", [])
@@ -85,9 +85,9 @@ def check_files(
 
 
 def _files_of(system: str | None) -> list[Path]:
-    """Return the files that the name of a system may lead to: itself, and the values of its keys.
+    """Return the files that a system's name may refer to: itself, and the values of its keys.
 
-    Which keys name a file is for the families to know; what is one here counts.
+    Only the families know which keys name a file; here every value that is an existing path counts.
     """
     if system is None:
         return []

@@ -1,8 +1,8 @@
 """The command line: ``cubepath run | shorten | verify | replay | info | view | complex | ...``.
 
-Room: coordinator. Standard output carries the answer, standard error all else; exit code 0 done,
-1 a check failed or the answer could not be written, 2 bad input or usage, 130 interrupted with the
-recording closed, 141 nobody read the answer to its end.
+Room: coordinator. Standard output carries the answer, standard error everything else. Exit codes: 0
+done, 1 a check failed or the answer could not be written, 2 bad input or usage, 130 interrupted
+with the recording closed, 141 the reader of the answer closed the pipe.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command; return its exit code."""
-    # Where matplotlib keeps its caches when it cannot keep them at home is no answer to anybody.
+    # Silence the warning about where matplotlib keeps its caches if the home folder is read-only.
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
     with Interrupts() as interrupts:
         code = _guarded(arguments, interrupts)
@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
-    """Carry out the command; turn what goes wrong into a line and an exit code."""
+    """Carry out the command; turn an error into one line and an exit code."""
     try:
         prepare_streams()
         options = _parser().parse_args(arguments)
@@ -95,7 +95,7 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
         complain("interrupted")
         return INTERRUPTED
     except Exception:
-        # An interrupt in the middle of compiling comes out as something else.
+        # An interrupt during compilation may surface as another exception.
         if interrupts.came:
             return FAILED
         raise
@@ -205,7 +205,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _help(_options: argparse.Namespace) -> int:
-    """Say what the commands are; this is what no command means."""
+    """List the commands; called when none is given."""
     _parser().print_help()
     return DONE
 
@@ -240,7 +240,7 @@ def _run(options: argparse.Namespace) -> int:
             bar.set_postfix_str(f"{heap.moves} moves, {heap.cubes} cubes", refresh=False)
             bar.update()
 
-        # With no other processes a rule that prints would print into the answer.
+        # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
             outcome = run(plan, watch)
     rows: list[tuple[str, object]] = [

@@ -106,7 +106,7 @@ def _view(options: argparse.Namespace) -> int:
 
 
 class _Drawn(NamedTuple):
-    """What is drawn; its schedule is made when it is asked for."""
+    """The input of a drawing; the schedule is computed when it is asked for."""
 
     source: Path
     scene: Scene
@@ -118,7 +118,7 @@ class _Drawn(NamedTuple):
 def _is_recording(file: InputFile) -> bool:
     from cubepath.protocol.recordings.recording import is_recording  # noqa: PLC0415
 
-    # A recording that has lost its first bytes is refused as what its name says.
+    # A recording that has lost its first bytes is still refused as a recording, by its name.
     return is_recording(file) or file.path.suffix.lower() == ".mcap"
 
 

@@ -1,4 +1,4 @@
-"""The options that say what another program's plan is, and what belongs to it.
+"""The options for plans of other programs: their format, and the files that belong to them.
 
 Room: coordinator.
 """
@@ -42,7 +42,7 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
 
 
 def hints(options: argparse.Namespace) -> PlanHints:
-    """Return what the options say."""
+    """Return the hints that the options give."""
     from cubepath.protocol.plans.formats import PlanHints  # noqa: PLC0415
 
     return PlanHints(options.format, tuple(options.companions))
@@ -51,7 +51,7 @@ def hints(options: argparse.Namespace) -> PlanHints:
 def solved(options: argparse.Namespace, unsolved: str | None) -> int:
     """Return the exit code of a command that has done its work on a path.
 
-    A plan that ends elsewhere than its instance asks is told so, and is a check that fails.
+    A plan that does not end as its instance asks is a failed check, with a line on standard error.
     """
     if unsolved is None:
         return DONE

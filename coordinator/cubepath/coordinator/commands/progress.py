@@ -1,4 +1,4 @@
-"""How far a long command has come: a bar on a terminal, elsewhere a line now and then."""
+"""Progress of a long command: a bar on a terminal, elsewhere a line now and then."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Any, Self, TextIO
 
 _FIRST_SECONDS, _LATER_SECONDS = 5.0, 30.0
-"""Off a terminal a line after so long, and then as often."""
+"""Off a terminal, the seconds until the first line, and between later lines."""
 
 
 def progress_bar(total: int | None, what: str, unit: str) -> Any:
@@ -24,7 +24,7 @@ def progress_bar(total: int | None, what: str, unit: str) -> Any:
 class Lines:
     """Progress as lines, for logs: none in the first seconds, so a short command says nothing.
 
-    The methods are those of a `tqdm` that commands use.
+    It has the methods of `tqdm` that commands use.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class Lines:
         self.close()
 
     def update(self, n: int = 1) -> None:
-        """Count, and say so where a line is due."""
+        """Count, and write a line if one is due."""
         self.n += n
         now = self._clock()
         if now < self._due:
@@ -72,16 +72,16 @@ class Lines:
         self.n, self.total = 0, total
 
     def set_description(self, desc: str, **_: object) -> None:
-        """Name what is under way."""
+        """Set the name of the current work."""
         self._what = desc
 
     def set_postfix_str(self, s: str, **_: object) -> None:
-        """Note how things stand."""
+        """Set the current state, which is part of each line."""
         self._state = s
 
     def clear(self) -> None:
-        """Make room for an answer: lines need none."""
+        """Do nothing: lines need no clearing before an answer."""
 
     def close(self) -> None:
-        """Say no more."""
+        """Write no more lines."""
         self._due = float("inf")

@@ -82,7 +82,7 @@ def add_recording_commands(command: AddCommand) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Told:
-    """What is said of one recording: its answer, what to complain of, and the exit code."""
+    """The result for one recording: its answer, the complaints, and the exit code."""
 
     document: dict[str, Any]
     text: str
@@ -157,9 +157,9 @@ def _each(
 ) -> int:
     """Answer for each recording that is named; return the worst exit code.
 
-    One file has its document to itself. Of several, and of a folder, the documents are a list, and
-    one that cannot be read does not stop the others. Each is told before the next is read, so that
-    memory does not grow with their number.
+    For one file the answer is its document. For several files, or a folder, it is the list of their
+    documents, and a file that cannot be read does not stop the others. Each answer is printed
+    before the next file is read, so that memory does not grow with their number.
     """
     paths: list[Path] = options.logs
     if len(paths) == 1 and not paths[0].is_dir():
@@ -191,7 +191,7 @@ def _each(
 
 
 def _named(path: Path) -> list[tuple[Path, CubepathError | None]]:
-    """Return the recordings that a path stands for, or the path with what is wrong with it."""
+    """Return the recordings that a path stands for, or the path with its error."""
     try:
         with readable(path):
             if not path.is_dir():

@@ -1,4 +1,4 @@
-"""The options of ``cubepath shorten`` that look beyond the homotopy class, and what they answer.
+"""The options of ``cubepath shorten`` that look beyond the homotopy class, and their answers.
 
 Room: coordinator.
 """
@@ -51,14 +51,14 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
 
 
 def improving(options: argparse.Namespace) -> str | None:
-    """Return the option that asks for a path outside the class, None where there is none."""
+    """Return the option that asks for a path outside the class, None if there is none."""
     return next(
         (f"--{name}" for name in ("improve", "effort") if getattr(options, name) is not None), None
     )
 
 
 def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
-    """Return what the options ask for, None where they ask for nothing; InputError if they cannot.
+    """Return what the options ask for, None if that is nothing; InputError if it is impossible.
 
     Progress goes to standard error.
     """
@@ -119,7 +119,7 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
 
 
 _STEPS = {"classes": "states", "bounds": "sites", "optimum": "states", "search": "tries"}
-"""What the steps of a stage are."""
+"""What the steps of each stage count."""
 _ENDED = {
     "done": "",
     "time": ", out of time",

@@ -1,7 +1,7 @@
-"""How the command line is read: help, and what is wrong with the words of a command.
+"""Parsing the command line: help and usage errors.
 
-Room: coordinator. Every usage error is one line that says where help is, and ends a command with
-exit code 2.
+Room: coordinator. Every usage error is one line that says where to find help, and ends the command
+with exit code 2.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from cubepath.protocol.core.suggestions import did_you_mean
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line with what was meant, and whose help is an answer.
+    """A parser whose errors are one line with a suggestion, and whose help is an answer.
 
-    Options are written out: what is short for one option today may be short for two tomorrow.
+    Options cannot be abbreviated: a unique abbreviation today may be ambiguous tomorrow.
     """
 
     def __init__(self, **keywords: Any) -> None:
-        """Make a parser as argparse does."""
+        """Make a parser with the arguments of argparse."""
         super().__init__(**keywords, allow_abbrev=False)
 
-    # The declared type is a set of overloads, which say no more.
+    # The declared type is a set of overloads, which add nothing here.
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Read the words of a command; none that is not known is left over."""
+        """Read the words of a command; an unknown word is an error."""
         words: list[str] = list(sys.argv[1:] if args is None else args)
         self._check_options(words)
         found, others = super().parse_known_args(words, namespace)
@@ -40,10 +40,10 @@ class Parser(argparse.ArgumentParser):
         return found, others
 
     def _check_options(self, words: Sequence[str]) -> None:
-        """Look for unknown options first: what follows one of them is not what it seems."""
+        """Look for unknown options first, since the words after one could be misread."""
         for word in words:
             if word == "--" or (self._subparsers is not None and not word.startswith("-")):
-                return  # what follows is no option, or one of a command
+                return  # what follows is not an option, or one of a command
             name = word.partition("=")[0]
             if name.startswith("--") and name not in self._option_string_actions:
                 self._unknown_option(name)
@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
             self.error(f"{message}, expected one of {', '.join(names)}")
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong in one line, and end with exit code 2."""
+        """Write the error in one line, and exit with code 2."""
         line = " ".join(message.split())
         complain(f"{line}; see '{self.prog} --help'")
         self.exit(BAD_INPUT)
@@ -83,7 +83,7 @@ class AddCommand(Protocol):
 
 
 def whole(least: int) -> Callable[[str], int]:
-    """Return the type of an option whose value is a whole number, `least` or more."""
+    """Return the type of an option whose value is an integer, `least` or more."""
 
     def read(text: str) -> int:
         try:
@@ -100,7 +100,7 @@ def whole(least: int) -> Callable[[str], int]:
 
 
 def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], float]:
-    """Return the type of an option whose value is a finite number that fits what is expected."""
+    """Return the type of an option whose value is a finite number for which `fits` is true."""
 
     def read(text: str) -> float:
         try:

@@ -1,8 +1,8 @@
 """State and shape complexes: exploration, links, homology, collapses, surfaces, pictures.
 
 Room: coordinator. It takes a scene, or any cubical complex as arrays of faces; it knows no path, no
-message and no recording. It imports the protocol and `agents.rendering` for pictures, of the
-coordinator nothing. Searches and the paper's claims are built on it.
+message and no recording. It imports the protocol, `agents.rendering` for pictures, and nothing from
+the coordinator. Searches and the paper's claims are built on it.
 """
 
 from typing import TYPE_CHECKING

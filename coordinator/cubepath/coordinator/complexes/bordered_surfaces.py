@@ -1,4 +1,4 @@
-"""A complex of squares pulled apart at its pinch points: which surface with boundary it is then."""
+"""The surface with boundary that a complex of squares becomes when its pinch points are split."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _Side = tuple[int, int, int]
 
 @dataclass(frozen=True, slots=True)
 class PulledApart:
-    """The surface with boundary that squares make when they are glued along edges alone.
+    """The surface with boundary that squares form when they are glued only along edges.
 
-    `fans` says for each vertex of the complex how many vertices of the surface lie over it.
+    `fans` holds for each vertex of the complex the number of vertices of the surface over it.
     """
 
     fans: tuple[int, ...]
@@ -31,7 +31,7 @@ class PulledApart:
 
 
 def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
-    """Return the surface of a 2-complex, or None where an edge is in three squares or more.
+    """Return the surface of a 2-complex, or None if an edge is in three squares or more.
 
     Edges that are in no square are left out.
     """
@@ -40,8 +40,8 @@ def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
         return None
     vertex = _vertices(complex_, sides)
     pairs = [(one, other) for using in sides.values() for one, other in pairwise(using)]
-    # The boundary takes a side with the sign (-1)^(direction + end): two squares that take their
-    # common edge with one sign lie on different sides of an orientation.
+    # A side has the sign (-1)^(direction + end) in the boundary: two squares that have their common
+    # edge with the same sign have opposite orientations.
     same = [(one[1] + one[2] + other[1] + other[2]) % 2 == 0 for one, other in pairs]
     squares = np.array([(one[0], other[0]) for one, other in pairs], dtype=np.int32)
     sheet, two_sided = classes(
@@ -61,7 +61,7 @@ def pulled_apart(complex_: CubicalComplex) -> PulledApart | None:
 
 
 def _joined(count: int, pairs: Cells) -> Cells:
-    """Return the class of each of `count` elements, where those of a pair are in one."""
+    """Return the class of each of `count` elements, where the two of a pair share a class."""
     return classes(count, pairs, np.zeros(len(pairs), np.bool_))[0]
 
 
@@ -83,10 +83,10 @@ def _sides(complex_: CubicalComplex) -> dict[int, list[_Side]]:
 
 
 def _vertices(complex_: CubicalComplex, sides: dict[int, list[_Side]]) -> Cells:
-    """Return the vertex of each corner of a square, when they are glued along edges alone.
+    """Return the vertex of each corner of a square, when squares are glued only along edges.
 
-    Corner c of square s has the number 4 * s + c, where bit d of c, counted from the left, says at
-    which end of direction d it lies.
+    Corner c of square s has the number 4 * s + c, where bit d of c, counted from the left, is the
+    end of direction d at which it lies.
     """
     glued = [
         pair

@@ -1,4 +1,4 @@
-"""The cliques of a small graph, one after the other, for compiled code."""
+"""The cliques of a small graph, one after another, for compiled code."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def following(
 
     `agree` is symmetric, shape (size, size); `chosen` has room for `size` vertices in ascending
     order. Cliques come in lexicographic order, beginning with depth 0, the empty one. Without
-    `deeper` those that hold the present one are left out.
+    `deeper`, cliques that contain the current one are skipped.
     """
     size = len(agree)
     place = chosen[depth - 1] + 1 if depth else 0

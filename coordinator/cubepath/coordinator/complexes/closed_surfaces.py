@@ -1,8 +1,8 @@
 """Closed surfaces among the complexes of squares: recognised, oriented, and named.
 
 A complex of dimension 2 is a closed surface iff every edge lies in two squares, counted as often as
-it is a side of each, and the link of every vertex is one circle. Its pieces are then told apart by
-Euler characteristic and orientability (Brahana, Dehn and Heegaard; Massey, *A basic course in
+it is a side of each, and the link of every vertex is one circle. Its components are then classified
+by Euler characteristic and orientability (Brahana, Dehn and Heegaard; Massey, *A basic course in
 algebraic topology*, chapter I).
 """
 
@@ -32,7 +32,7 @@ class ClosedSurface:
 
     @property
     def name(self) -> str:
-        """Return what to call it in a sentence."""
+        """Return its name, for use in a sentence."""
         if self.orientable:
             return f"closed orientable surface of genus {self.genus}"
         return f"closed non-orientable surface, Euler characteristic {self.euler}"
@@ -40,9 +40,9 @@ class ClosedSurface:
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """What a complex is as a surface: its pieces, or the first thing that makes it none.
+    """A complex as a surface: its components, or the first flaw if it is not a closed surface.
 
-    pieces: one for each component, in the order of their least vertices; none if there is a flaw.
+    pieces: one for each component, in the order of their least vertices; empty if there is a flaw.
     flaw: why it is not a closed surface; empty if it is.
     """
 
@@ -56,7 +56,7 @@ class Surface:
 
     @property
     def name(self) -> str:
-        """Return what to call it in a sentence."""
+        """Return its name, for use in a sentence."""
         if self.flaw:
             return f"not a closed surface: {self.flaw}"
         if len(self.pieces) == 1:
@@ -65,7 +65,7 @@ class Surface:
 
 
 def surface(complex_: CubicalComplex) -> Surface:
-    """Return the closed surface that the complex is, or why it is none."""
+    """Return the closed surface that the complex is, or why it is not one."""
     dimension = max((k for k, count in enumerate(complex_.f_vector) if count), default=-1)
     if dimension < 0:
         return Surface(flaw="it is empty")
@@ -76,7 +76,7 @@ def surface(complex_: CubicalComplex) -> Surface:
 
 
 def _flaw(complex_: CubicalComplex) -> str:
-    """Return the first edge or vertex that a closed surface cannot have, or nothing."""
+    """Return a line on the first edge or vertex that a closed surface cannot have, or ""."""
     vertices, edges = complex_.f_vector[:2]
     squares = complex_.faces[2]
     sides = np.bincount(squares.reshape(-1), minlength=edges)
@@ -84,8 +84,8 @@ def _flaw(complex_: CubicalComplex) -> str:
     if len(bad):
         count = sides[bad[0]]
         return f"edge {bad[0]} lies in {count} square{'' if count == 1 else 's'}"
-    # The link of a vertex: its points are the ends of edges there, its arcs the corners of squares.
-    # The edge across direction 0 at d runs in direction 1, and the other way round.
+    # The points of the link of a vertex are the ends of edges there, its arcs the corners of
+    # squares. The edge that fixes direction 0 runs in direction 1, and vice versa.
     arcs = np.stack(
         [
             np.stack([2 * squares[:, 0, d] + e, 2 * squares[:, 1, e] + d], axis=1)
@@ -94,7 +94,7 @@ def _flaw(complex_: CubicalComplex) -> str:
         ]
     ).reshape(-1, 2)
     link, _ = classes(2 * edges, arcs, np.zeros(len(arcs), np.bool_))
-    # Every point of a link is in two arcs by now, so its pieces are circles.
+    # Here every point of a link is in two arcs, so the components of the link are circles.
     _, first = np.unique(link, return_index=True)
     circles = np.bincount(complex_.faces[1].reshape(-1)[first], minlength=vertices)
     bad = np.flatnonzero(circles != 1)
@@ -121,8 +121,7 @@ def _pieces(complex_: CubicalComplex) -> tuple[ClosedSurface, ...]:
 def _seams(squares: Faces) -> tuple[Cells, NDArray[np.bool_]]:
     """Return the two squares at every edge, and whether one must be turned over to fit the other.
 
-    They fit, as the definition of orientation has it, if the edge cancels in the sum of their
-    boundaries.
+    They fit, by the definition of orientation, if the edge cancels in the sum of their boundaries.
     """
     by_edge = np.argsort(squares.reshape(-1), kind="stable").reshape(-1, 2)
     forward = np.array([False, True, True, False])[by_edge % 4]

@@ -1,13 +1,13 @@
-"""Collapses: taking away free faces, which shows a complex contractible if one point is left.
+"""Collapses: removing free faces, which proves a complex contractible if one point is left.
 
-A cube is a *free face* of another if it is its face exactly once, and no other cube's, and that
-other is itself no cube's face. Taking both away is an elementary collapse, a deformation retraction
-also where the greater cube is glued to itself elsewhere: it is pushed in from the free face.
-Sources: Whitehead, *Simplicial spaces, nuclei and m-groups* (1939); Cohen, *A course in
-simple-homotopy theory*; Benedetti and Lutz, *Random discrete Morse theory and a new library of
+A cube is a *free face* of a greater cube if it is a face of that cube exactly once and of no other,
+and the greater cube is not itself a face. Removing both is an elementary collapse. It is a
+deformation retraction even if the greater cube is glued to itself elsewhere: it is pushed in from
+the free face. Sources: Whitehead, *Simplicial spaces, nuclei and m-groups* (1939); Cohen, *A course
+in simple-homotopy theory*; Benedetti and Lutz, *Random discrete Morse theory and a new library of
 triangulations* (2014) for trying several orders.
 
-What is contractible need not collapse (Bing's house with two rooms), so a failure shows nothing.
+A contractible complex need not collapse (Bing's house with two rooms), so a failure proves nothing.
 """
 
 from __future__ import annotations
@@ -22,16 +22,17 @@ from cubepath.coordinator.complexes.incidence import Cells, Numbers, Rows, cofac
 from cubepath.protocol.compiled import compiled
 
 ORDERS = 24
-"""Orders that are tried before a collapse is given up."""
+"""The number of orders that are tried before a collapse is given up."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Collapsed:
-    """What a sequence of elementary collapses came to.
+    """The result of a sequence of elementary collapses.
 
-    left: how many cubes of each dimension are left; as long as the f-vector of the complex.
-    steps: shape (collapses, 3), one row each in their order: a dimension k, the number of the
-    k-cube that went, and that of the (k-1)-cube that was its free face.
+    left: the number of cubes of each dimension that are left; as long as the f-vector of the
+    complex.
+    steps: shape (collapses, 3), one row for each, in order: a dimension k, the number of the
+    removed k-cube, and the number of the (k-1)-cube that was its free face.
     """
 
     left: tuple[int, ...]
@@ -39,7 +40,7 @@ class Collapsed:
 
     @property
     def contractible(self) -> bool:
-        """Return whether one point is left: then, and only then, something was shown."""
+        """Return whether one point is left; only then does the collapse prove anything."""
         return self.left[:1] == (1,) and not any(self.left[1:])
 
 
@@ -67,7 +68,7 @@ def collapse(complex_: CubicalComplex) -> Collapsed:
 
 
 def contractibility(complex_: CubicalComplex, homology: Homology) -> str:
-    """Return what is known of a complex and its homology, and no more than was shown.
+    """Return what is known about a complex with this homology, and no more than was proved.
 
     "not contractible" if the homology is not that of a point, else "collapses to a point" if a
     collapse to one was found, else "acyclic, not shown contractible".
@@ -80,9 +81,10 @@ def contractibility(complex_: CubicalComplex, homology: Homology) -> str:
 
 
 def _order(count: int, attempt: int) -> Cells:
-    """Return all cells in the order in which they are looked at first: as they are, or shuffled.
+    """Return all cells in the order in which they are first looked at: ascending, or shuffled.
 
-    Shuffled is sorted by a hash of the number, splitmix64's finaliser: the same on every machine.
+    Shuffled means sorted by a hash of the number, the finaliser of splitmix64, which is the same on
+    every machine.
     """
     if attempt < 2:
         return np.arange(count, dtype=np.int32)
@@ -93,7 +95,7 @@ def _order(count: int, attempt: int) -> Cells:
 
 
 def _in_numbers(complex_: CubicalComplex, offset: Numbers, steps: Cells) -> Collapsed:
-    """Return the collapse with cubes numbered in their dimensions."""
+    """Return the collapse with cubes numbered within their dimensions."""
     dimension = np.searchsorted(offset[1:], steps[:, 0], side="right")
     gone = np.bincount(dimension, minlength=len(offset))
     left = tuple(
@@ -105,10 +107,10 @@ def _in_numbers(complex_: CubicalComplex, offset: Numbers, steps: Cells) -> Coll
 
 @compiled
 def _collapsed(faces: Rows, cofaces_: Rows, order: Cells, last_first: int) -> Cells:
-    """Return the cells that went, shape (collapses, 2): each cube and its free face.
+    """Return the removed cells, shape (collapses, 2): each cube and its free face.
 
-    A cell is looked at when it is the face of one cube only, and again when that cube is no
-    cube's face any more. It becomes free at the later of the two, so none is missed.
+    A cell is looked at when it becomes the face of only one cube, and again when that cube stops
+    being a face itself. It becomes free at the later of the two, so none is missed.
     """
     cells = len(faces.start) - 1
     above = cofaces_.start[1:] - cofaces_.start[:-1]
@@ -141,7 +143,7 @@ def _collapsed(faces: Rows, cofaces_: Rows, order: Cells, last_first: int) -> Ce
 
 @compiled
 def _take_away(cell: int, faces: Rows, above: Numbers, waiting: Cells, tail: int) -> int:
-    """Count the cell no more as a coface; return the end of the cells that are to be looked at."""
+    """Stop counting the cell as a coface; return the new end of the queue of cells to look at."""
     for i in range(faces.start[cell], faces.start[cell + 1]):
         below = faces.cell[i]
         above[below] -= 1

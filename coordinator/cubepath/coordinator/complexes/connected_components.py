@@ -29,9 +29,10 @@ def components(complex_: CubicalComplex) -> Cells:
 def classes(count: int, pairs: Cells, differ: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
     """Return the class of each of `count` elements, and for each class whether it has two sides.
 
-    pairs: shape (n, 2), the elements that lie in one class. A class has two sides if its elements
-    can be put on two sides so that the pairs with differ[i], shape (n,), lie on different ones and
-    all others on the same. Classes are numbered in the order of their least elements.
+    pairs: shape (n, 2), elements of the same class. A class has two sides if its elements can be
+    put on two sides such that the elements of pairs with differ[i], shape (n,), lie on different
+    sides and those of all other pairs on the same side. Classes are numbered in the order of their
+    least elements.
     """
     steps = 4 * (count + len(pairs))
     return _classes.for_work(steps)(count, np.ascontiguousarray(pairs), differ)
@@ -41,13 +42,13 @@ def classes(count: int, pairs: Cells, differ: NDArray[np.bool_]) -> tuple[Cells,
 def _classes(
     count: int, pairs: Cells, differ: NDArray[np.bool_]
 ) -> tuple[Cells, NDArray[np.bool_]]:
-    # A root is the least of its class, so that a class is met first at its root.
+    # A root is the least element of its class, so a class is first met at its root.
     parent, odd = np.arange(count).astype(np.int32), np.zeros(count, np.bool_)
     two_sided = np.ones(count, np.bool_)
     for i in range(len(pairs)):
         one, other = pairs[i, 0], pairs[i, 1]
         root, of_other = _root(parent, odd, one), _root(parent, odd, other)
-        # Now both hang from their roots directly, if they are not roots themselves.
+        # Now both are direct children of their roots, unless they are roots themselves.
         apart = odd[one] ^ odd[other] ^ differ[i]
         if root == of_other:
             two_sided[root] &= not apart
@@ -69,7 +70,7 @@ def _classes(
 
 @compiled
 def _root(parent: Cells, odd: NDArray[np.bool_], element: int) -> int:
-    """Return the root of the element, and hang all that are on the way to it from it directly."""
+    """Return the root of the element, and make all elements on the way its direct children."""
     root, side = element, False
     while parent[root] != root:
         side ^= odd[root]

@@ -1,7 +1,7 @@
 """Cubical complexes as arrays: cubes by dimension, each with its two faces in every direction.
 
-A precubical set: what state complexes and shape complexes have in common, and all that homology,
-links, collapses and surfaces ask for. Cubes may be glued to themselves, as in a shape complex.
+A precubical set: it is the common form of state complexes and shape complexes, and the input of
+homology, links, collapses and surfaces. Cubes may be glued to themselves, as in a shape complex.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ class CubicalComplex:
     """A finite complex of cubes of dimension 0, 1, ..., len(faces) - 1.
 
     ``faces[k]`` has shape (number of k-cubes, k, 2): ``faces[k][i, j, e]`` is the number of the
-    (k-1)-cube that is the face of the k-cube i where direction j is at its end e. The directions of
-    that face are those of the cube without j, in the same order, so that for a < b
+    (k-1)-cube that is the face of the k-cube i at end e of direction j. The directions of this face
+    are those of the cube without j, in the same order, so that for a < b
 
     ``faces[k-1][faces[k][i, b, e], a, d] == faces[k-1][faces[k][i, a, d], b - 1, e]``.
 
@@ -33,7 +33,7 @@ class CubicalComplex:
     faces: tuple[Faces, ...]
 
     def __post_init__(self) -> None:
-        """Check shapes and ranges; `check` looks at the identities too."""
+        """Check shapes and ranges; `check` also checks the identities."""
         for k, found in enumerate(self.faces):
             if found.ndim != 3 or found.shape[1:] != (k, 2):
                 raise InputError(
@@ -45,12 +45,12 @@ class CubicalComplex:
 
     @property
     def f_vector(self) -> tuple[int, ...]:
-        """Return how many cubes there are of each dimension."""
+        """Return the number of cubes of each dimension."""
         return tuple(len(found) for found in self.faces)
 
     @property
     def dimension(self) -> int:
-        """Return the greatest dimension of a cube; -1 of an empty complex."""
+        """Return the greatest dimension of a cube; -1 for the empty complex."""
         return len(self.faces) - 1
 
     @property
@@ -59,7 +59,7 @@ class CubicalComplex:
         return sum(count if k % 2 == 0 else -count for k, count in enumerate(self.f_vector))
 
     def check(self) -> None:
-        """Raise InputError where two ways to a face of a face differ (the cubical identities)."""
+        """Raise InputError if two ways to a face of a face differ (the cubical identities)."""
         for k in range(2, len(self.faces)):
             here, below = self.faces[k], self.faces[k - 1]
             for b in range(k):

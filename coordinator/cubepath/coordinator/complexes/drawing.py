@@ -1,8 +1,8 @@
 """Pictures of small complexes: vertices, edges, squares and cubes, in the plane or in space.
 
 Vertices are laid out by classical scaling of their distances in the transition graph (Torgerson,
-1952), so that what is a cube looks like one wherever the complex lets it. matplotlib is imported
-when something is drawn.
+1952), so that a cube looks like one wherever the complex allows it. matplotlib is imported when
+something is drawn.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Points = NDArray[np.float64]
 
 _TILT = 0.3
 VERTICES_MAX = 1500
-"""Complexes with more vertices are not drawn: nobody could see anything."""
+"""Complexes with more vertices are not drawn, since nothing could be recognised."""
 SUFFIXES = (".png", ".svg", ".pdf")
 _EDGE, _VERTEX = "#6d727a", INK
 _SQUARES = ("#3b7dd8", "#1f9e89", "#d6246e", "#e08a1e", "#6a4fb3")
@@ -33,7 +33,7 @@ _SQUARES = ("#3b7dd8", "#1f9e89", "#d6246e", "#e08a1e", "#6a4fb3")
 
 
 def distances(complex_: CubicalComplex) -> NDArray[np.int32]:
-    """Return how many edges lie between any two vertices, -1 where there is no way.
+    """Return the distance in edges between any two vertices, -1 if they are not connected.
 
     The result has shape (vertices, vertices).
     """
@@ -59,26 +59,26 @@ def distances(complex_: CubicalComplex) -> NDArray[np.int32]:
 
 
 def layout(complex_: CubicalComplex, axes: int) -> Points:
-    """Return where the vertices lie, shape (vertices, axes), by classical scaling."""
+    """Return the positions of the vertices, shape (vertices, axes), by classical scaling."""
     apart = distances(complex_).astype(np.float64)
     apart[apart < 0] = apart.max() + 2  # components side by side
     count = len(apart)
     centre = np.eye(count) - 1 / count
-    # Between the squared distance of a cube's corners (power 1) and of a flat sheet's (power 2).
+    # A compromise: power 1 gives the squared distances of the corners of a cube, 2 of a flat sheet.
     values, vectors = np.linalg.eigh(-centre @ apart**1.5 @ centre / 2)
     order = np.argsort(values)[::-1][: 2 * axes]
     found = vectors[:, order] * np.sqrt(np.maximum(values[order], 0))
-    # The sign of an eigenvector is anybody's choice: let the largest entry be positive.
+    # The sign of an eigenvector is arbitrary: make its largest entry positive.
     for axis in range(found.shape[1]):
         if found[np.argmax(np.abs(found[:, axis]).round(9)), axis] < 0:
             found[:, axis] *= -1
     found = np.pad(found, ((0, 0), (0, 2 * axes - found.shape[1])))
-    # What differs only in further directions would lie in one point: tilt these a little in.
+    # Vertices that differ only in further directions would coincide: tilt these in a little.
     return found[:, :axes] + _TILT * found[:, axes:]
 
 
 def corners_of_squares(complex_: CubicalComplex) -> NDArray[np.int32]:
-    """Return the four vertices of every square in their order round it, shape (squares, 4)."""
+    """Return the four vertices of every square in cyclic order, shape (squares, 4)."""
     if complex_.dimension < 2:
         return np.empty((0, 4), dtype=np.int32)
     edges, squares = complex_.faces[1][:, 0], complex_.faces[2]

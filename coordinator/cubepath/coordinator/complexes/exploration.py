@@ -1,7 +1,7 @@
 """Breadth-first exploration: all states that can be reached from a start, as rows of bits.
 
-The transition graph of the paper (lemma on the skeleta of the state complex), with the action that
-each edge stands for; a bound on the number of states keeps the machine alive.
+The result is the transition graph of the paper (lemma on the skeleta of the state complex), with
+the action of each edge; a bound on the number of states limits time and memory.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
 MAX_STATES = 2_000_000
-"""So many states are explored at most, unless told otherwise."""
+"""The default bound on the number of states."""
 _CHUNK = 1 << 12
 _STEP = 64
 _FREE = -1
 _STATE_STEPS = 4
-"""Steps of an action that a module of a state may propose."""
+"""Steps of work for each action that a module of a state may propose."""
 
 Progress = Callable[[int, int], None]
-"""Told how many states have been expanded and how many are known."""
+"""Called with the number of states that have been expanded, and the number known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Explored:
     """States in the order of discovery, and from each the edges that leave it at end 0.
 
-    Every edge of the transition graph leaves exactly one state at end 0 of its action, so it stands
-    once in the lists: the edges of state s are ``starts[s]`` to ``starts[s + 1]``, by the number of
-    their action, with the state that they lead to.
+    Every edge of the transition graph leaves exactly one state at end 0 of its action, so the lists
+    contain it once: the edges of state s are ``starts[s]`` to ``starts[s + 1]``, sorted by the
+    number of their action, with the state that they lead to.
     """
 
     bits: Bits
@@ -54,7 +54,7 @@ class Explored:
     actions: Numbers
     targets: Numbers
     complete: bool
-    """False where the bound stopped it, before all of these states were expanded."""
+    """False if the bound stopped the exploration before all of these states were expanded."""
 
     @property
     def scene(self) -> Scene:
@@ -63,26 +63,26 @@ class Explored:
 
     @property
     def memory(self) -> int:
-        """Return the bytes that states and edges take."""
+        """Return the size of states and edges in bytes."""
         return sum(array.nbytes for array in (self.states, self.starts, self.actions, self.targets))
 
     def state(self, number: int) -> frozenset[Site]:
-        """Return the sites that are on in a state, occupied obstacles included."""
+        """Return the sites that are on in a state, including filled obstacles."""
         return self.bits.decode(self.states[number])
 
 
 def explore(
     scene: Scene, *, max_states: int = MAX_STATES, progress: Progress | None = None
 ) -> Explored:
-    """Return the states that can be reached from the start, if they are no more than `max_states`.
+    """Return the states that can be reached from the start, if there are at most `max_states`.
 
-    Where there are more it stops as soon as it has seen so, some dozens of states later. A
-    non-local system is explored the same way; what its rule for the whole forbids is no state. The
-    start counts in any case.
+    If there are more, the exploration stops within some dozens of states after it has found that. A
+    non-local system is explored the same way; whatever its global rule forbids is not a state. The
+    start always counts as a state.
     """
     walk = _Walk(scene)
     while walk.done < walk.known and walk.allowed <= max_states:
-        # Near the bound in small steps, so as not to run far beyond it.
+        # Take small steps near the bound, so as not to run far beyond it.
         chunk = min(_CHUNK, max(_STEP, (max_states - walk.allowed) // 8))
         walk.expand(min(walk.done + chunk, walk.known))
         if progress is not None:
@@ -91,21 +91,21 @@ def explore(
 
 
 class _Walk:
-    """The states known so far, a hash table to find them by, and their edges."""
+    """The states known so far, a hash table to find them, and their edges."""
 
     def __init__(self, scene: Scene) -> None:
         self.bits = Bits(scene)
         self.done = 0
         self.known = 1
         self.allowed = 1
-        """How many of the known states are not forbidden."""
+        """The number of known states that are not forbidden."""
         self._meet(bits_in(row_of(self.bits.start, self.bits.words)))
         self._states = row_of(self.bits.start, self.bits.words).reshape(1, -1)
         self._forbidden = np.zeros(1, dtype=np.bool_)
         self._table = np.full(16, _FREE, dtype=np.int32)
         self._rehash(16)
         self._edges: list[tuple[Numbers, Numbers]] = []
-        """For each chunk: how many edges each state has, and (action, end, target) of each."""
+        """For each chunk: the number of edges of each state, and (action, end, target) of each."""
         self._placing = self.bits.placing()
 
     def _meet(self, found: list[int]) -> bool:
@@ -119,7 +119,7 @@ class _Walk:
         _insert_all.for_work(4 * self.known)(self._table, self._states, self.known)
 
     def _room(self, more: int) -> None:
-        """Make room for so many more states, and for wider ones if sites were met."""
+        """Make room for `more` further states, and for wider ones if new sites were met."""
         words = self.bits.words
         most = self.known + more
         if words > self._states.shape[1] or most > len(self._states):
@@ -136,7 +136,7 @@ class _Walk:
             self._rehash(1 << (2 * most).bit_length())
 
     def expand(self, stop: int) -> None:
-        """Find the edges of the states from `done` to `stop`, and the states that they lead to."""
+        """Find the edges of the states from `done` up to `stop`, and the states they lead to."""
         here = np.bitwise_or.reduce(self._states[self.done : stop], axis=0)
         if self._meet(bits_in(here)):
             self._room(0)
@@ -165,7 +165,7 @@ class _Walk:
         self.done = stop
 
     def explored(self) -> Explored:
-        """Return what was found, without what is forbidden and with each edge once."""
+        """Return what was found, without forbidden states and with each edge once."""
         kept = ~self._forbidden[: self.known]
         number = np.cumsum(kept, dtype=np.int64) - 1
         counts = np.concatenate([np.empty(0, np.int32), *(found for found, _ in self._edges)])
@@ -205,7 +205,7 @@ def _hash(state: Words) -> np.uint64:
 
 @compiled
 def _slot(table: Numbers, states: Words, state: Words) -> int:
-    """Return the slot of the table that holds the state, or the free one where it belongs."""
+    """Return the slot of the table that holds the state, or the free slot where it belongs."""
     last = len(table) - 1
     slot = np.int64(_hash(state) & np.uint64(last))
     while table[slot] != _FREE:
@@ -229,7 +229,7 @@ def _insert_all(table: Numbers, states: Words, known: int) -> None:
 
 @compiled
 def _proposals(placing: Placing, state: Words) -> int:
-    """Return how many actions the modules of a state may propose, admissible or not."""
+    """Return the number of actions that the modules of a state may propose, admissible or not."""
     one = np.uint64(1)
     found = 0
     for word in range(state.shape[0]):
@@ -245,7 +245,7 @@ def _proposals(placing: Placing, state: Words) -> int:
 
 @compiled
 def _widest(placing: Placing, states: Words) -> int:
-    """Return the most actions that the modules of one of the states may propose."""
+    """Return the greatest number of actions that the modules of one of the states may propose."""
     most = 0
     for number in range(len(states)):
         most = max(most, _proposals(placing, states[number]))
@@ -262,7 +262,7 @@ def _count(known: _Known, first: int, placing: Placing, room: Numbers, counts: N
 
 @compiled
 def _expand(known: _Known, size: int, first: int, placing: Placing, edges: Numbers) -> int:
-    """Fill in (action, end, target) by state and action; return how many states are known now."""
+    """Fill in (action, end, target) by state and action; return the new number of known states."""
     states, table = known.states, known.table
     after = np.zeros(states.shape[1], dtype=np.uint64)
     state = first

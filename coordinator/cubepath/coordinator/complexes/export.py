@@ -1,4 +1,4 @@
-"""State and shape complexes for others: as a networkx graph, and as a JSON file."""
+"""State and shape complexes for other programs: as a networkx graph, and as a JSON file."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ Complex = StateComplex | ShapeComplex
 def to_networkx(built: Complex) -> nx.MultiGraph[int]:
     """Return the 1-skeleton: the transition graph, whose nodes are the numbers of the states.
 
-    Each node has `sites`, the sites that are on in canonical order; each edge has `move`, the label
-    of its action (or, of a shape complex, generator and translation), and `number`. Two states may
-    be joined by several edges, and in a shape complex a node to itself. InputError where networkx
-    is not installed, which nothing else here needs.
+    Each node has `sites`, the sites that are on, in canonical order; each edge has `move`, the
+    label of its action (in a shape complex, generator and translation), and `number`. Two states
+    may be joined by several edges, and in a shape complex a node may be joined to itself.
+    InputError if networkx is not installed, which nothing else here needs.
     """
     try:
         from networkx import MultiGraph  # noqa: PLC0415 - an extra
@@ -101,9 +101,9 @@ def _action(action: Action) -> dict[str, Any]:
 
 
 def write_complex(built: Complex, path: Path) -> None:
-    """Write the complex as JSON; the file is complete or as it was before.
+    """Write the complex as JSON; the file is either complete or unchanged.
 
-    InputError where it cannot be written.
+    InputError if it cannot be written.
     """
     data = msgspec.json.encode(complex_document(built))
     with written_whole(path) as stream:

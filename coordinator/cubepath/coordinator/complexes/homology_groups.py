@@ -2,21 +2,21 @@
 
 Three steps, each exact, each keeping the complex up to chain homotopy equivalence over Z:
 
-1. *Discrete Morse matching by coreductions* on sparse arrays, compiled; then again on the complex
-   that is left, for as long as it shrinks. A cell that has just one face left, with incidence 1 or
-   -1, goes together with that face; where there is none, a cell without faces is called critical.
-   It is taken where the cells that are gone end: that leaves few critical cells and short paths
-   between them. Linear in the number of incidences, but for following these paths. Sources:
-   Mrozek and Batko, *Coreduction homology algorithm* (2009); Forman, *Morse theory for cell
-   complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,
+1. *Discrete Morse matching by coreductions* on sparse arrays, compiled; then again on the remaining
+   complex, as long as it shrinks. A cell that has just one face left, with incidence 1 or -1, is
+   removed together with that face. If there is no such cell, a cell without faces is removed as
+   critical. It is chosen at the border of the removed cells, which leaves few critical cells and
+   short paths between them. Linear in the number of incidences, apart from following these paths.
+   Sources: Mrozek and Batko, *Coreduction homology algorithm* (2009); Forman, *Morse theory for
+   cell complexes* (1998); Skoeldberg, *Morse theory from an algebraic viewpoint* (2006); Harker,
    Mischaikow, Mrozek and Nanda, *Discrete Morse theoretic algorithms for computing homology of
    complexes and maps* (2014).
-2. *Elimination of unit pivots* in what is left, with Python's integers.
-3. *Smith forms and ranks* by python-flint of what has no unit left (Hatcher, *Algebraic topology*,
-   section 2.2, for how homology is read off them).
+2. *Elimination of unit pivots* in the remaining complex, with Python's integers.
+3. *Smith forms and ranks* by python-flint of the rest, which has no unit entries (Hatcher,
+   *Algebraic topology*, section 2.2, for how to read homology off them).
 
 A cube that is glued to itself may have a face with incidence 0, 2 or -2: a face counts with the sum
-of its incidences, and only one with 1 or -1 is ever matched.
+of its incidences, and only a face with incidence 1 or -1 is ever matched.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Progress = Callable[[int], None]
 Column = dict[int, int]
 
 LIMIT = 2**30
-"""Coefficients up to here are multiplied and added in 64 bits; beyond it Python's integers work."""
+"""Coefficients up to this are multiplied and added in 64 bits; beyond it, as Python's integers."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,9 +66,9 @@ class Homology:
 def homology(complex_: CubicalComplex, progress: Progress | None = None) -> Homology:
     """Return the homology of the complex; the empty complex has empty tuples.
 
-    `progress` is told of numbers of cells that have been dealt with, which add up to the number of
-    cells. The same complex gives the same result with the same critical cells. Memory, beside the
-    complex: about 20 bytes for each face of each cube, and 60 for each cube.
+    `progress` is called with numbers of processed cells, which add up to the number of cells. The
+    same complex gives the same result with the same critical cells. Memory, apart from the complex:
+    about 20 bytes for each face of each cube, and 60 for each cube.
     """
     chains = _chains_of(complex_)
     while True:
@@ -87,7 +87,7 @@ def homology(complex_: CubicalComplex, progress: Progress | None = None) -> Homo
 class _Boundary(NamedTuple):
     """The boundary of a cell c: value[i] times the cell face[i], over start[c] <= i < start[c + 1].
 
-    No value is 0, and no face is there twice.
+    No value is 0, and no face occurs twice.
     """
 
     start: Numbers
@@ -96,14 +96,14 @@ class _Boundary(NamedTuple):
 
 
 class _Matching(NamedTuple):
-    """An acyclic matching of cells with faces of theirs, all arrays of shape (cells,).
+    """An acyclic matching of cells with faces of theirs, all arrays of shape (cells,) but `motion`.
 
-    partner: of every cell, -1 where it is critical. time: when it was dealt with; a pair has one
-    time. goes: the cell that was dealt with at each time, of a pair the face; shorter than the
-    others. unit: the incidence of a pair, 1 or -1, at its face.
+    partner: the partner of every cell, -1 if the cell is critical. time: when the cell was removed;
+    a pair has one time. motion: the cell that was removed at each time, for a pair the face; shape
+    (times,). unit: the incidence of a pair, 1 or -1, stored at its face.
 
-    At the time of a pair all other faces of its greater cell are gone, so paths along the matching
-    only go back in time: that is why it is acyclic.
+    When a pair is removed, all other faces of its greater cell are gone already. So paths along the
+    matching only go back in time, and the matching is acyclic.
     """
 
     partner: Cells
@@ -113,10 +113,10 @@ class _Matching(NamedTuple):
 
 
 class _Front(NamedTuple):
-    """What a matching keeps while it grows: the number of faces left of each cell, and queues.
+    """The working state of a matching: the number of faces left of each cell, and two queues.
 
-    A cell comes into queue[k - 1] when k faces of it are left, k = 1 or 2, so once at most.
-    ends[k - 1, 0] is the place of the first that waits, ends[k - 1, 1] that after the last. Shapes:
+    A cell enters queue[k - 1] when it has k faces left, k = 1 or 2, so at most once. The waiting
+    cells are those from place ends[k - 1, 0] up to, not including, ends[k - 1, 1]. Shapes:
     (cells,), (2, cells), (2, 2).
     """
 
@@ -126,10 +126,11 @@ class _Front(NamedTuple):
 
 
 class _Flow(NamedTuple):
-    """What a Morse boundary is written into: coefficients of all cells, and critical cells reached.
+    """The arrays for a Morse boundary: coefficients of all cells, and the critical cells reached.
 
-    total: of Python's integers in place of those of 64 bits where these are too small. seen: the
-    cells with a total of their own. reached: critical cells in the order in which they were.
+    total: the coefficients, as 64-bit integers, or as Python's integers if 64 bits are too few.
+    seen: whether a cell has a total. reached: the critical cells in the order in which they were
+    reached.
     """
 
     total: Numbers
@@ -151,7 +152,7 @@ class _Chains:
 
 
 def _chains_of(complex_: CubicalComplex) -> _Chains:
-    """Return the cubical chain complex: incidences of the same face added up, zeros left out."""
+    """Return the cubical chain complex: incidences of the same face are added, zeros omitted."""
     cells = incidence(complex_)
     dimension = np.repeat(
         np.arange(len(complex_.faces), dtype=np.int8), np.array(complex_.f_vector, np.int64)
@@ -187,7 +188,7 @@ def _summed(faces: Rows, sign: NDArray[np.int8]) -> _Boundary:
 
 @compiled
 def _matched(boundary: _Boundary, above: Rows) -> _Matching:
-    """Match by coreductions: a cell with one face left and this face; else take a critical cell.
+    """Match by coreductions: a cell with one face left and this face; otherwise a critical cell.
 
     `above` holds the cofaces of every cell.
     """
@@ -222,7 +223,7 @@ def _matched(boundary: _Boundary, above: Rows) -> _Matching:
 
 @compiled
 def _coreduction(boundary: _Boundary, time: Cells, front: _Front) -> tuple[int, int, int]:
-    """Return the face and the cell to be matched next and their incidence; -1, -1, 0 if none."""
+    """Return the next face and cell to match, and their incidence; -1, -1, 0 if there are none."""
     while front.ends[0, 0] < front.ends[0, 1]:
         cell = front.queue[0, front.ends[0, 0]]
         front.ends[0, 0] += 1
@@ -237,7 +238,7 @@ def _coreduction(boundary: _Boundary, time: Cells, front: _Front) -> tuple[int, 
 
 @compiled
 def _critical(boundary: _Boundary, time: Cells, front: _Front) -> int:
-    """Return a cell without faces after which a coface of it has one face left; -1 if none waits.
+    """Return a cell without faces whose removal leaves a coface with one face; -1 if none waits.
 
     The coface is the one that has waited longest.
     """
@@ -254,7 +255,7 @@ def _critical(boundary: _Boundary, time: Cells, front: _Front) -> int:
 
 @compiled
 def _take_away(cell: int, above: Rows, time: Cells, front: _Front) -> None:
-    """Count the cell no more as a face, and let those wait that have one face left, or two."""
+    """Stop counting the cell as a face, and queue its cofaces with one or two faces left."""
     for i in range(above.start[cell], above.start[cell + 1]):
         coface = int(above.cell[i])
         front.left[coface] -= 1
@@ -264,7 +265,7 @@ def _take_away(cell: int, above: Rows, time: Cells, front: _Front) -> None:
 
 @compiled
 def _wait(cell: int, front: _Front) -> None:
-    """Put the cell into the queue of those with as many faces left."""
+    """Put the cell into the queue of cells with the same number of faces left."""
     which = front.left[cell] - 1
     front.queue[which, front.ends[which, 1]] = cell
     front.ends[which, 1] += 1
@@ -273,10 +274,10 @@ def _wait(cell: int, front: _Front) -> None:
 def _flow(cell: int, boundary: _Boundary, matching: _Matching, flow: _Flow, limit: int) -> int:
     """Write the Morse boundary of a critical cell; return how many critical cells it reaches.
 
-    A face that is matched with a greater cell is replaced by the rest of that cell's boundary,
-    the latest first, so each once; one that is matched with a smaller cell is dropped. Before,
-    totals are to be 0 and nothing seen; after, that is so but for the cells that are reached.
-    Returns -1 where a total is beyond the limit, unless that is 0.
+    A face that is matched with a greater cell is replaced by the rest of that cell's boundary. The
+    latest face comes first, so each is replaced once. A face that is matched with a smaller cell is
+    dropped. Before the call, all totals must be 0 and no cell seen; after it, only the reached
+    cells differ from that. Return -1 if a total exceeds the limit; a limit of 0 means none.
     """
     waiting = [1]
     waiting.pop()
@@ -312,10 +313,10 @@ _compiled_flow = compiled(_flow)
 
 
 def _reduced(chains: _Chains) -> tuple[_Chains, list[Column] | None]:
-    """Return the Morse complex of the chains, and its columns if no more is to be matched there.
+    """Return the Morse complex of the chains, and its columns if nothing more can be matched there.
 
-    The columns are there too where a coefficient is beyond `LIMIT`: then the arrays of the Morse
-    complex are left empty, and only its columns, which are exact, are good.
+    The columns are also returned if a coefficient exceeds `LIMIT`. Then the arrays of the Morse
+    complex are left empty, and only the columns, which are exact, may be used.
     """
     above = cofaces(Rows(chains.boundary.start, chains.boundary.face))
     matched = _matched.for_work(8 * (chains.count + len(chains.boundary.face)))
@@ -352,9 +353,10 @@ def _as_arrays(dimension: NDArray[np.int8], columns: list[Column]) -> _Chains:
 def _morse_columns(
     boundary: _Boundary, matching: _Matching, critical: NDArray[np.intp], limit: int
 ) -> list[Column] | None:
-    """Return the Morse boundary of every critical cell, these numbered anew in their order.
+    """Return the Morse boundary of every critical cell, renumbered in their order.
 
-    With a limit of 0 in Python's integers; else compiled, and None where it is exceeded.
+    With a limit of 0 it uses Python's integers; otherwise it is compiled, and returns None if the
+    limit is exceeded.
     """
     count = len(matching.partner)
     run: Callable[[int, _Boundary, _Matching, _Flow, int], int] = _compiled_flow.for_work(
@@ -383,14 +385,14 @@ def _morse_columns(
 def _by_linear_algebra(
     columns: list[Column], dimension: NDArray[np.int8], highest: int
 ) -> Homology:
-    """Return the homology of a chain complex that is given by the columns of its boundary."""
+    """Return the homology of a chain complex given by the columns of its boundary."""
     cells: list[list[int]] = [[] for _ in range(highest + 1)]
     critical = [0] * (highest + 1)
     for k in dimension.tolist():
         critical[k] += 1
     for cell in _without_units(columns):
         cells[dimension[cell]].append(cell)
-    # Of the boundary from dimension k; there is none from 0 or from highest + 1.
+    # Ranks of the boundary from dimension k; it is 0 from dimensions 0 and highest + 1.
     ranks, ranks_z2 = [0] * (highest + 2), [0] * (highest + 2)
     torsion: list[tuple[int, ...]] = [()] * (highest + 1)
     for k in range(1, highest + 1):
@@ -407,10 +409,10 @@ def _by_linear_algebra(
 
 
 def _without_units(columns: list[Column]) -> list[int]:
-    """Take out pairs of cells with incidence 1 or -1 until there are none; return who is left.
+    """Remove pairs of cells with incidence 1 or -1 until there are none; return the other cells.
 
-    Changes the columns. A pair is taken from a column with few entries, and there in a row with
-    few entries, to keep what is left sparse.
+    Changes the columns. A pair is taken from a column with few entries, and there from a row with
+    few entries, to keep the rest sparse.
     """
     rows: list[dict[int, None]] = [{} for _ in columns]
     for cell, column in enumerate(columns):
@@ -444,7 +446,7 @@ def _without_units(columns: list[Column]) -> list[int]:
 def _subtract(
     columns: list[Column], rows: list[dict[int, None]], cell: int, factor: int, other: int
 ) -> None:
-    """Subtract from one cell's column that of another, times the factor."""
+    """Subtract another cell's column, times the factor, from one cell's column."""
     target = columns[other]
     for face, value in columns[cell].items():
         sum_ = target.get(face, 0) - factor * value

@@ -1,7 +1,7 @@
 """All cubes of a complex in one row, by ascending dimension, with their faces and cofaces.
 
-What loops over cells of every dimension at once want in place of one array for each dimension:
-compressed sparse rows, as many libraries have them.
+Loops over cells of all dimensions use this form instead of one array for each dimension. It is the
+compressed sparse row format of many libraries.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class Rows(NamedTuple):
 class Incidence:
     """The faces of all cubes, where the k-cube i of the complex is the cell ``offset[k] + i``.
 
-    offset: shape (dimension + 2,); the last is the number of cells. faces: one for each direction
-    and end of a cell, in this order and with repetition. sign: of the same shape as faces.cell, the
-    sign with which each is in the boundary.
+    offset: shape (dimension + 2,); the last entry is the number of cells. faces: one for each
+    direction and end of a cell, in this order and with repetition. sign: the sign of each face in
+    the boundary, of the same shape as faces.cell.
     """
 
     offset: Numbers
@@ -57,9 +57,9 @@ def incidence(complex_: CubicalComplex) -> Incidence:
 
 
 def cofaces(faces: Rows) -> Rows:
-    """Return for each cell those that it is a face of, ascending, each as often as it is.
+    """Return for each cell the cells of which it is a face, ascending, with multiplicity.
 
-    The transpose of the rows, in linear time.
+    This is the transpose of the rows, in linear time.
     """
     return _transposed.for_work(4 * (len(faces.start) + len(faces.cell)))(faces)
 

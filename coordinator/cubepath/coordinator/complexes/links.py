@@ -1,4 +1,4 @@
-"""Links of vertices, Gromov's link condition, and so non-positive curvature: checked, not assumed.
+"""Links of vertices, Gromov's link condition and non-positive curvature: checked, not assumed.
 
 Source: Abrams and Ghrist, definitions of link and link condition, after Gromov: a cube complex is
 non-positively curved iff in the link of every vertex any k + 1 vertices that are pairwise joined
@@ -31,7 +31,7 @@ class Ranges(NamedTuple):
 
 
 _WITNESSES = 5
-"""So many failing links are described."""
+"""The number of failing links that are described."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,20 +59,21 @@ class Links:
 
     checked: int
     failing: tuple[Failing, ...]
-    """At most the first few."""
+    """The first few failures."""
     failures: int
-    """At how many vertices it fails."""
+    """The number of vertices at which it fails."""
 
     @property
     def npc(self) -> bool:
-        """Tell whether the complex is non-positively curved."""
+        """Return whether the complex is non-positively curved."""
         return not self.failures
 
 
 def bytes_for_links(counts: Sequence[int]) -> int:
-    """Return about how many bytes `check_links` takes at most for a complex of this f-vector.
+    """Return roughly the most bytes that `check_links` takes for a complex of this f-vector.
 
-    The corners of the cubes of one dimension, their ends in four copies while they are sorted.
+    They hold the corners of the cubes of one dimension, with four copies of their ends while these
+    are sorted.
     """
     return max((count * 16 * (k + 2) << k for k, count in enumerate(counts)), default=0)
 
@@ -81,9 +82,9 @@ def check_links(complex_: CubicalComplex) -> Links:
     """Check the link condition at every vertex, from the cubes alone.
 
     The k-cubes that have a corner at a vertex are the (k - 1)-simplices of its link, each given by
-    the k ends of edges there (one edge may come with both ends). The condition holds iff no two
-    simplices have the same vertices, no simplex has one twice, and the link has as many simplices
-    of each dimension as its graph has cliques of that size.
+    the k ends of edges there (both ends of an edge may occur). The condition holds iff no two
+    simplices have the same vertices, no simplex has a vertex twice, and the link has as many
+    simplices of each dimension as its graph has cliques of that size.
     """
     vertices = complex_.f_vector[0] if complex_.faces else 0
     bad: dict[int, Failing] = {}
@@ -125,8 +126,8 @@ def _failing(vertex: int, row: Ends, simplices: int) -> Failing:
 def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ends, Ends]]:
     """Yield for k = 1, 2, ... the corners of all k-cubes: vertex, and the k ends of edges there.
 
-    The arrays have shapes (corners,) and (corners, k), the ends in ascending order; end e of edge i
-    is the number 2 i + e.
+    The arrays have shapes (corners,) and (corners, k), with the ends in ascending order; end e of
+    edge i has the number 2 i + e.
     """
     if not complex_.faces:
         return
@@ -140,7 +141,7 @@ def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ends, Ends]]:
         if k == 1:
             last = np.stack([2 * cubes, 2 * cubes + 1], axis=1)
         else:
-            # The edge in the last direction is found in the face where direction 0 is fixed.
+            # The edge in the last direction is an edge of the face that fixes direction 0.
             half = np.arange(1 << k)
             last = np.where(
                 half & 1,
@@ -154,7 +155,7 @@ def _corners(complex_: CubicalComplex) -> Iterator[tuple[Ends, Ends]]:
 
 
 def _grouped(keys: Ends, values: Ends, count: int) -> Ranges:
-    """Return the values by key in ascending order: ranges, and the values."""
+    """Return the values by key, in ascending order."""
     order = np.lexsort((values, keys))
     starts = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.bincount(keys, minlength=count), out=starts[1:])
@@ -180,7 +181,7 @@ def _joined(graph: Ranges, one: int, other: int) -> bool:
 
 @compiled
 def _cliques_differ(ends: Ranges, graph: Ranges, simplices: Ints) -> NDArray[np.bool_]:
-    """Tell for each vertex whether the cliques of its link's graph are not as many as simplices."""
+    """Return for each vertex whether the numbers of simplices and cliques in its link differ."""
     found = np.zeros(len(ends.starts) - 1, dtype=np.bool_)
     largest = simplices.shape[1]
     for vertex in range(len(found)):
@@ -199,7 +200,7 @@ def _cliques_differ(ends: Ranges, graph: Ranges, simplices: Ints) -> NDArray[np.
         while depth:
             counts[depth - 1] += 1
             depth = following(agree, chosen, depth, depth <= largest)
-        # A clique larger than the largest cube is one too many.
+        # A clique larger than the largest cube bounds no simplex.
         found[vertex] = counts[largest] or (counts[:largest] != simplices[vertex]).any()
     return found
 

@@ -1,7 +1,7 @@
-"""The link of one state, from the definition, without exploring anything.
+"""The link of one state, from the definition, without any exploration.
 
 This is how the link condition of a non-local system is checked: its complex may be far too large,
-but a link asks only for the cubes at one state.
+but a link involves only the cubes at one state.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def actions_at(scene: Scene, state: State) -> list[Action]:
 
 
 def spans_cube(scene: Scene, state: State, actions: Sequence[Action]) -> bool:
-    """Tell whether these actions, admissible at the state, span a cube: all corners are states."""
+    """Return whether actions admissible at the state span a cube: all its corners are states."""
     if not all(commute(one, other) for one, other in combinations(actions, 2)):
         return False
     if scene.system.local:
@@ -41,7 +41,7 @@ def spans_cube(scene: Scene, state: State, actions: Sequence[Action]) -> bool:
 def unfilled(scene: Scene, state: State) -> list[tuple[Action, ...]]:
     """Return the minimal sets of actions that fail the link condition at the state.
 
-    Each has at least three actions, any proper subset of which spans a cube, while all together do
+    Each has at least three actions; any proper subset of them spans a cube, but all together do
     not. A local system has none (the paper's theorem on non-positive curvature).
     """
     actions = actions_at(scene, state)

@@ -32,7 +32,7 @@ class Macro:
 
     start: Shape
     end: Shape
-    """In its own normal place."""
+    """The last shape, in its own normal place."""
     cubes: tuple[Steps, ...]
 
 
@@ -48,10 +48,12 @@ class Lift:
 def macro(
     system: System, start: Iterable[Site], end: Iterable[Site], *, most: int = MAX_STATES
 ) -> Macro:
-    """Return a macro with as few cubes as any from the shape of `start` to the shape of `end`.
+    """Return a macro with the fewest cubes from the shape of `start` to the shape of `end`.
 
-    Both are sets of cells anywhere on the lattice. Obstacles and workspace of the system play no
-    part here. CheckError where the second shape is not to be reached, or not within `most` shapes.
+    Both are sets of cells anywhere on the lattice. Obstacles and workspace of the system are
+    ignored here. CheckError if the second shape cannot be reached, or not within `most` shapes.
+    InputError if the system is not local or has no lattice, or if the shapes are empty or differ in
+    size.
     """
     if not system.local:
         raise InputError("a macro of a system that is not local: its shapes have no complex")
@@ -103,7 +105,7 @@ def _way_back(back: dict[Shape, tuple[Shape, Steps] | None], goal: Shape) -> lis
 
 
 def _unrolled(system: System, start: Shape, cubes: list[Steps]) -> tuple[Steps, ...]:
-    """Return the steps as translations of one place, not of each shape's own normal place."""
+    """Return the steps relative to one place, instead of each shape's own normal place."""
     lattice = _lattice(system)
     shape, origin = start, (0,) * lattice.dimension
     found = []
@@ -120,8 +122,8 @@ def _unrolled(system: System, start: Shape, cubes: list[Steps]) -> tuple[Steps, 
 def lift(system: System, plan: Macro, at: Cell) -> Lift:
     """Return the macro with its first shape's normal place at `at`, checked against obstacles.
 
-    Every module must start on a free place, and each action must be one of the system and be
-    admissible when its turn comes; where not, the refusal says which and why.
+    Every module must start on a free place, and each action must exist in the system and be
+    admissible when its turn comes; otherwise the refusal says which one fails, and why.
     """
     lattice = _lattice(system)
     if len(at) != lattice.dimension or any(type(number) is not int for number in at):

@@ -1,4 +1,4 @@
-"""What `cubepath complex` says of a system: counts, curvature, homology, how long it took."""
+"""The report of `cubepath complex` on a system: counts, curvature, homology, time."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.system import Scene
 
 BYTES_MAX = 8 << 30
-"""So much memory the cubes may take."""
+"""The bound on the memory of the cubes."""
 _WITNESSES = 5
 
 Progress = Callable[[str, int, int], None]
-"""Told what is being done, how far it is, and of how many (0 where that is not known)."""
+"""Called with the current work, how much of it is done, and its total (0 if not known)."""
 
 
 @dataclass(slots=True)
 class ComplexReport:
-    """The figures of one complex; None where they were not asked for or could not be had."""
+    """The figures of one complex; None if they were not asked for or could not be computed."""
 
     system: str
     kind: str
@@ -52,14 +52,14 @@ class ComplexReport:
     components: int | None = None
     surface: str | None = None
     orientable: bool | None = None
-    """Of a complex of dimension 2 with no edge in more than two squares."""
+    """For complexes of dimension 2 with no edge in more than two squares."""
     homology: Homology | None = None
     homotopy: str | None = None
     npc: bool | None = None
     links_checked: int | None = None
     witnesses: list[str] = field(default_factory=list)
     failing: int = 0
-    """At how many states the link condition fails."""
+    """The number of states at which the link condition fails."""
     seconds: float = 0.0
     built: StateComplex | ShapeComplex | None = None
 
@@ -72,7 +72,7 @@ class ComplexReport:
 
     @property
     def contractible(self) -> bool | None:
-        """Tell whether the complex was shown to be contractible, or not to be; else None."""
+        """Return whether the complex is contractible, None if neither was proved."""
         return {None: None, "collapses to a point": True, "not contractible": False}.get(
             self.homotopy
         )
@@ -117,8 +117,8 @@ def complex_report(
 ) -> ComplexReport:
     """Return the figures of the state complex, or of the shape complex, of a scene.
 
-    With `keep` the cubes themselves are kept in `built`. Where there are more than `max_states`
-    states the report says so (`complete`) and holds no more than what is known of these.
+    With `keep` the cubes themselves are kept in `built`. If there are more than `max_states`
+    states, `complete` is False and the report holds only what is known then.
     """
     began = perf_counter()
     tell = progress or _silent
@@ -231,7 +231,7 @@ def _examine(
 
 
 def _witnesses(found: ComplexReport, links: Links) -> list[str]:
-    """Say of the first failing links which moves witness it."""
+    """Return lines on the first failing links, with the moves that witness each failure."""
     lines = []
     for failing in links.failing:
         if not isinstance(found.built, StateComplex):

@@ -1,8 +1,8 @@
 """The shape complex: the state complex of a lattice system up to translation.
 
-Source: Abrams and Ghrist, appendix on shape complexes. A finite state is fixed by no translation,
-so every cube of the quotient is named once by the shape at which all of its actions are at end 0,
-put to its normal place, and by these actions.
+Source: Abrams and Ghrist, appendix on shape complexes. No translation fixes a finite state, so
+every cube of the quotient has exactly one name: the shape at which all of its actions are at end 0,
+in its normal place, and these actions.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System, local_only
 
 Shape: TypeAlias = frozenset[Site]
-"""The cells of an aggregate, shifted so that the first in canonical order is in normal place."""
+"""The cells of an aggregate, translated so that the first in canonical order is at the origin."""
 Steps: TypeAlias = tuple[GeneratorPlacement, ...]
-"""Actions that commute, in ascending order: as cells are sorted, then by generator."""
+"""Commuting actions in ascending order: by place, in the order of cells, then by generator."""
 Cube: TypeAlias = tuple[int, Steps]
 """The number of the base shape, and the cube's directions."""
 
 
-class TooManyShapes(CheckError):  # noqa: N818 - named for what is the case
-    """There are more shapes than were allowed; `known` were found before that was seen."""
+class TooManyShapes(CheckError):  # noqa: N818 - named after the condition
+    """There are more shapes than allowed; `known` were found before the search stopped."""
 
     def __init__(self, spec: str, most: int, known: int) -> None:
-        """Say so in one line."""
+        """Make the message, which is one line."""
         super().__init__(f"{spec}: more than {most} shapes")
         self.known = known
 
 
 @dataclass(frozen=True, slots=True)
 class ShapeComplex:
-    """A shape complex with its shapes, and with the names of its cubes by dimension."""
+    """A shape complex with its shapes, and the names of its cubes by dimension."""
 
     scene: Scene
     complex: CubicalComplex
@@ -50,7 +50,7 @@ class ShapeComplex:
 
 
 def lattice_of(scene: Scene) -> Lattice:
-    """Return the lattice of a scene that is all of it; InputError where translations do not act."""
+    """Return the lattice of a scene on a whole lattice; InputError if translations do not act."""
     system = local_only(scene, "shape complex").system
     if system.catalogue is None:
         raise InputError(f"{scene.spec}: no lattice, so there are no shapes up to translation")
@@ -70,7 +70,7 @@ def normal_place(lattice: Lattice, cells: frozenset[Site]) -> tuple[Shape, Cell]
 
 
 def order_of(step: GeneratorPlacement) -> tuple[Cell, str]:
-    """Return what steps are sorted by: their places as cells, then their generators."""
+    """Return the sort key of a step: its place as a cell, then its generator."""
     return step.at, step.generator
 
 
@@ -82,7 +82,7 @@ def shifted(lattice: Lattice, step: GeneratorPlacement, by: Cell) -> GeneratorPl
 def steps_at(system: System, shape: Shape) -> dict[GeneratorPlacement, Action]:
     """Return the admissible actions of an aggregate, by their steps in ascending order.
 
-    An action that the catalogue has under two names stands under the first of its steps.
+    An action that has two names in the catalogue is listed under the first of its steps.
     """
     found: dict[GeneratorPlacement, Action] = {}
     for cell in shape:
@@ -103,13 +103,13 @@ def shape_complex(
     max_states: int = MAX_STATES,
     progress: Callable[[int, int], None] | None = None,
 ) -> ShapeComplex:
-    """Return the shape complex; CheckError where it has more than `max_states` shapes."""
+    """Return the shape complex; CheckError if it has more than `max_states` shapes."""
     system, lattice = scene.system, lattice_of(scene)
     first, _ = normal_place(lattice, frozenset(scene.start))
     number: dict[Shape, int] = {first: 0}
     shapes = [first]
     across: list[dict[GeneratorPlacement, tuple[int, Cell]]] = []
-    """For each shape and step at end 0: the shape it leads to, and how that was shifted."""
+    """For each shape and step at end 0: the shape after it, and its shift to the normal place."""
     up: list[dict[GeneratorPlacement, Action]] = []
     for shape in shapes:
         here: dict[GeneratorPlacement, tuple[int, Cell]] = {}

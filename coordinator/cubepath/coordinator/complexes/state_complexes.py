@@ -1,8 +1,8 @@
 """The state complex: a cube for every set of commuting actions at a state.
 
-Source: Abrams and Ghrist, definition of the state complex. Two cubes are one iff their actions are
-the same and their states agree off the traces. So every cube is named once by the state at which
-all of its actions are at end 0, and by these actions.
+Source: Abrams and Ghrist, definition of the state complex. Two cubes are equal iff their actions
+are the same and their states agree off the traces. So every cube has exactly one name: the state at
+which all of its actions are at end 0, and these actions.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ class StateComplex:
     """A state complex with the names of its cubes.
 
     ``actions[k]`` has shape (k-cubes, k): the numbers of the actions of each k-cube in ascending
-    order, which are its directions; ``bases[k]`` the state at which all of them are at end 0.
+    order, which are its directions. ``bases[k]`` holds the state of each k-cube at which all of its
+    actions are at end 0.
     """
 
     explored: Explored
@@ -40,7 +41,7 @@ class StateComplex:
 
     @property
     def memory(self) -> int:
-        """Return the bytes that states, cubes and their faces take."""
+        """Return the size of states, cubes and their faces in bytes."""
         arrays = (*self.complex.faces, *self.bases, *self.actions)
         return self.explored.memory + sum(array.nbytes for array in arrays)
 
@@ -52,9 +53,9 @@ class StateComplex:
 
 
 def f_vector(explored: Explored) -> tuple[int, ...]:
-    """Return how many cubes of each dimension there are, without keeping them.
+    """Return the number of cubes of each dimension, without keeping the cubes.
 
-    CheckError where not all states were explored.
+    CheckError if not all states were explored.
     """
     _all_explored(explored)
     counts = _counts(explored)
@@ -70,12 +71,12 @@ def _all_explored(explored: Explored) -> None:
 
 
 def bytes_for(counts: Sequence[int]) -> int:
-    """Return how many bytes the cubes of this f-vector take: faces, bases and actions."""
+    """Return the size in bytes of the cubes of this f-vector: faces, bases and actions."""
     return sum(4 * count * (3 * k + 1) for k, count in enumerate(counts))
 
 
 def state_complex(explored: Explored) -> StateComplex:
-    """Return the complex on the explored states; CheckError where not all were explored."""
+    """Return the complex on the explored states; CheckError if not all states were explored."""
     _all_explored(explored)
     counts = _counts(explored)
     totals = counts.sum(axis=0, dtype=np.int64)
@@ -121,13 +122,13 @@ def _edges(explored: Explored) -> _Edges:
 
 _LOCAL = -1
 _EDGE_STEPS = 8
-"""Steps of an edge or a face: about as many as plain Python takes microseconds."""
+"""Steps of work for an edge or a face, which is about its microseconds in plain Python."""
 
 
 def _most(explored: Explored) -> int:
-    """Return how large a set of commuting actions gets; `_LOCAL` where that is all that counts.
+    """Return the largest size of a set of commuting actions, or `_LOCAL` for a local system.
 
-    Where a rule for the whole decides too, commuting alone makes no cube: all corners have to be
+    In a system with a global rule, commuting actions alone do not make a cube: all corners must be
     looked at.
     """
     if explored.scene.system.local:
@@ -138,13 +139,13 @@ def _most(explored: Explored) -> int:
 
 
 def _clique_steps(explored: Explored) -> int:
-    """Return about how many steps it takes to look at all sets of commuting actions."""
+    """Return roughly how many steps it takes to look at all sets of commuting actions."""
     degrees = np.diff(explored.starts)
     return _EDGE_STEPS * int((degrees * degrees).sum() + len(degrees))
 
 
 def _counts(explored: Explored) -> Numbers:
-    """Return for each state how many cubes of each dimension have it as their base."""
+    """Return for each state the number of cubes of each dimension that have it as their base."""
     most = int(np.diff(explored.starts).max(initial=0))
     counts = np.zeros((len(explored.states), most + 1), dtype=np.int32)
     most = _most(explored)
@@ -248,7 +249,7 @@ def _fill(edges: _Edges, most: int, layout: _Layout, flat: Numbers) -> None:
 
 @compiled
 def _find(cubes: Numbers, low: int, high: int, cube: Numbers) -> int:
-    """Return which row from `low` to `high`, in lexicographic order, is this cube's actions."""
+    """Return the row with this cube's actions, between `low` and `high`, in lexicographic order."""
     while high - low > 1:
         middle = (low + high) // 2
         later = False

@@ -1,8 +1,8 @@
-"""A system's sites and actions as bit masks, met as an exploration goes along.
+"""A system's sites and actions as bit masks, added as an exploration meets them.
 
-The array form of the formal core: what `actions.end_at` and `actions.commute` say of sets, said of
-rows of 64-bit words, so that compiled code can ask it. Sites get bits and actions get numbers in
-the order in which they are met, which depends on the scene alone.
+The array form of the formal core: it has `actions.end_at` and `actions.commute` on rows of 64-bit
+words instead of sets, for compiled code. Sites get bits and actions get numbers in the order in
+which they are met, which depends only on the scene.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ Numbers = NDArray[np.int32]
 
 
 class Placing(NamedTuple):
-    """Masks of the actions, who may apply them, and their guards, for compiled code."""
+    """Masks of the actions, the modules that may apply them, and their guards."""
 
     masks: Words
     mover_starts: Numbers
-    """For each bit where its rows of `movers` begin, shape (bits + 1,)."""
+    """For each bit, where its rows of `movers` begin, shape (bits + 1,)."""
     movers: Numbers
     """The actions and ends that a module at a bit may apply, shape (any, 2)."""
     guard_starts: Numbers
     guards: Numbers
-    """Pairs of bits of each action of which the first needs the second, shape (any, 2)."""
+    """Pairs of bits of each action, where the first needs the second, shape (any, 2)."""
 
 
 class Bits:
-    """Bits for sites and masks for actions; occupied obstacles need no bit, for they stay on."""
+    """Bits for sites and masks for actions; filled obstacles need no bit, since they stay on."""
 
     def __init__(self, scene: Scene) -> None:
         """Begin with the sites of the start."""
@@ -57,7 +57,7 @@ class Bits:
 
     @property
     def words(self) -> int:
-        """Return how many words of 64 bits a state takes."""
+        """Return the number of 64-bit words of a state."""
         return max(1, -(-len(self.sites) // 64))
 
     def _bit_of(self, site: Site) -> int:
@@ -68,7 +68,7 @@ class Bits:
         return found
 
     def encode(self, sites: Iterable[Site]) -> int:
-        """Return the mask of these sites as one number; occupied obstacles are left out."""
+        """Return the mask of these sites as one number; filled obstacles are left out."""
         found = 0
         for site in in_order(sites):
             if site not in self._filled:
@@ -76,7 +76,7 @@ class Bits:
         return found
 
     def decode(self, row: Words) -> frozenset[Site]:
-        """Return the sites that are on in a row of words, occupied obstacles included."""
+        """Return the sites that are on in a row of words, including filled obstacles."""
         return frozenset(self.sites[bit] for bit in bits_in(row)) | self._filled
 
     def meet(self, bit: int) -> None:
@@ -88,7 +88,7 @@ class Bits:
             if number is not None:
                 sources = frozenset(source for source, _ in move.motion)
                 end = 0 if sources == move.action.ends[0] & move.action.trace else 1
-                # Equal actions may be listed under two names, and with two movers: one edge.
+                # Equal actions, listed under two names or with two movers, are one edge.
                 if (number, end) not in self._filed:
                     self._filed.add((number, end))
                     self._movers[bit].append((number, end))
@@ -100,10 +100,10 @@ class Bits:
 
     def _register(self, action: Action) -> int | None:
         fixed = action.support - action.free
-        # An obstacle that is on must be on at both ends, or the action never applies.
+        # The action applies only if a filled obstacle in its support is on at both ends.
         if fixed & self._filled != action.ends[0] & self._filled:
             return None
-        # Where the first site of a guard is an obstacle that is on, the second must be on too.
+        # If the first site of a guard is a filled obstacle, the second must always be on.
         needed = {b for a, b in action.guards if a in self._filled} - self._filled
         if not needed & fixed <= action.ends[0]:
             return None
@@ -130,14 +130,14 @@ class Bits:
     def masks(self) -> Words:
         """Return all masks, shape (actions, 5, words): need, trace, support, end 0, end 1.
 
-        Need holds the sites of the support that must be as an end has them.
+        Need holds the sites of the support that must agree with an end.
         """
         size = 8 * self.words
         data = b"".join(mask.to_bytes(size, "little") for masks in self._masks for mask in masks)
         return np.frombuffer(data, dtype="<u8").reshape(-1, 5, self.words).copy()
 
     def placing(self) -> Placing:
-        """Return what is known of sites and actions as arrays."""
+        """Return everything known about sites and actions as arrays."""
         return Placing(self.masks(), *_ranges(self._movers), *_ranges(self._guards))
 
 
@@ -161,7 +161,7 @@ def bits_in(row: Words) -> list[int]:
 
 @compiled
 def commutes(masks: Words, one: int, other: int) -> bool:
-    """Tell whether two actions commute: `actions.commute` on masks."""
+    """Return whether two actions commute: `actions.commute` on masks."""
     for word in range(masks.shape[2]):
         if masks[one, 1, word] & masks[other, 2, word]:
             return False
@@ -172,7 +172,7 @@ def commutes(masks: Words, one: int, other: int) -> bool:
 
 @compiled
 def shows(placing: Placing, state: Words, action: int, end: int) -> bool:
-    """Tell whether the state shows this end of the action: `actions.end_at` on masks."""
+    """Return whether the state shows this end of the action: `actions.end_at` on masks."""
     masks = placing.masks
     for word in range(masks.shape[2]):
         if state[word] & masks[action, 0, word] != masks[action, 3 + end, word]:
@@ -189,9 +189,9 @@ def shows(placing: Placing, state: Words, action: int, end: int) -> bool:
 
 @compiled
 def admissible_at(placing: Placing, state: Words, found: Numbers) -> int:
-    """Write the (action, end) that the state shows to `found`, by action; return how many.
+    """Write each (action, end) that the state shows to `found`, by action; return their number.
 
-    `found` has shape (any, 2 or more) with room for all.
+    `found` has shape (any, 2 or more), with room for all.
     """
     one = np.uint64(1)
     size = 0

@@ -1,9 +1,8 @@
 """Shortening itself: heaps of pieces, the normal cube path, its proof and its timetable.
 
-Room: coordinator. It takes actions and nothing else: no recording, no command, no kind of system.
-Of the protocol it imports `core`, and the forms of `path_files`; of the coordinator nothing.
-Whoever shortens imports it; `verification` does not, but for the definitions that stand by
-themselves.
+Room: coordinator. It takes only actions: it knows no recording, no command and no kind of system.
+From the protocol it imports `core` and the forms of `path_files`, from the coordinator nothing.
+Rooms that shorten import it; `verification` imports only the self-contained `definitions`.
 """
 
 from typing import TYPE_CHECKING

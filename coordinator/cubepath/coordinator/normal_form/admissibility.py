@@ -1,7 +1,7 @@
-"""Whether the moves of a path are admissible one after another, asked of numbers and compiled.
+"""Whether the moves of a path are admissible one after another, compiled, on numbered actions.
 
-What `cubepath.protocol.core.actions.end_at` says of sets. The state is what is known of it, as in
-`cubepath.protocol.path_files.moves.read_moves`.
+It decides the same as `cubepath.protocol.core.actions.end_at` does on sets. The state may be known
+in part, as in `cubepath.protocol.path_files.moves.read_moves`.
 
 Room: coordinator; touches nothing.
 """
@@ -23,9 +23,9 @@ from cubepath.protocol.path_files.numbered import NumberedPath
 Numbers = NDArray[np.int32]
 Bytes = NDArray[np.int8]
 
-# What an action says of a site, as bits: on in local state 0 or 1, in the trace, free to be either.
+# What an action says about a site, as bits: on in local state 0, on in 1, in the trace, free.
 _TRACE, _FREE = 4, 8
-# What is known of a site's state, as bits: on, and whether that is not known.
+# What is known of a site's state, as bits: on, and unknown.
 _ON, _UNKNOWN = 1, 2
 
 
@@ -41,19 +41,20 @@ class _Supports(NamedTuple):
 
 
 class InadmissibleMove(NamedTuple):
-    """A move that is not admissible, as its place from 0, and the state there as far as known."""
+    """A move that is not admissible, as its place from 0, and the known part of the state there."""
 
     move: int
     state: frozenset[Site]
 
 
 def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | InadmissibleMove:
-    """Return the path with the local state that each move was made at, or the first misfit.
+    """Return the path with the local state at which each move was made, or the first misfit.
 
-    With a start all of the state is known. Without one a site is what the first move with it in its
-    support says; a move that does not say which of its local states it starts from is held against
-    what is known. One whose local states are not stated makes its trace unknown. `ends` of the
-    result is -1 where it is not known what a move was made at. Time is linear in the supports.
+    With a start the whole state is known. Without one, the first move with a site in its support
+    determines the state of the site; a move that does not say from which of its local states it
+    starts is checked only against what is known. A move without stated local states makes its trace
+    unknown. In the result, `ends` is -1 for moves whose local state is not known. Time is linear in
+    the supports.
     """
     supports, sites = _supports(path)
     state = np.full(len(sites), _UNKNOWN if start is None else 0, dtype=np.int8)
@@ -103,10 +104,10 @@ def _said(action: Action, site: Site) -> int:
 
 
 @compiled
-def _walk(  # noqa: C901, PLR0912 - one function, for a call costs as much as a move
+def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as a move
     supports: _Supports, numbers: Numbers, ends: Bytes, state: Bytes
 ) -> int:
-    """Make the moves; return the first that is not admissible, or -1; `ends` is written."""
+    """Make the moves and write `ends`; return the first move that is not admissible, or -1."""
     for move in range(len(numbers)):
         number = numbers[move]
         begin, stop = supports.starts[number], supports.starts[number + 1]
@@ -125,7 +126,7 @@ def _walk(  # noqa: C901, PLR0912 - one function, for a call costs as much as a 
                 if told < 0:
                     continue
                 state[site] = (said >> told) & 1
-            # A bit for each local state that has the site as it is.
+            # One bit for each local state that agrees with the state of the site.
             fits &= said if state[site] & _ON else ~said
         for place in range(supports.guard_starts[number], supports.guard_starts[number + 1]):
             one, other = supports.guards[place]
@@ -135,7 +136,7 @@ def _walk(  # noqa: C901, PLR0912 - one function, for a call costs as much as a 
             return move
         end = 0 if fits & 1 else 1
         if fits == 3:
-            # Nothing known tells the two apart: only where it does not say, and knows no trace.
+            # Both local states fit, so no site of the trace is known, and the move does not say.
             end = told
         ends[move] = end
         for index in range(begin, stop):

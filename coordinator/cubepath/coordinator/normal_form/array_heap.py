@@ -1,9 +1,9 @@
 """The normal cube path of a path whose actions are numbers: all at once, or move by move.
 
 The heap of pieces of `cubepath.coordinator.normal_form.kernel` behind an interface that grows:
-sites, actions and moves may come at any time. Source: as there.
+sites, actions and moves may be added at any time. Sources: as there.
 
-Coordinator; touches nothing.
+Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class ActionTable(NamedTuple):
 class NormalForm(NamedTuple):
     """What became of each move of a path, both of shape (moves,), int32.
 
-    `levels` counts from 1: the moves of level i are the i-th cube. It is 0 for a move that was
-    cancelled, and then `partners` has the place of the other of the pair; otherwise it has -1.
+    `levels` counts from 1: the moves of level i are the i-th cube. The level is 0 for a move that
+    was cancelled, and then `partners` holds the place of the other move of the pair; otherwise -1.
     """
 
     levels: Levels
@@ -48,7 +48,7 @@ class NormalForm(NamedTuple):
 
 
 class NumberedPieces(NamedTuple):
-    """Pieces by level, and in a level by move; three arrays of one length, int32."""
+    """Pieces by level, and within a level by move; three arrays of equal length, int32."""
 
     levels: Levels
     actions: Numbers
@@ -56,21 +56,21 @@ class NumberedPieces(NamedTuple):
 
 
 class NumberedChanges(NamedTuple):
-    """What came into the cube path and what went out of it."""
+    """The pieces added to the cube path and those removed from it."""
 
     added: NumberedPieces
     removed: NumberedPieces
 
 
 def normal_form(numbers: Numbers, table: ActionTable) -> NormalForm:
-    """Return the level of every move in the normal cube path, and who cancelled whom.
+    """Return the level of every move in the normal cube path, and which moves cancel which.
 
     `numbers` are the actions of the moves in order, as rows of `table`, shape (moves,); equal
-    actions must have equal numbers, for a move undoes its equal. Time is linear in the sites of the
-    supports, but for the logarithm of the number of concurrent readers of a site. Space beside what
-    goes in and out is given in `cubepath.coordinator.normal_form.kernel`: 52 bytes a move that
-    writes 2 sites and reads 6. InputError where the table does not fit together or a number is none
-    of it.
+    actions must have equal numbers, since a move undoes its equal. Time is linear in the sites of
+    the supports, up to the logarithm of the number of concurrent readers of a site. The space,
+    apart from input and output, is given in `cubepath.coordinator.normal_form.kernel`: 52 bytes for
+    a move that writes 2 sites and reads 6. InputError if the table is inconsistent or a number is
+    not in it.
 
     >>> starts, sites = np.array([0, 2, 4], np.int32), np.array([0, 1, 2, 3], np.int32)
     >>> nobody = np.zeros(3, np.int32)
@@ -80,19 +80,19 @@ def normal_form(numbers: Numbers, table: ActionTable) -> NormalForm:
     ([0, 1, 0], [2, -1, 0])
     """
     levels, partners = NumberedHeap(table).append(numbers, told=True)
-    # The kernel says with a minus which of the two came later; here both are simply gone.
+    # The kernel marks the later move of a pair by a negative level; here both have level 0.
     return NormalForm(np.maximum(levels, 0, out=levels), partners)
 
 
 class NumberedHeap:
-    """A heap of pieces over numbered sites and actions, to which all may be added at any time.
+    """A heap of pieces over numbered sites and actions, which may be added at any time.
 
-    Space is that of the pieces that are left, of the sites, and of the actions; and 12 bytes for
-    each move where it is to tell what became of all of them.
+    Space is that of the remaining pieces, the sites and the actions. With `telling` it keeps 12
+    more bytes for each move, to say what became of it.
     """
 
     def __init__(self, table: ActionTable | None = None, *, telling: bool = False) -> None:
-        """Make an empty heap, `telling` for `normal_form`; InputError where the table is none."""
+        """Make an empty heap, `telling` for `normal_form`; InputError if the table is invalid."""
         self._heap = Arrays(
             columns=np.zeros((0, kernel.FIELDS), dtype=np.int32),
             actions=np.zeros((0, kernel.FIELDS), dtype=np.int32),
@@ -108,7 +108,7 @@ class NumberedHeap:
         self._incidences = 0
         self._telling = telling
         self._journal: _Journal | None = _Journal(0) if telling else None
-        # How many moves there were when `changes` was asked last.
+        # The number of moves when `changes` was last called.
         self._asked: int | None = None
         if table is not None:
             self.add_actions(table)
@@ -120,7 +120,7 @@ class NumberedHeap:
 
     @property
     def reduced_moves(self) -> int:
-        """Return the number of moves that are left after cancellation."""
+        """Return the number of moves that remain after cancellation."""
         return int(self._heap.totals[kernel.REDUCED])
 
     @property
@@ -130,16 +130,16 @@ class NumberedHeap:
 
     @property
     def max_cube_dimension(self) -> int:
-        """Return the greatest dimension of a cube, 0 when there is none."""
+        """Return the greatest dimension of a cube, 0 if there is none."""
         return int(self._heap.totals[kernel.LARGEST])
 
     @property
     def nbytes(self) -> int:
-        """Return how many bytes the arrays have, used or not."""
+        """Return the size of the arrays in bytes, used or not."""
         return sum(array.nbytes for array in self._heap)
 
     def add_actions(self, table: ActionTable) -> int:
-        """Number further actions, and the sites that are new in them; return the first number."""
+        """Add actions, and the new sites in their supports; return the number of the first."""
         _check(table)
         count = len(table.trace_starts) - 1
         sizes = np.diff(table.trace_starts) + np.diff(table.read_starts)
@@ -176,7 +176,7 @@ class NumberedHeap:
         columns[self._sites : count] = 0
         columns[self._sites : count, kernel.DOWN] = -1
         self._sites = count
-        # Traces of a cube are disjoint and none is empty: no level has more pieces than sites.
+        # The traces in a cube are disjoint and not empty, so no level has more pieces than sites.
         self._heap = self._heap._replace(
             columns=columns, tally=_longer(self._heap.tally, count + 2)
         )
@@ -184,10 +184,9 @@ class NumberedHeap:
     def append(self, numbers: Numbers, *, told: bool = False) -> NormalForm:
         """Append the moves with these action numbers, shape (moves,), int32.
 
-        With `told` return what became of them, as far as the moves up to here say, with the signs
-        of `cubepath.coordinator.normal_form.kernel.append_moves`; otherwise two empty arrays.
-        InputError where a number is none of an action, or where there is too much of anything for
-        32 bits.
+        With `told` return what became of them up to here, with the signs of
+        `cubepath.coordinator.normal_form.kernel.append_moves`; otherwise two empty arrays.
+        InputError if a number is not that of an action, or if any count exceeds 32 bits.
         """
         count = len(numbers)
         if count and not 0 <= int(numbers.min()) <= int(numbers.max()) < self._actions:
@@ -200,7 +199,7 @@ class NumberedHeap:
             levels, partners = self._journal.room(numbers)
         elif told:
             levels, partners = np.empty(count, np.int32), np.empty(count, np.int32)
-        # A large part of a path gets all its room at once; else blocks are doubled as they fill.
+        # Room for a large part of a path is reserved at once; otherwise full blocks are doubled.
         reserved = count >= max(self._sites + self._actions, self.reduced_moves)
         if reserved:
             self._reserve(numbers)
@@ -221,7 +220,7 @@ class NumberedHeap:
         self._lay_out(slots, pieces + kernel.PIECE * counts, spare=0)
 
     def _pack(self) -> None:
-        """Lay all blocks side by side, none much larger than its use, and twice as much room."""
+        """Lay all blocks side by side, none much larger than its use, with twice as much free."""
         slots, pieces = (
             np.minimum(blocks[:, kernel.END] - blocks[:, kernel.BASE], 2 * _used(blocks) + _SPARE)
             for blocks in (self._columns(), self._rows())
@@ -229,12 +228,12 @@ class NumberedHeap:
         self._lay_out(slots, pieces, spare=2)
 
     def _lay_out(self, slots: Totals, pieces: Totals, *, spare: int) -> None:
-        """Move all blocks to new pools; `spare` times as much is left free, for larger blocks."""
+        """Move all blocks to new pools; `spare` times their size is left free for larger blocks."""
         used = [int(sizes.sum()) for sizes in (slots, pieces)]
         lengths = [(1 + spare) * size + _SPARE * spare for size in used]
         if max(lengths) > _MOST:
             raise InputError(f"a path that takes {max(lengths)} entries, expected at most {_MOST}")
-        # What is not touched takes no memory. The old pool of columns is gone before the second.
+        # Untouched pages take no memory. The old columns are freed before the second pool is made.
         columns, rows = self._columns(), self._rows()
         steps = len(columns) + len(rows) + sum(used)
         pack = kernel.pack.for_work(steps, by_entries=True)
@@ -253,11 +252,11 @@ class NumberedHeap:
         return self._heap.actions[: self._actions]
 
     def level_of(self, action: int) -> int:
-        """Return the level of the last piece of an action, from 1, or 0 when there is none."""
+        """Return the level of the last piece of an action, from 1, or 0 if there is none."""
         return int(self._heap.actions[action, kernel.LAST])
 
     def pieces(self) -> NumberedPieces:
-        """Return all pieces; O(pieces and actions), and sorting them by level."""
+        """Return all pieces; O(pieces + actions), plus sorting them by level."""
         rows = self._rows()
         bases, ups = rows[:, kernel.BASE], rows[:, kernel.UP]
         counts = (ups - bases) // kernel.PIECE
@@ -268,10 +267,10 @@ class NumberedHeap:
         return _in_order(found[places], numbers, found[places + 1])
 
     def changes(self) -> NumberedChanges:
-        """Return how the cube path differs from when this was asked last; at first, all of it.
+        """Return the changes of the cube path since the last call; at first, all of it.
 
-        Nothing in it is final: a late move may come into the first cube, and a walk back takes all
-        away. Pieces that came and went in between are left out. The cost is that of the moves
+        Nothing is final: a late move may join the first cube, and a walk back removes everything.
+        Pieces that were added and removed in between are left out. The cost is that of the moves
         appended since, whatever the length of the path.
         """
         journal, since = self._journal, self._asked
@@ -283,14 +282,14 @@ class NumberedHeap:
         return journal.changes(since)
 
     def normal_form(self) -> NormalForm:
-        """Return what became of each move so far; ValueError for a heap that is not `telling`."""
+        """Return what became of each move so far; ValueError if the heap is not `telling`."""
         if not self._telling or self._journal is None:
             raise ValueError("the heap was not asked to tell what becomes of all moves")
         return self._journal.normal_form()
 
 
 class _Journal:
-    """What became of the moves since a given one, as the kernel writes it."""
+    """What became of the moves from a given one on, as the kernel writes it."""
 
     def __init__(self, first: int) -> None:
         self._first = first
@@ -298,7 +297,7 @@ class _Journal:
         self._actions = self._levels = self._partners = _NONE
 
     def room(self, numbers: Numbers) -> tuple[Levels, Numbers]:
-        """Take in the numbers of further moves; return where the kernel is to write."""
+        """Take the numbers of further moves; return the arrays for the kernel to write."""
         size = self._size + len(numbers)
         self._actions = _longer(self._actions, size)
         self._levels = _longer(self._levels, size)
@@ -308,7 +307,7 @@ class _Journal:
         return self._levels[:size], self._partners[:size]
 
     def changes(self, since: int) -> NumberedChanges:
-        """Return what came and what went by the moves from this one on."""
+        """Return what the moves from this one on have added and removed."""
         part = slice(since - self._first, self._size)
         levels, partners, actions = (
             each[part] for each in (self._levels, self._partners, self._actions)
@@ -322,7 +321,7 @@ class _Journal:
 
     def normal_form(self) -> NormalForm:
         """Return what became of each move, in arrays that no further move changes."""
-        # The kernel says with a minus which of the two came later; here both are simply gone.
+        # The kernel marks the later move of a pair by a negative level; here both have level 0.
         levels = np.maximum(self._levels[: self._size], 0)
         return NormalForm(levels, self._partners[: self._size].copy())
 
@@ -338,7 +337,7 @@ def _longer(array: Numbers, size: int) -> Numbers:
     """Return an array of at least this many rows that begins with this one; the rest is 0."""
     if size <= len(array):
         return array
-    # Exactly as long as it must be at first, for that is often all.
+    # The first time exactly as long as needed, since it often never grows again.
     length = size if len(array) <= 1 else max(size, 2 * len(array))
     found = np.zeros((length, *array.shape[1:]), dtype=array.dtype)
     found[: len(array)] = array
@@ -346,7 +345,7 @@ def _longer(array: Numbers, size: int) -> Numbers:
 
 
 def _used(blocks: Numbers) -> Totals:
-    """Return how many slots of each block are in use."""
+    """Return the number of slots of each block that are in use."""
     below = blocks[:, kernel.UP] - blocks[:, kernel.BASE]
     above = blocks[:, kernel.END] - 1 - blocks[:, kernel.DOWN]
     return (below + above).astype(np.int64)

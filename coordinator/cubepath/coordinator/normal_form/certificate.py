@@ -1,8 +1,8 @@
 """Building a certificate: that a schedule is in the class of its path, and that none is shorter.
 
-The heap of pieces says which moves cancel each other and in which cube each other move is; a chain
-of dependent moves is found from the last cube down. What the certificate proves, and how that is
-checked without trusting any of this, is said in `cubepath.coordinator.verification.proof`.
+The heap of pieces gives the pairs of moves that cancel and the cube of each remaining move; a chain
+of dependent moves is found from the last cube down. `cubepath.coordinator.verification.proof`
+explains what the certificate proves, and checks it without trusting this module.
 
 Room: coordinator; touches nothing.
 """
@@ -24,9 +24,9 @@ def certificate_of(
 ) -> Certificate:
     """Return the certificate of an admissible edge path.
 
-    Where `start` is known, the state before the first move, it says what is on at the end. `found`
-    is what becomes of each move, if that is known already; else a heap is built. Time beyond that
-    is one question to `commute` for each move that remains.
+    If `start`, the state before the first move, is given, the certificate lists the sites that are
+    on at the end. `found` is what becomes of each move, if that is known already; otherwise a heap
+    is built. Beyond that, the time is at most one call of `commute` for each remaining move.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> found = certificate_of([step, far, step])
@@ -54,10 +54,10 @@ def certificate_of(
 
 
 def _chain(path: Sequence[Action], cubes: Sequence[Sequence[int]]) -> list[int]:
-    """Return the first move of the last cube, and from there down the first that holds it up.
+    """Return the first move of the last cube, and down from there the first that blocks each move.
 
-    Under every piece of a heap lies one of the level before that does not commute with it, and
-    whatever of that level does not commute with it lies under it.
+    Under every piece of a heap lies a piece of the level below that does not commute with it, and
+    every piece of that level that does not commute with it lies under it.
     """
     found: list[int] = []
     for cube in reversed(cubes):
@@ -72,7 +72,7 @@ def _chain(path: Sequence[Action], cubes: Sequence[Sequence[int]]) -> list[int]:
 def _end(path: Iterable[Action], start: State) -> set[Site]:
     state = set(start)
     for action in path:
-        # One local state goes and the other comes: what differs between them changes.
+        # One local state replaces the other, so exactly the sites where they differ change.
         state ^= action.ends[0] ^ action.ends[1]
     return state
 
@@ -88,8 +88,8 @@ class Link(NamedTuple):
 def link(before: Action, action: Action, beside: Collection[Site] = ()) -> Link:
     """Return the first site, in canonical order, over which two actions do not commute.
 
-    A site that both write is taken before all others, and sites `beside` are not looked at.
-    ValueError where they commute.
+    Sites that both write come before all others, unless they are in `beside`. ValueError if the
+    actions commute.
     """
     both = (before.trace & action.trace).difference(beside)
     met = in_order(both or (before.trace & action.support) | (before.support & action.trace))

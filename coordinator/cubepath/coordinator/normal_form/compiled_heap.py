@@ -1,9 +1,9 @@
-"""The normal cube path of moves as they come, compiled: what a live run and every file go through.
+"""The normal cube path of moves as they arrive, compiled; used for live runs and for files.
 
 `FastHeap` has the interface of the reference, `cubepath.coordinator.normal_form.heap.Heap`, and
-numbers sites and actions for `cubepath.coordinator.normal_form.array_heap`. Source: as there.
+numbers sites and actions for `cubepath.coordinator.normal_form.array_heap`. Sources: as there.
 
-Coordinator; touches nothing.
+Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ _QUEUE = 4096
 
 
 class Piece(NamedTuple):
-    """A piece of the heap: its level, counted from 1, and the move that it is."""
+    """A piece of the heap: its level, counted from 1, and its move."""
 
     level: int
     action: Action
 
 
 class Changes(NamedTuple):
-    """How a cube path differs from before: pieces that came and went, by level."""
+    """The changes of a cube path: pieces that were added and removed, by level."""
 
     added: tuple[Piece, ...]
     removed: tuple[Piece, ...]
 
 
 class Numbering:
-    """Numbers sites and actions in the order in which they are met; equal ones are one."""
+    """Numbers sites and actions in the order in which they are met; equal ones share a number."""
 
     def __init__(self, actions: Iterable[Action] = ()) -> None:
         """Begin with these actions, which must be distinct."""
@@ -63,13 +63,13 @@ class Numbering:
         return found
 
     def known(self, action: Action) -> int | None:
-        """Return the number of an action, or None where it has not been met."""
+        """Return the number of an action, or None if it has not been met."""
         return self._number.get(action)
 
     def table(self) -> ActionTable | None:
-        """Return the rows of the actions met since this was asked last, None where there are none.
+        """Return the rows of the actions met since the last call, None if there are none.
 
-        Which site gets which number decides nothing that anybody sees.
+        The numbers of sites do not affect any visible result.
         """
         actions, self._done = self.actions[self._done :], len(self.actions)
         if not actions:
@@ -101,7 +101,7 @@ def cancellations(actions: Iterable[Action]) -> NormalForm:
 
 
 def normal_form_of(numbers: Numbers, actions: Iterable[Action]) -> NormalForm:
-    """Return what becomes of each move of a path, given as places in distinct actions."""
+    """Return what becomes of each move of a path, given as indices into distinct actions."""
     return _normal_form(numbers, Numbering(actions))
 
 
@@ -112,7 +112,7 @@ def _normal_form(numbers: Numbers, numbering: Numbering) -> NormalForm:
 def cubes_of(
     found: NormalForm, numbers: Numbers, actions: Sequence[Action]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return where each cube begins, and the moves that are left, cube by cube; see `in_cubes`."""
+    """Return where each cube begins, and the remaining moves, cube by cube; see `in_cubes`."""
     left = np.flatnonzero(found.levels)
     pieces = NumberedPieces(found.levels[left], numbers[left], left.astype(np.int32))
     ordered, starts = in_cubes(pieces, actions)
@@ -124,8 +124,8 @@ def in_cubes(
 ) -> tuple[NumberedPieces, NDArray[np.int64]]:
     """Return the pieces cube by cube, and where each cube begins, shape (cubes + 1,).
 
-    In a cube they stand in the canonical order of the least sites of their traces, which are
-    disjoint: the order depends on the content of the cube alone, not on the input or the process.
+    Within a cube they are in the canonical order of the least sites of their traces. The traces are
+    disjoint, so the order depends only on the content of the cube, not on the input or the process.
     """
     present = np.unique(pieces.actions)
     least = [in_order(actions[number].trace)[0] for number in present.tolist()]
@@ -140,12 +140,11 @@ def in_cubes(
 class FastHeap:
     """A heap of pieces, compiled: each move falls until a piece that it does not commute with.
 
-    What it is and why cancellation needs no search is said of
-    `cubepath.coordinator.normal_form.heap.Heap`, which gives the same answers. New sites and
-    actions may come at any time. Moves wait in a short queue until something is asked, for a call
-    into compiled code costs as much as some tens of moves; the same code runs in plain Python until
-    there are so many moves that compiling it pays. Space is that of the pieces that are
-    left and of the distinct actions met.
+    `cubepath.coordinator.normal_form.heap.Heap` gives the same answers; its docstring defines the
+    heap, and shows why cancellation needs no search. New sites and actions may come at any time.
+    Moves wait in a short queue until a result is asked for, since a call into compiled code costs
+    as much as some tens of moves; the same code runs in plain Python until there are enough moves
+    for compiling to pay. Space is that of the remaining pieces and of the distinct actions met.
 
     >>> step = Action([1, 2], [1, 2], [1], [2])
     >>> far = Action([5, 6], [5, 6], [5], [6])
@@ -161,34 +160,34 @@ class FastHeap:
     __slots__ = ("_heap", "_labelled", "_numbering", "_queue")
 
     def __init__(self, *, telling: bool = False) -> None:
-        """Make an empty heap, the path that stays where it is; `telling` for `normal_form`."""
+        """Make an empty heap, the path without moves; `telling` for `normal_form`."""
         self._heap = NumberedHeap(telling=telling)
         self._numbering = Numbering()
         self._queue: list[int] = []
-        # Moves in the heap whose label is not that of the first action that they equal.
+        # Moves in the heap whose label differs from that of the first equal action.
         self._labelled: dict[int, Action] = {}
 
     @property
     def moves(self) -> int:
         """Return the number of moves appended so far; O(1).
 
-        So are the other counts, but for the moves that wait in the queue.
+        The other counts are O(1) too, apart from the moves that wait in the queue.
         """
         return self._heap.moves + len(self._queue)
 
     @property
     def reduced_moves(self) -> int:
-        """Return the number of moves that are left after cancellation."""
+        """Return the number of moves that remain after cancellation."""
         return self._all().reduced_moves
 
     @property
     def cubes(self) -> int:
-        """Return the length of the normal cube path: its number of cubes, the time."""
+        """Return the length of the normal cube path, which is its number of cubes and its time."""
         return self._all().cubes
 
     @property
     def max_cube_dimension(self) -> int:
-        """Return the greatest dimension of a cube, 0 when there is none."""
+        """Return the greatest dimension of a cube, 0 if there is none."""
         return self._all().max_cube_dimension
 
     def append(self, action: Action) -> None:
@@ -207,7 +206,7 @@ class FastHeap:
             self.append(action)
 
     def level_of(self, action: Action) -> int:
-        """Return the level of the last piece that equals `action`, 0 when there is none.
+        """Return the level of the last piece that equals `action`, 0 if there is none.
 
         Levels count from 1: a piece of level i is in the i-th cube, and runs in the i-th round.
         """
@@ -215,10 +214,10 @@ class FastHeap:
         return 0 if number is None else self._all().level_of(number)
 
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
-        """Return the normal cube path; O(moves that are left), and sorting the distinct actions.
+        """Return the normal cube path; O(remaining moves), plus sorting the distinct actions.
 
-        The actions of a cube stand in the canonical order of the least sites of their traces: the
-        order depends on the content of the cube alone, not on the input or the process.
+        The actions of a cube are in the canonical order of the least sites of their traces: the
+        order depends only on the content of the cube, not on the input or the process.
         """
         actions, labelled = self._numbering.actions, self._labelled
         pieces, starts = in_cubes(self._all().pieces(), actions)
@@ -229,12 +228,12 @@ class FastHeap:
         return tuple(tuple(path[begin:end]) for begin, end in pairwise(starts.tolist()))
 
     def changes(self) -> Changes:
-        """Return how the cube path differs from when this was asked last; at first, all of it.
+        """Return the changes of the cube path since the last call; at first, all of it.
 
-        Nothing in it is final: a late move may come into the first cube, and a walk back takes all
-        away. Pieces stand by level, and in a level in the order of the path; those that came and
-        went in between are left out. What was removed bears the label of the first equal action.
-        The cost is that of the moves appended since, whatever the length of the path.
+        Nothing is final: a late move may join the first cube, and a walk back removes everything.
+        Pieces are sorted by level, and within a level in the order of the path; those that were
+        added and removed in between are left out. A removed piece has the label of the first equal
+        action. The cost is that of the moves appended since, whatever the length of the path.
 
         >>> heap, step = FastHeap(), Action([1, 2], [1, 2], [1], [2], label="step")
         >>> heap.append(step)
@@ -248,7 +247,7 @@ class FastHeap:
         return Changes(self._pieces(added), self._pieces(removed))
 
     def normal_form(self) -> NormalForm:
-        """Return what became of each move so far; ValueError for a heap that is not `telling`.
+        """Return what became of each move so far; ValueError if the heap is not `telling`.
 
         >>> heap, step = FastHeap(telling=True), Action([1, 2], [1, 2], [1], [2])
         >>> heap.extend([step] * 3)

@@ -1,10 +1,10 @@
-"""Cube paths by their definitions, written to be read: what checks the results of everything else.
+"""Cube paths by their definitions, written to be read and to check the results of other code.
 
 Source: Abrams and Ghrist, definitions of cube path and normal cube path. Nothing here is shared
 with `cubepath.coordinator.normal_form.heap`: `cubepath verify` compares the two, so each must be
-able to find the other wrong.
+able to prove the other wrong.
 
-Coordinator; touches nothing.
+Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from cubepath.protocol.core.sites import Site
 
 
 def is_cube(actions: Iterable[Action]) -> bool:
-    """Tell whether the actions commute pairwise, as the edges of a cube at one vertex do.
+    """Return whether the actions commute pairwise, as the edges of a cube at one vertex do.
 
-    Source: the paper's definition of the state complex. No action may be there twice, for none
-    commutes with itself. A vertex, the cube of no action, is one.
+    Source: the paper's definition of the state complex. No action may occur twice, since none
+    commutes with itself. A vertex is a cube, with no action.
 
-    Asked of all pairs at once: no trace meets another's support iff each site of a trace is in one
-    support only, its own action's. Costs the supports.
+    All pairs are checked at once: no trace meets another's support iff each site of a trace is in
+    the support of only its own action. Time is linear in the supports.
 
     >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
     >>> is_cube([left]), is_cube([left, right]), is_cube([left, left])
@@ -37,14 +37,15 @@ def is_cube(actions: Iterable[Action]) -> bool:
 
 
 def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
-    """Tell whether the cubes form a normal cube path.
+    """Return whether the cubes form a normal cube path.
 
-    Definition: all are cubes, none is a mere vertex, and no action of a cube is in the cube before
-    or commutes with all of that. This is the paper's condition (3), that the star of a cube meets
-    the next cube in one vertex only, read at the vertex between them, that is in the universal
-    cover. In the complex itself two cubes may meet in more vertices and the path yet be normal: two
-    vehicles at 0 and 2 of the 4-cycle 0123 that take the edges {01, 23} and then {12, 30} are back,
-    and this is the shortest path of its homotopy class. Costs the supports.
+    Definition: all are cubes, none is a mere vertex, and no action of a cube is in the previous
+    cube or commutes with all of it. This is the paper's condition (3), that the star of a cube
+    meets the next cube in one vertex only, read at the vertex between them, that is, in the
+    universal cover. In the complex itself two cubes may meet in more vertices and the path still be
+    normal: two vehicles at 0 and 2 of the 4-cycle 0123 that take the edges {01, 23} and then
+    {12, 30} are back at the start, and this is the shortest path of its homotopy class. Time is
+    linear in the supports.
 
     >>> def edge(a, b):
     ...     return Action([a, b], [a, b], [a], [b])
@@ -59,7 +60,7 @@ def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
 
 
 def _is_too_late(cube: Collection[Action], following: Collection[Action]) -> bool:
-    """Tell whether some action of a cube is in the cube before, or commutes with all of that."""
+    """Return whether some action of `following` is in `cube`, or commutes with all of it."""
     held = frozenset(cube)
     traces = {site for action in cube for site in action.trace}
     supports = {site for action in cube for site in action.support}
@@ -72,10 +73,10 @@ def _is_too_late(cube: Collection[Action], following: Collection[Action]) -> boo
 def end_state(path: Iterable[Action | Iterable[Action]], start: State) -> frozenset[Site]:
     """Return the state at the end of an edge path or a cube path; each item is a move or a cube.
 
-    Definition: an action is admissible when one of its local states is shown, and then the other
-    is put in its place. The actions of a cube are applied one after another; as they commute,
-    any order serves. InputError names the first move that is not admissible, by its cube and
-    its place, both counted from 1. Costs the supports and one copy of the state.
+    Definition: an action is admissible if the state shows one of its local states, which is then
+    replaced by the other. The actions of a cube are applied one after another; since they commute,
+    any order will do. InputError names the first move that is not admissible, by its cube and its
+    place, both counted from 1. Costs the supports and one copy of the state.
 
     >>> step, on = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
     >>> sorted(end_state([step, on], {1, 7}))
@@ -103,13 +104,13 @@ def _step(action: Action, state: set[Site], where: str) -> None:
 
 
 def obvious_normal_form(actions: Iterable[Action]) -> tuple[frozenset[Action], ...]:
-    """Return the normal cube path of an edge path, by the obvious way: each cube as a set.
+    """Return the normal cube path of an edge path in the obvious way, with each cube as a set.
 
-    Each move walks down from the last cube for as long as it commutes with the whole cube. If it
-    comes to a cube that holds its equal, both are gone; else it joins the last cube that it passed,
-    or becomes a new one. What lies higher commutes with it, so nothing else changes. Source: Foata
-    normal form, in a right-angled Coxeter group. A move costs up to the whole path: this is for
-    checking `cubepath.coordinator.normal_form.heap`, with which it shares nothing but `commute`.
+    Each move walks down from the last cube as long as it commutes with the whole cube. If it meets
+    a cube that contains its equal, both are removed; otherwise it joins the last cube that it
+    passed, or becomes a new one. All higher cubes commute with it, so nothing else changes. Source:
+    Foata normal form, in a right-angled Coxeter group. A move costs up to the whole path: this
+    checks `cubepath.coordinator.normal_form.heap`, with which it shares only `commute`.
 
     >>> out, other = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> obvious_normal_form([out, other]) == (frozenset({out, other}),)
@@ -124,7 +125,7 @@ def obvious_normal_form(actions: Iterable[Action]) -> tuple[frozenset[Action], .
             level -= 1
         if level > 0 and action in cubes[level - 1]:
             cubes[level - 1].remove(action)
-            # Only the last cube can become empty: in every other lies what holds up the next.
+            # Only the last cube can become empty: every other cube blocks a move of the next one.
             if not cubes[level - 1]:
                 cubes.pop()
         elif level == len(cubes):

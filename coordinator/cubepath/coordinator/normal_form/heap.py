@@ -1,4 +1,4 @@
-"""The heap of pieces: the normal cube path of an edge path, kept while moves are appended.
+"""The heap of pieces: the normal cube path of an edge path, updated as moves are appended.
 
 An edge path up to homotopy is a word in the trace monoid of its actions (letters that commute
 may be swapped) in which every letter is its own inverse: an element of a right-angled Coxeter
@@ -6,7 +6,8 @@ group. Its normal cube path is the Foata normal form of the reduced word. Source
 Ghrist, definition of normal cube path; Cartier and Foata; Viennot, heaps of pieces; Crisp, Godelle
 and Wiest for linear time with cancellation.
 
-Coordinator; touches nothing, neither states nor files: the argument is that of `Heap`.
+Room: coordinator; touches nothing, neither states nor files. The proof is in the docstring of
+`Heap`.
 """
 
 from __future__ import annotations
@@ -23,27 +24,26 @@ class Heap:
     """A heap of pieces: each appended action falls until a piece that it does not commute with.
 
     Definition. Over every site of its support a piece lies as a writer (site in the trace) or as
-    a reader (site in `Action.reads`). A writer lies over all that is there, a reader over the last
-    writer: these are exactly the pairs that `cubepath.protocol.core.actions.commute` tells apart.
-    The
-    *level* of a piece is one more than the greatest level beneath it, and the pieces of level i
-    are the i-th cube.
+    a reader (site in `Action.reads`). A writer lies over all pieces at the site, a reader over the
+    last writer: these are exactly the pairs that do not commute, as
+    `cubepath.protocol.core.actions.commute` defines it. The *level* of a piece is one more than the
+    greatest level beneath it, and the pieces of level i are the i-th cube.
 
     Cancellation. A move that equals a piece p with nothing over it undoes p, however many moves
-    came in between: all of them commute with it or have been cancelled. Nothing needs to be
-    searched, for a move cancels iff *it would come to lie exactly one level over the last piece
-    equal to it*. Say that p has level L and h is the greatest level beneath the move. As the move
-    does not commute with p, h >= L. If a piece lies over p, then its level is above L and the move,
-    being equal to p, lies over it too, so h > L. If h > L, then the piece that gives h does not
-    commute with p and has a greater level, so it lies over p.
+    came in between: all of them commute with it or have been cancelled. No search is needed, since
+    a move cancels iff *it would lie exactly one level over the last piece equal to it*. Let p be
+    this piece, L its level, and h the greatest level beneath the move. As the move does not commute
+    with p, h >= L. If a piece lies over p, its level is above L and the move, being equal to p,
+    lies over it too, so h > L. If h > L, the piece of level h beneath the move does not commute
+    with p and has a greater level, so it lies over p.
 
-    Removal. Levels look down only, and nothing lies over the piece that is removed, so no other
-    level changes. A site forgets its last writer, or one of the readers since, which can be any
-    of them: hence `_Readers`.
+    Removal. The level of a piece depends only on the pieces beneath it, and nothing lies over the
+    piece that is removed, so no other level changes. A site forgets its last writer, or any one of
+    the readers since: hence `_Readers`.
 
-    Cost. A move costs its support, and at a site where it reads at most the logarithm of the
-    number of readers since the last writer (amortised). Space is that of the pieces that are left:
-    what is empty is dropped.
+    Cost. A move costs the size of its support, and at each site that it reads at most the logarithm
+    of the number of readers since the last writer (amortised). Space is that of the remaining
+    pieces: empty columns and actions are dropped.
 
     >>> step = Action([1, 2], [1, 2], [1], [2])
     >>> far = Action([5, 6], [5, 6], [5], [6])
@@ -59,9 +59,9 @@ class Heap:
     __slots__ = ("_columns", "_moves", "_placed", "_reduced", "_sizes")
 
     def __init__(self) -> None:
-        """Make an empty heap: the path that stays where it is."""
-        # Invariant: a column is here iff a piece lies on it, an action iff a piece equals it. So
-        # the columns that a placed action holds are always those of `_columns`.
+        """Make an empty heap: the path without moves."""
+        # Invariant: `_columns` has a column iff a piece lies on it, `_placed` an action iff a piece
+        # equals it. So the columns that a placed action holds are always those of `_columns`.
         self._columns: dict[Site, _Column] = {}
         self._placed: dict[Action, _Placed] = {}
         self._sizes: list[int] = []
@@ -75,17 +75,17 @@ class Heap:
 
     @property
     def reduced_moves(self) -> int:
-        """Return the number of moves that are left after cancellation; O(1)."""
+        """Return the number of moves that remain after cancellation; O(1)."""
         return self._reduced
 
     @property
     def cubes(self) -> int:
-        """Return the length of the normal cube path: its number of cubes, the time; O(1)."""
+        """Return the length of the normal cube path, its number of cubes and its time; O(1)."""
         return len(self._sizes)
 
     @property
     def max_cube_dimension(self) -> int:
-        """Return the greatest dimension of a cube, 0 when there is none; O(cubes)."""
+        """Return the greatest dimension of a cube, 0 if there is none; O(cubes)."""
         return max(self._sizes, default=0)
 
     def append(self, action: Action) -> None:
@@ -94,7 +94,7 @@ class Heap:
         placed = self._placed.get(action)
         if placed is None:
             placed = self._place(action)
-        # Calling max() at each site would cost more than all the rest.
+        # Calling max() at each site would cost more than everything else.
         below = 0
         for column in placed.writes:
             if column.top > below:  # noqa: PLR1730 - see above
@@ -114,7 +114,7 @@ class Heap:
             self.append(action)
 
     def level_of(self, action: Action) -> int:
-        """Return the level of the last piece that equals `action`, 0 when there is none.
+        """Return the level of the last piece that equals `action`, 0 if there is none.
 
         Levels count from 1: a piece of level i is in the i-th cube, and runs in the i-th round.
         """
@@ -122,11 +122,11 @@ class Heap:
         return 0 if placed is None else placed.pieces[-1][0]
 
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
-        """Return the normal cube path; O(moves that are left), and sorting the distinct actions.
+        """Return the normal cube path; O(remaining moves), plus sorting the distinct actions.
 
-        The actions of a cube stand in the canonical order of the least sites of their traces. They
-        commute, so their traces are disjoint and no two share that site: the order depends on
-        the content of the cube alone, not on the input or the process.
+        The actions of a cube are in the canonical order of the least sites of their traces. They
+        commute, so their traces are disjoint and no two share that site: the order depends only on
+        the content of the cube, not on the input or the process.
         """
         cubes: list[list[Action]] = [[] for _ in self._sizes]
         by_site: dict[Site, list[_Placed]] = {}
@@ -172,7 +172,7 @@ class Heap:
         for column in placed.reads:
             column.unread(level)
         self._sizes[level - 1] -= 1
-        # Under every piece is one of the level before, so only the last cube can become empty.
+        # Under every piece lies one of the level below, so only the last cube can become empty.
         if not self._sizes[-1]:
             self._sizes.pop()
         self._reduced -= 1
@@ -189,7 +189,7 @@ def normal_cube_path(actions: Iterable[Action]) -> tuple[tuple[Action, ...], ...
     Definition: a cube path in which no action of a cube is in the cube before or commutes with all
     of it; there is exactly one in each homotopy class, and it is the shortest (Abrams and Ghrist,
     theorem on normal cube paths). One pass, see `Heap`. Whether the moves are admissible is not
-    asked here; if they are one after another, so are the cubes.
+    checked here; if they are admissible one after another, so are the cubes.
 
     >>> out, other = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> normal_cube_path([out, other, out, other])
@@ -205,9 +205,9 @@ def normal_cube_path(actions: Iterable[Action]) -> tuple[tuple[Action, ...], ...
 class _Placed:
     """An action that has pieces in the heap: the columns they lie on, and the pieces.
 
-    Holding the columns spares hashing the sites again at every further equal move. `pieces` go
-    from the lowest to the highest: equal actions do not commute. Each piece keeps its own
-    action object, for equal actions may carry different labels.
+    Holding the columns saves hashing the sites again for every further equal move. `pieces` are
+    ordered from the lowest to the highest, since equal actions do not commute. Each piece keeps its
+    own action object, since equal actions may have different labels.
     """
 
     __slots__ = ("pieces", "reads", "writes")
@@ -222,7 +222,7 @@ class _Column:
     """The pieces over one site, as the levels of its writers and of the readers between them.
 
     `writer` is the level of the last writer, or 0; `top` the greatest level over the site. Levels
-    rise from writer to readers to writer, so a level tells a piece from all others but readers
+    rise from writer to readers to writer, so a level identifies a piece, except among the readers
     of one group.
     """
 
@@ -261,11 +261,11 @@ class _Column:
 
 
 class _Readers:
-    """The levels of a group of readers: a multiset with its greatest element at hand.
+    """The levels of a group of readers: a multiset with fast access to its greatest element.
 
     Two binary heaps of negated levels: those that were added, and those of them that were removed
-    since. The greatest level added is never a removed one, and never are more than half of the
-    added levels removed ones, so there is no garbage to speak of.
+    since. The greatest added level is never a removed one, and at most half of the added levels are
+    removed ones, so little memory is wasted.
     """
 
     __slots__ = ("_added", "_removed")
@@ -276,7 +276,7 @@ class _Readers:
 
     @property
     def greatest(self) -> int:
-        """Return the greatest level, 0 when the group is empty."""
+        """Return the greatest level, 0 if the group is empty."""
         return -self._added[0] if self._added else 0
 
     def add(self, level: int) -> None:
@@ -296,7 +296,7 @@ class _Readers:
         while removed and removed[0] == added[0]:
             heappop(removed)
             heappop(added)
-        # Half of them gone pays for building anew what is left; a sorted list is a heap.
+        # The removal of more than half pays for rebuilding the rest; a sorted list is a heap.
         if 2 * len(removed) > len(added):
             left = Counter(added)
             left.subtract(removed)

@@ -1,27 +1,27 @@
 """The heap of pieces on arrays, compiled: sites and actions are numbers, columns blocks of a pool.
 
-What `cubepath.coordinator.normal_form.heap` does with objects, and argues, done with 32-bit
-integers in flat arrays; that module is the reference. Sources: Viennot, heaps of pieces; Cartier
-and Foata, normal form; Crisp, Godelle and Wiest for linear time with cancellation.
+It does the same as `cubepath.coordinator.normal_form.heap`, which is the reference and has the
+proofs, but with 32-bit integers in flat arrays instead of objects. Sources: Viennot, heaps of
+pieces; Cartier and Foata, normal form; Crisp, Godelle and Wiest for linear time with cancellation.
 
-*Columns.* Over a site lie its writers, and between two of them a group of readers. All of it is one
+*Columns.* Over a site lie its writers, and between two of them a group of readers. They form one
 block of the pool `slots`, a stack that grows upward: the levels of a group, then a frame of three
-slots for the writer over it, then the next group, and so on. A small group is in no order and is
-looked through. A large one is a binary heap with the greatest level first; readers leave it in any
-order, and a level that is gone before it is the greatest waits in a second binary heap until it is.
-Those of all groups form a stack that grows downward from the block's end. Never are more than half
-of a group's levels gone ones, so there is no garbage to speak of, and a reader costs at most the
-logarithm of the readers since the last writer, amortised. That blocks are outgrown and packed is
+slots for the writer over it, then the next group, and so on. A small group is unordered and is
+scanned. A large one is a binary heap with the greatest level first. Readers leave it in any order;
+a level that is gone before it is the greatest waits in a second binary heap until it is. The second
+heaps of all groups form a stack that grows downward from the end of the block. At most half of a
+group's levels are gone ones, so little memory is wasted, and a reader costs at most the logarithm
+of the readers since the last writer, amortised. The cost of outgrowing and packing blocks is
 amortised too, by doubling.
 
 *Actions.* The pieces that equal an action are a stack of pairs (level, number of the move) in the
-pool `pieces`. A move cancels iff the topmost of them lies exactly at the greatest level beneath it:
-the argument is that of `cubepath.coordinator.normal_form.heap.Heap`.
+pool `pieces`. A move cancels iff the topmost of them lies exactly at the greatest level beneath the
+move; `cubepath.coordinator.normal_form.heap.Heap` has the proof.
 
 *Space.* Four bytes for each site that a piece reads, twelve for each that it writes, eight for the
 piece, and at most four for the size of its level.
 
-Coordinator; touches nothing.
+Room: coordinator; touches nothing.
 """
 
 from __future__ import annotations
@@ -36,39 +36,39 @@ from cubepath.protocol.compiled import compiled
 Numbers = NDArray[np.int32]
 Totals = NDArray[np.int64]
 
-# A block of a pool: where it begins and ends, the first free slot from below, the last from above.
+# A block of a pool: where it begins and ends, its first free slot, and its last free slot.
 BASE, END, UP, DOWN = 0, 1, 2, 3
 # A column: where the group of readers on top begins, how many of its levels are gone, and the level
-# of the last writer, 0 where there is none.
+# of the last writer, 0 if there is none.
 GROUP, GONE, WRITER = 4, 5, 6
-# An action: the level of its last piece, and in `sites` where its trace, then its other sites
-# begin, and where they end.
+# An action: the level of its last piece, and the indices in `sites` where its trace begins, where
+# its other sites begin, and where they end.
 LAST, FIRST, READS, STOP = 4, 5, 6, 7
 FIELDS = 8
 
-# Entries of `totals`. The last two: how much of each pool is given away to blocks.
+# Entries of `totals`. The last two are the parts of each pool that belong to blocks.
 MOVES, REDUCED, CUBES, LARGEST, SLOTS_USED, PIECES_USED = 0, 1, 2, 3, 4, 5
 TOTALS = 6
 
 FRAME = 3
-"""Slots of a writer: the writer before it, the size of the group under it and of what is gone."""
+"""Slots of a writer: the writer before it, the size of the group under it, and its gone levels."""
 PIECE = 2
-"""Slots of a piece in `pieces`: its level, and the number of the move that it is."""
+"""Slots of a piece in `pieces`: its level, and the number of its move."""
 PLAIN = 16
-"""Readers up to which a group is in no order and is looked through; a larger one is a heap."""
+"""The largest group of readers that is unordered and scanned; a larger one is a heap."""
 _LEAST = 4
 
 at = np.uint32
-"""An index that is never negative: numba then leaves out the test whether it counts from the end,
-which in the innermost loop is a third of the work."""
+"""An index that is never negative. numba then omits the check for counting from the end, which is a
+third of the work in the innermost loop."""
 
 
 class Arrays(NamedTuple):
-    """All that the heap knows; the arrays may be longer than what is in use.
+    """The whole state of the heap; the arrays may be longer than the part in use.
 
-    `columns` has shape (sites, 8) and `actions` (actions, 8), by the fields above. `sizes` holds
-    for each level, from 0, the number of its pieces; `tally` for each number how many levels have
-    so many pieces, above 0.
+    `columns` has shape (sites, 8) and `actions` (actions, 8), with the fields above. `sizes` holds
+    the number of pieces of each level, from 0; `tally` holds for each number above 0 how many
+    levels have so many pieces.
     """
 
     columns: Numbers
@@ -81,7 +81,7 @@ class Arrays(NamedTuple):
     totals: Totals
 
 
-# One function, for a call costs as much as a move: arrays are passed with all that describes them.
+# One function, since a call costs as much as a move: arrays are passed with all their metadata.
 @compiled
 def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
     heap: Arrays,
@@ -93,13 +93,13 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
 ) -> int:
     """Append the moves with these action numbers, from place `begin` on; return where it stopped.
 
-    It stops where a pool has no room for the next move (never with `reserved`, which promises
-    that there is room for all of them). `sizes` and `tally` must have room for all.
+    It stops if a pool has no room for the next move (never with `reserved`, which promises that
+    there is room for all moves). `sizes` and `tally` must have room for all.
 
-    `levels` and `partners` say what became of the last moves, as many as they are long after all
-    of `numbers`, or nothing when they are empty. A move that lies in the heap has its level and -1;
-    one that was undone has 0 and the number of the move that undid it; one that undid another has
-    minus the level that that lay at, and its number. Moves are numbered from 0.
+    `levels` and `partners` receive what became of the last moves, as many as they have entries,
+    counted from the end of `numbers`; they may be empty. A move in the heap has its level and -1. A
+    move that was undone has 0 and the number of the move that undid it. A move that undid another
+    has minus the level where the other lay, and the other's number. Moves are numbered from 0.
     """
     columns, actions, sites = heap.columns, heap.actions, heap.sites
     slots, pieces, sizes, tally = heap.slots, heap.pieces, heap.sizes, heap.tally
@@ -123,8 +123,8 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
             actions[number, STOP],
         )
         last = actions[number, LAST]
-        # On top are a writer that is the last piece of its column, and a reader with no writer over
-        # it. One test for all sites: half of all branches would be foreseen wrongly.
+        # A piece is on top if it is the last piece of each column that it writes, and has no writer
+        # over it where it reads. One test for all sites, as half of the branches are mispredicted.
         over = 1 if last == 0 else 0
         for index in range(begins, reads):
             site = at(sites[at(index)])
@@ -151,7 +151,7 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
                 if up - columns[site, GROUP] >= PLAIN:
                     _unread(columns, slots, int(site), last)
                     continue
-                # The order of a small group is free: the last level takes the place of this one.
+                # A small group is unordered, so the last level takes the place of this one.
                 found = up
                 while slots[at(found)] != last:
                     found -= 1
@@ -161,10 +161,10 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
             sizes[at(last - 1)] = size - 1
             tally[at(size)] -= 1
             tally[at(size - 1)] += 1
-            # The level itself has one less now, so the greatest number falls by one at most.
+            # This level has one piece less now, so the greatest size falls by at most one.
             if size == largest and tally[at(size)] == 0:
                 largest -= 1
-            # Under every piece is one of the level before: only the last level can become empty.
+            # Under every piece lies one of the level below: only the last level can become empty.
             if size == 1:
                 cubes -= 1
             reduced -= 1
@@ -179,7 +179,7 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
                 site = at(sites[at(index)])
                 up, group = columns[site, UP], columns[site, GROUP]
                 below = max(below, columns[site, WRITER])
-                # In a large group the greatest level is the first.
+                # In a large group the first level is the greatest.
                 stop = up if up - group <= PLAIN else group + 1
                 for reader in range(group, stop):
                     below = max(below, slots[at(reader)])
@@ -228,7 +228,7 @@ def append_moves(  # noqa: C901, PLR0912, PLR0915, PLR0917 - see above
 
 @compiled
 def _read(columns: Numbers, slots: Numbers, site: int, level: int) -> None:
-    """Put a reader on a group that is large, or about to be."""
+    """Add a reader to a group that is large, or becomes large."""
     up, group = columns[site, UP], columns[site, GROUP]
     size = up - group
     if size == PLAIN:
@@ -240,7 +240,7 @@ def _read(columns: Numbers, slots: Numbers, site: int, level: int) -> None:
 
 @compiled
 def _unread(columns: Numbers, slots: Numbers, site: int, level: int) -> None:
-    """Take a reader of this level out of a large group."""
+    """Remove a reader of this level from a large group."""
     group, out = columns[site, GROUP], columns[site, GONE]
     size = columns[site, UP] - group
     gone = columns[site, DOWN] + out
@@ -265,7 +265,7 @@ def _unread(columns: Numbers, slots: Numbers, site: int, level: int) -> None:
 
 @compiled
 def _rise(slots: Numbers, root: int, step: int, place: int, level: int) -> None:
-    """Put a level at a free place of a binary heap, or higher; it lies at ``root + step * i``."""
+    """Put a level at a free place of a binary heap, or above; place i is ``root + step * i``."""
     while place > 0:
         parent = (place - 1) >> 1
         above = slots[root + step * parent]
@@ -280,7 +280,7 @@ def _rise(slots: Numbers, root: int, step: int, place: int, level: int) -> None:
 def _sink(  # noqa: PLR0917 - compiled functions take arguments by position
     slots: Numbers, root: int, step: int, place: int, size: int, level: int
 ) -> None:
-    """Put a level at a free place of a binary heap of this size, or lower."""
+    """Put a level at a free place of a binary heap of this size, or below it."""
     if place >= size:
         return
     child = 2 * place + 1
@@ -306,7 +306,7 @@ def _sort(slots: Numbers, root: int, step: int, size: int) -> None:
 
 @compiled
 def _settle(slots: Numbers, group: int, size: int, gone: int, out: int) -> int:
-    """Take the levels that are gone out of a group and return its size; pays for itself."""
+    """Remove the gone levels from a group and return its size; the removals pay for it."""
     _sort(slots, group, 1, size)
     _sort(slots, gone, -1, out)
     left = skipped = 0
@@ -317,7 +317,7 @@ def _settle(slots: Numbers, group: int, size: int, gone: int, out: int) -> int:
         else:
             slots[group + left] = level
             left += 1
-    # The greatest first: what is sorted downward is a heap.
+    # Put the greatest first, since a descending sequence is a heap.
     for place in range(left // 2):
         other = left - 1 - place
         low, high = slots[group + place], slots[group + other]
@@ -327,7 +327,7 @@ def _settle(slots: Numbers, group: int, size: int, gone: int, out: int) -> int:
 
 @compiled
 def _room(heap: Arrays, number: int) -> bool:
-    """Make room for a move of this action, by doubling a block; tell whether the pools had it."""
+    """Make room for a move of this action by doubling blocks; return whether the pools had it."""
     columns, actions, sites, totals = heap.columns, heap.actions, heap.sites, heap.totals
     for index in range(actions[number, FIRST], actions[number, STOP]):
         site = sites[index]
@@ -355,7 +355,7 @@ def _room(heap: Arrays, number: int) -> bool:
 def _move(  # noqa: PLR0917 - compiled functions take arguments by position
     blocks: Numbers, row: int, source: Numbers, target: Numbers, base: int, size: int
 ) -> int:
-    """Move a block to another place, or pool, and give it this size; return the place after it."""
+    """Move a block to another place or pool, with this size; return the place after it."""
     old, end = blocks[row, BASE], base + size
     under = blocks[row, UP] - old
     for place in range(under):
@@ -379,9 +379,9 @@ def pack(
     target: Numbers,
     columns: bool,  # noqa: FBT001 - compiled functions take arguments by position
 ) -> None:
-    """Move the first ``len(sizes)`` blocks, each given its size, side by side into another pool.
+    """Move the first ``len(sizes)`` blocks side by side into another pool, with these sizes.
 
-    `columns` tells whether they are those of sites or those of actions.
+    `columns` says whether they are the blocks of sites or those of actions.
     """
     base = 0
     for row in range(len(sizes)):
@@ -393,9 +393,9 @@ def pack(
 
 @compiled
 def demand(heap: Arrays, counts: Totals, slots: Totals) -> None:
-    """Add to the room of every column what so many moves of every action can take.
+    """Add to `slots` the room that `counts` moves of every action may take in every column.
 
-    `counts` has the shape (actions,) and `slots` (sites,).
+    `counts` has shape (actions,), `slots` has shape (sites,).
     """
     actions, sites = heap.actions, heap.sites
     for number in range(len(counts)):

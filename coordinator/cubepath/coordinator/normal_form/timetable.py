@@ -1,21 +1,22 @@
-"""Moves that take unequal time: earliest starts over the dependencies, and the time of the last.
+"""Moves of unequal duration: earliest starts over the dependencies, and the makespan.
 
-A *timetable* of a path gives each of its moves a time to begin, so that moves which do not commute
-never overlap and keep their order. Moves overlap if one begins while the other is under way, ends
-left out: one may begin at the very moment at which another ends. What is under way at one time
-commutes pairwise, so no move touches what another one needs while it is halfway: at every moment
-the moves under way span a cube of the state complex at the state reached so far, and the timetable
-is a path through those cubes, along each direction at its own pace. Ordered by their starts, the
-moves are the path again with commuting moves swapped: the homotopy class is the same.
+A *timetable* of a path gives each of its moves a start time, such that moves which do not commute
+never overlap and keep their order. Moves overlap if the open intervals from their starts to their
+ends meet; one may begin at the very moment at which another ends. Moves in progress at the same
+time commute pairwise, so no move touches what another one needs while it is halfway: at every
+moment the moves in progress span a cube of the state complex at the state reached so far, and the
+timetable is a path through those cubes, along each direction at its own pace. Ordered by their
+starts, the moves are the path again with commuting moves swapped, so the homotopy class is the
+same.
 
-*Earliest start is optimal.* A move cannot begin before those that come before it in the path and do
-not commute with it have ended; let it begin then. So each move begins when a chain of moves, each
-not commuting with the next, can have run one after another, and the whole takes as long as the
-chain that takes longest. No timetable of the moves is shorter, for the moves of that chain never
-overlap. Nor is any in the homotopy class, whatever detours it makes, if the path is reduced: every
-path of the class holds the moves of the reduced one, and those that do not commute in their order
-(see `cubepath.coordinator.verification.proof`). Where each takes 1, a move begins at one less than
-the number of its cube in the normal cube path.
+*Earliest start is optimal.* A move cannot begin until all earlier moves of the path that do not
+commute with it have ended; let it begin then. So each move begins when a chain of moves, each not
+commuting with the next, has run one after another, and the makespan is the length of the longest
+chain. No timetable of the moves is shorter, since the moves of that chain never overlap. If the
+path is reduced, no timetable in the homotopy class is shorter either, whatever detours it makes:
+every path of the class contains the moves of the reduced one, with those that do not commute in the
+same order (see `cubepath.coordinator.verification.proof`). If every duration is 1, a move begins at
+one less than the number of its cube in the normal cube path.
 
 Room: coordinator; touches nothing.
 """
@@ -39,7 +40,7 @@ class Timetable(NamedTuple):
     """When each move of a path begins, in the order of the path, and when the last one ends.
 
     `critical` holds the places, from 0, of moves that follow each other without a pause from time 0
-    to the end, each not commuting with the next: why no timetable is shorter.
+    to the end, each not commuting with the next. They are the reason why no timetable is shorter.
     """
 
     starts: tuple[Fraction, ...]
@@ -48,12 +49,12 @@ class Timetable(NamedTuple):
 
 
 def earliest(path: Sequence[Action], durations: Sequence[Fraction]) -> Timetable:
-    """Return the timetable in which every move of the path begins as early as it can.
+    """Return the timetable in which every move of the path begins as early as possible.
 
-    `durations` has one above 0 for each move. One pass, each move at the cost of its support, in
-    exact arithmetic: whole numbers, once all durations are brought to one denominator. The path
-    should be reduced; a detour that is in it is run. ValueError where durations and moves are not
-    as many.
+    `durations` has a positive number for each move. One pass, each move at the cost of its support,
+    in exact arithmetic: integers, after bringing all durations to a common denominator. The path
+    should be reduced, since its detours are run too. ValueError if the numbers of durations and
+    moves differ.
 
     >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
     >>> far = Action([8, 9], [8, 9], [8], [9])
@@ -62,8 +63,8 @@ def earliest(path: Sequence[Action], durations: Sequence[Fraction]) -> Timetable
     (['0', '0', '1/2'], '2', (1,))
     """
     unit = lcm(*(duration.denominator for duration in durations))
-    # Over each site: when the last move ends that writes it, and the last that has it at all, with
-    # minus its place, so that the first in the path is taken of those that end at one time.
+    # For each site: when the last move ends that writes it, and the last that uses it at all, each
+    # with minus its place, so that of moves that end together the first in the path is taken.
     written: dict[Site, tuple[int, int]] = {}
     touched: dict[Site, tuple[int, int]] = {}
     nobody = (0, 1)
@@ -101,14 +102,15 @@ def earliest(path: Sequence[Action], durations: Sequence[Fraction]) -> Timetable
 def durations_of(moves: Sequence[PathMove], durations: Durations) -> list[Fraction]:
     """Return how long each move of a path takes.
 
-    What is said of one place counts for equal moves at others: an edge has two names. InputError
-    where a duration is given that is of no move of the path, and where two equal moves take
-    different times: a move is what it does, whatever its name, so one may stand for the other.
+    A duration given for one name of a move counts for equal moves under other names: an edge has
+    two names. InputError if a duration is given that fits no move of the path, or if two equal
+    moves take different times: a move is what it does, whatever its name, so equal moves are
+    interchangeable.
     """
     unused = durations.unused(move.name for move in moves) if moves else None
     if unused is not None:
         raise InputError(f"a duration is given, but {unused} of this path")
-    # What is said of a place is by its name where that stands, and otherwise by the action.
+    # A duration given for a place applies by name if the move has that name, otherwise by action.
     placed: dict[Action, Fraction] = {}
     for move in moves:
         if durations.is_placed(move.name):

@@ -1,6 +1,6 @@
-"""All claims of the paper together, and computing them one after the other.
+"""All claims of the paper together, and computing them one after another.
 
-Room: coordinator; touches nothing but the clock.
+Room: coordinator; touches only the clock.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def all_claims() -> tuple[Claim, ...]:
 def compute_claims(
     claims: Iterable[Claim], progress: Callable[[Row], object] | None = None
 ) -> list[Row]:
-    """Compute the claims one after the other; `progress` is told each row when it is there."""
+    """Compute the claims one after another; `progress` is called with each row when it is done."""
     rows = []
     for each in claims:
         began = perf_counter()

@@ -1,4 +1,4 @@
-"""The paper's section on curvature: the link condition, and where it fails."""
+"""The paper's section on curvature: the link condition and its failures."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def _not_local() -> Outcome:
 
 
 def corner_of_a_cube() -> CubicalComplex:
-    """Return three squares round a vertex, number 0: positive curvature.
+    """Return three squares around a vertex, number 0: positive curvature.
 
-    Its neighbours are 1, 2, 3; vertex 4 lies across from it in the square of 1 and 2, vertex 5 in
-    that of 2 and 3, vertex 6 in that of 1 and 3.
+    Its neighbours are 1, 2, 3; vertex 4 is opposite to it in the square of 1 and 2, vertex 5 in the
+    square of 2 and 3, vertex 6 in the square of 1 and 3.
     """
     edges = [[0, 1], [0, 2], [0, 3], [1, 4], [2, 4], [2, 5], [3, 5], [1, 6], [3, 6]]
     squares = [[[1, 3], [0, 4]], [[2, 5], [1, 6]], [[2, 7], [0, 8]]]
@@ -57,8 +57,8 @@ def corner_of_a_cube() -> CubicalComplex:
 def dented_disc() -> CubicalComplex:
     """Return a disc of seven squares with a path of two edges on its rim, vertices 0, 1, 2.
 
-    Three squares at vertex 1 lie along the path, and three behind them close up so that a seventh
-    has 0 and 2 across from one another.
+    Three squares at vertex 1 lie along the path, and three behind them close up such that 0 and 2
+    are opposite corners of a seventh square.
     """
     return complex_of_squares(
         [
@@ -74,10 +74,10 @@ def dented_disc() -> CubicalComplex:
 
 
 def complex_of_squares(cycles: list[tuple[int, int, int, int]]) -> CubicalComplex:
-    """Return squares given by their corners in order round them, glued along common edges."""
+    """Return squares, given by their corners in cyclic order, glued along common edges."""
     sides = sorted({tuple(sorted(pair)) for cycle in cycles for pair in _sides(cycle)})
     number = {side: place for place, side in enumerate(sides)}
-    # Opposite sides of a square run the same way: give each a direction, class by class.
+    # Opposite sides of a square have the same orientation: orient the sides class by class.
     runs: dict[tuple[int, ...], bool] = {}
     for root in sides:
         stack = [root] if root not in runs else []
@@ -96,7 +96,7 @@ def complex_of_squares(cycles: list[tuple[int, int, int, int]]) -> CubicalComple
     for a, b, c, d in cycles:
         across = number[tuple(sorted((a, b)))], number[tuple(sorted((d, c)))]
         along = number[tuple(sorted((a, d)))], number[tuple(sorted((b, c)))]
-        # Where direction 0 (along ab) is fixed lie the sides ad and bc, at the ends of ab.
+        # The sides ad and bc, at the ends of ab, fix direction 0, which runs along ab.
         first = list(along if edges[across[0]][0][0] == a else along[::-1])
         second = list(across if edges[along[0]][0][0] == a else across[::-1])
         squares.append([first, second])

@@ -1,8 +1,8 @@
-"""The envelope of time-optimal paths: in which cubes each move of a path may lie.
+"""The envelope of time-optimal paths: the cubes in which each move of a path may lie.
 
-Source: Abrams and Ghrist, figure on geodesics and the envelope of time-minimising paths. The
-normal cube path makes every move as early as it can be; from the other end each can be made as late
-as it can be, in as many cubes. What lies between is the move's slack.
+Source: Abrams and Ghrist, figure on geodesics and the envelope of time-minimising paths. The normal
+cube path makes every move as early as possible. Counted from the other end, each move can be made
+as late as possible, in the same number of cubes. The difference is the slack of the move.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def envelope(cubes: Sequence[Sequence[Action]]) -> tuple[Window, ...]:
 
 
 def _levels(moves: Sequence[Action]) -> list[int]:
-    """Return for each move how many moves, itself among them, its longest chain before it has."""
+    """Return for each move the length of the longest chain of moves that ends with it."""
     written: dict[Site, int] = {}
     touched: dict[Site, int] = {}
     found = []

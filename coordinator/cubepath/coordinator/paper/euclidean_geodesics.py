@@ -1,6 +1,6 @@
 """Paths in small complexes by their definitions: normal cube paths, and Euclidean geodesics.
 
-For looking at what curvature does to paths. Nothing here is fast, and nothing knows of actions.
+This shows the effect of curvature on paths. Nothing here is fast, and nothing knows about actions.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ def closure(complex_: CubicalComplex, cell: Cell) -> frozenset[Cell]:
 
 
 def diagonals(complex_: CubicalComplex) -> dict[int, list[tuple[int, Cell]]]:
-    """Return for each vertex the cubes of which it is a corner, each with the corner across."""
+    """Return for each vertex the cubes of which it is a corner, each with the opposite corner."""
     found: dict[int, list[tuple[int, Cell]]] = defaultdict(list)
     for k in range(1, complex_.dimension + 1):
         for number in range(complex_.f_vector[k]):
@@ -58,8 +58,8 @@ def normal_cube_paths(
     """Return all normal cube paths of at most `most` cubes from one vertex to another.
 
     By the paper's definition, read on the complex itself: consecutive cubes meet in one vertex, and
-    the star of a cube, the union of the closed cubes that it is a face of, meets the next one there
-    alone. So it is for complexes in which two cubes meet in one cube at most.
+    the star of a cube, which is the union of the closed cubes of which it is a face, meets the next
+    cube only there. So this is only for complexes in which two cubes meet in at most one cube.
     """
     across = diagonals(complex_)
     closed = {
@@ -89,8 +89,7 @@ def chains(
 ) -> list[CellPath]:
     """Return all chains of at most `most` cubes from corner to corner, from `start` to `end`.
 
-    With `through` only cubes in the star of that vertex count: those that are faces of a cube at
-    it.
+    With `through`, only cubes in the star of that vertex count: the faces of the cubes at it.
     """
     across = diagonals(complex_)
     near: set[Cell] | None = None
@@ -111,11 +110,11 @@ def chains(
 
 
 def geodesics(complex_: CubicalComplex, start: int, end: int) -> tuple[float, int]:
-    """Return the length of the shortest paths between two vertices, and how many there are.
+    """Return the length of the shortest paths between two vertices, and their number.
 
-    Every square is a Euclidean one with sides of length 1. Paths are made of edges, diagonals of
-    squares, and diagonals of two squares that share an edge; so it is for complexes of dimension 2
-    in which no shortest path runs through three squares between two vertices.
+    Every square is Euclidean, with sides of length 1. Paths consist of edges, diagonals of squares,
+    and diagonals of two squares that share an edge. So this is only for complexes of dimension 2 in
+    which no shortest path runs through three squares between two vertices.
     """
     steps: dict[int, list[tuple[int, float]]] = defaultdict(list)
     for there, (k, _), here in (
@@ -140,7 +139,7 @@ def geodesics(complex_: CubicalComplex, start: int, end: int) -> tuple[float, in
 
 
 def _dominoes(complex_: CubicalComplex) -> Iterator[tuple[int, int]]:
-    """Yield opposite corners of the rectangles made of two squares that share an edge."""
+    """Yield opposite corners of the rectangles that consist of two squares with a common edge."""
     beside: dict[int, list[tuple[int, int]]] = defaultdict(list)
     for square in range(complex_.f_vector[2]):
         for j in (0, 1):
@@ -153,7 +152,7 @@ def _dominoes(complex_: CubicalComplex) -> Iterator[tuple[int, int]]:
                 if one == other:
                     continue
                 for end in (0, 1):
-                    # Opposite sides of a square run the same way, so do those of both.
+                    # Opposite sides of a square have the same orientation, also in both squares.
                     here = int(complex_.faces[1][far, 0, end])
                     there = int(complex_.faces[1][beyond, 0, 1 - end])
                     yield here, there

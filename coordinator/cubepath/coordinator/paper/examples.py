@@ -63,7 +63,7 @@ def _undone() -> Outcome:
 
 
 def _topology(cells: frozenset[Site]) -> int:
-    """Return of a set of hexagons its pieces and those of its outside, as one number."""
+    """Return the numbers of pieces of a set of hexagons and of its outside, as one number."""
     pieces = _pieces(cells, HEX_DIRECTIONS)
     qs = [cell[0] for cell in cells if isinstance(cell, tuple)]
     rs = [cell[1] for cell in cells if isinstance(cell, tuple)]
@@ -77,7 +77,7 @@ def _topology(cells: frozenset[Site]) -> int:
 
 
 def _pieces(cells: frozenset[Site], directions: Sequence[tuple[int, int]]) -> int:
-    """Return how many pieces cells make whose neighbours lie in these directions."""
+    """Return the number of connected pieces of cells with neighbours in these directions."""
     left = set(cells)
     count = 0
     while left:
@@ -179,7 +179,7 @@ def _deadlock() -> Outcome:
 
 
 def _square_of(state: State, one: Action, other: Action) -> bool:
-    """Tell whether both orders of the two actions lead from the state to one and the same."""
+    """Return whether both orders of the two actions lead from the state to the same state."""
     first, second = apply(one, state), apply(other, state)
     if not (admissible(other, first) and admissible(one, second)):
         return False

@@ -30,7 +30,7 @@ CLAIMS: list[Claim] = []
 
 
 def toggle(*sites: str) -> Action:
-    """Return an action that turns on sites which nothing else knows of."""
+    """Return an action that turns these sites on, and no others; they belong to no system."""
     return Action(sites, sites, [], sites, label="".join(sites))
 
 
@@ -66,7 +66,7 @@ def _unique() -> Outcome:
             if len(found) != 1:
                 return f"arm N={count}: {len(found)} from {start} to {end}", False
             pairs += 1
-    # One vehicle on a cycle: a class for every number of times round, either way.
+    # One vehicle on a cycle: a class for every winding number.
     most, size = 16, 5
     ring = state_complex(explore(scene_from_spec(f"agv:graph=C{size},n=1"))).complex
     round_again = normal_cube_paths(ring, 0, 0, most=most)
@@ -252,7 +252,7 @@ def _mended() -> Outcome:
 
 
 def _flat(wide: int, high: int) -> list[list[Action]]:
-    """Return two perpendicular segments in a flat complex: first all of one way, then the other."""
+    """Return two perpendicular segments in a flat complex, one after the other."""
     one = [toggle(f"x{n}", f"x{n + 1}") for n in range(wide)]
     other = [toggle(f"y{n}", f"y{n + 1}") for n in range(high)]
     return [[action] for action in (*one, *other)]
@@ -276,7 +276,7 @@ def _commute_is_star() -> Outcome:
         for corners in across.values():
             for (there, one), (_, other) in product(corners, repeat=2):
                 del there
-                # The cubes at a vertex: those with both end there, seen from its two sides.
+                # `one` and `other` are two cubes at a common vertex, one before and one after it.
                 star = set().union(*(faces for faces in closed.values() if one in faces))
                 shared = {cell for cell in star & closed[other] if cell[0] == 1}
                 actions = [set(built.cube(*cell)[1]) for cell in (one, other)]
@@ -314,7 +314,7 @@ def _quadratic() -> Outcome:
 
 
 def _loops(cubes: list[list[Action]]) -> int:
-    """Return in how many loops TimeGeodesic is through: the calls of Commute that it makes."""
+    """Return the number of loops of TimeGeodesic, which is its number of calls of Commute."""
     path, found = [list(cube) for cube in cubes], 0
     while True:
         shorter, loops = _counted(path)
@@ -327,7 +327,7 @@ def _loops(cubes: list[list[Action]]) -> int:
 
 
 def _counted(cubes: list[list[Action]]) -> tuple[list[list[Action]], int]:
-    """Return what ShrinkCubePath makes of cubes without common edges, and in how many loops."""
+    """Return the result of ShrinkCubePath on cubes without common edges, and its loops."""
     path, place, loops = [list(cube) for cube in cubes], 0, 0
     while place + 1 < len(path):
         loops += 1

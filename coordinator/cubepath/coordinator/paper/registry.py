@@ -1,7 +1,7 @@
-"""What the paper says, held against what is computed: the rows of `cubepath paper`.
+"""The claims of the paper, compared with computed results: the rows of `cubepath paper`.
 
-A claim is a function without arguments that computes; its text and what comes of it stand in one
-row. The claims themselves are in `examples`, `topology`, `curvature` and `geodesics_and_time`;
+A claim is a function without arguments that does the computation; a row has its text and its
+result. The claims themselves are in `examples`, `topology`, `curvature` and `geodesics_and_time`;
 `claims` has them together, in the order of the paper.
 """
 
@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import Any
 
 Outcome = tuple[str, bool | None]
-"""What was computed, in words, and whether it agrees; None where the paper leaves it open."""
+"""The computed result in words, and whether it agrees; None if the paper leaves it open."""
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One thing that the paper says, and how to compute it.
+    """One claim of the paper, and how to compute it.
 
-    `expected` is what is known to come out: True for most, False where the printed text falls
-    short, None where it was not to be reproduced. Anything else is an error of this program.
+    `expected` is the known result: True for most claims, False if the printed text falls short,
+    None if it could not be reproduced. Any other result is a bug in this program.
     """
 
     item: str
@@ -31,7 +31,7 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One claim with what was computed, and how long it took."""
+    """One claim with its computed result, and how long the computation took."""
 
     item: str
     claim: str

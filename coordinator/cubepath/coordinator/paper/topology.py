@@ -61,7 +61,7 @@ def _sliding() -> Outcome:
         edges = 8 * (p * q + 1) - 2 * (p + q)
         groups = homology(found)
         left = collapse(found).left
-        # What is left is a connected graph with as many edges as vertices and no free end.
+        # A connected graph is left, with as many edges as vertices and no free end.
         circle = groups.betti[:2] == (1, 1) and not any(left[2:])
         if found.f_vector != (states, edges, 4 * (p - 1) * (q - 1))[: len(left)] or not circle:
             return f"p={p}, q={q}: {found.f_vector}, Betti numbers {groups.betti}", False
@@ -176,7 +176,7 @@ _GRAPHS: dict[str, list[tuple[int, int]]] = {
 
 
 def _subdivided(name: str, more: int) -> GraphSystem:
-    """Return unlabelled vehicles on a graph of which each edge has so many vertices inside."""
+    """Return unlabelled vehicles on a graph with `more` extra vertices inside each edge."""
     edges: list[tuple[int, int]] = []
     following = 100
     for one, other in _GRAPHS[name]:
@@ -208,7 +208,7 @@ def _refined_graphs() -> Outcome:
 
 
 def _padded(groups: tuple[T, ...], nothing: T) -> tuple[T, ...]:
-    """Return what belongs to dimensions 0 to 4; above the complex there is nothing."""
+    """Return the groups in dimensions 0 to 4, `nothing` in those above the complex."""
     return groups + (nothing,) * (5 - len(groups))
 
 
@@ -270,13 +270,13 @@ def _covering() -> Outcome:
 
 
 Corner = tuple[int, int, int]
-"""A cube by dimension and number, and which of its corners, end by end as bits."""
+"""A cube by dimension and number, and one of its corners, with its ends as bits."""
 
 
 def _link_below(
     shapes: ShapeComplex, scene: Scene, state: frozenset[Site]
 ) -> tuple[list[Corner], int]:
-    """Return where the cubes at a state go in the shape complex, and the number of its shape."""
+    """Return the images of the cubes at a state in the shape complex, and its shape's number."""
     system, lattice = scene.system, lattice_of(scene)
     number = {
         cube: (k, place) for k, cubes in enumerate(shapes.cubes) for place, cube in enumerate(cubes)

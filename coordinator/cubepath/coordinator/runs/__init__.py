@@ -1,8 +1,8 @@
-"""Runs from launch to recording: gathering, schedules, replay, what a recording holds, pictures.
+"""Runs from launch to recording: gathering, schedules, replay, contents of a recording, pictures.
 
-Room: coordinator. It imports `normal_form` and, for what replay compares, `verification`; of the
-agents `processes`, `rules` and `rendering`. Of all rooms of the coordinator this one alone starts
-modules and listens to them. Shortening takes from it the path of a recording.
+Room: coordinator. It imports `normal_form`, `verification` to compare a replay, and `processes`,
+`rules` and `rendering` of the agents. It is the only room of the coordinator that starts modules
+and listens to them. `shortening` takes the path of a recording from it.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""What a recording holds, for people and for machines; nothing in it is checked here.
+"""The contents of a recording, for people and for machines; nothing in it is checked here.
 
 Room: coordinator.
 """
@@ -37,10 +37,10 @@ _ENDED = {
 
 
 def info(recording: Recording) -> dict[str, Any]:
-    """Return what a recording holds, as one JSON document; what is not on record is None.
+    """Return the contents of a recording as one JSON document; what is not on record is None.
 
-    The numbers are those of its summary. Where that is missing, rounds and moves are counted from
-    the coordinator's edges.
+    The numbers are those of its summary. If it has none, rounds and moves are counted from the
+    coordinator's edges.
     """
     parameters = recording.parameters
     summary, rounds, moves = _result(recording)
@@ -81,14 +81,14 @@ def _described(parameters: Mapping[str, str], key: str) -> object:
 
 
 def _result(recording: Recording) -> tuple[Summary | None, int, int]:
-    """Return the summary, and how many rounds and moves there are."""
+    """Return the summary, and the numbers of rounds and moves."""
     summary: Summary | None = None
     edges: dict[int, int] = {}
     for record in recording.of_kind("edges", "summary"):
         try:
             message = decode(record.data)
         except InputError:
-            continue  # for `cubepath verify` to tell
+            continue  # left to `cubepath verify`
         match message:
             case Summary():
                 summary = message
@@ -102,7 +102,7 @@ def _result(recording: Recording) -> tuple[Summary | None, int, int]:
 
 
 def _schedule(summary: Summary | None) -> dict[str, Any]:
-    """Return how many cubes the schedule has that was carried out, and where it stopped."""
+    """Return the number of cubes of the schedule that was carried out, and where it stopped."""
     if summary is None or summary.schedule_cubes is None:
         return {}
     stopped: Any = msgspec.to_builtins(summary.schedule_stopped)
@@ -110,12 +110,12 @@ def _schedule(summary: Summary | None) -> dict[str, Any]:
 
 
 def _certificate(recording: Recording) -> dict[str, Any]:
-    """Return how many pairs of moves cancelled, and how long the chain is that proves the cubes."""
+    """Return how many pairs of moves cancelled, and the length of the certificate's chain."""
     for record in recording.of_kind("certificate"):
         try:
             message = decode(record.data)
         except InputError:
-            continue  # for `cubepath verify` to tell
+            continue  # left to `cubepath verify`
         if isinstance(message, Certified):
             found = message.certificate
             return {"certificate": {"cancelled": len(found.cancelled), "chain": len(found.chain)}}
@@ -137,11 +137,11 @@ def _moment(wall_ns: int | None) -> str | None:
     try:
         return datetime.fromtimestamp(wall_ns / 1e9, UTC).isoformat(timespec="milliseconds")
     except (OverflowError, ValueError, OSError):
-        return None  # a clock that was no clock
+        return None  # the recorded time was not a valid one
 
 
 def render(document: Mapping[str, Any]) -> str:
-    """Return what `info` found as a table for people."""
+    """Return the result of `info` as a readable table."""
     ended = _ENDED[document["ended"]]
     rows: list[tuple[str, object]] = [
         ("log", document["log"]),

@@ -1,7 +1,7 @@
 """A picture of a whole run: some of its states, and its schedule.
 
-Room: coordinator. Modules are followed through the moves from where they start, so all that is
-needed is the scene and the moves. matplotlib is imported when something is drawn.
+Room: coordinator. Modules are followed through the moves from where they start, so only the scene
+and the moves are needed. matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -34,20 +34,20 @@ if TYPE_CHECKING:
 
 PICTURE_SUFFIXES = (".png", ".svg", ".pdf")
 What: TypeAlias = Literal["run", "schedule"]
-"""Of what a picture shows states: of the run, or of its normal cube path."""
+"""Whose states a picture shows: those of the run, or of its normal cube path."""
 _WIDE, _EDGE, _GAP = (9.0, 13.0), 0.3, 0.14
-"""In inches: how wide a picture can be, its margin, what lies between two states."""
+"""In inches: the possible widths of a picture, its margin, and the gap between two states."""
 _TITLE, _CAPTION = 0.85, 0.2
-"""In inches: the height of the title, and of what is said of each state."""
+"""In inches: the height of the title, and of the caption of a state."""
 _STATES, _COLUMNS = 6, (6, 3, 2, 1)
-"""How many states are shown, and how many of them can stand side by side."""
+"""The number of states shown, and the possible numbers of columns."""
 _TALL = 5.5
-"""In inches: so tall a state can always be, however narrow."""
+"""In inches: a height that a state may always have, however narrow it is."""
 _READABLE, _SPECK = 10.5, 5.0
-"""In points: how wide a cell is from which a number can be read, and up to which it is a speck."""
+"""In points: the least width of a cell with a readable number; below the second it is a speck."""
 _QUIET, _BAND, _EDGES = "#6d727a", "#f4f5f6", "#b9bdc3"
 _SWATCH: Colour = (0.35, 0.37, 0.4)
-"""What the legend of the schedule shows for the colour of any module: that of none."""
+"""Stands for the colour of any module in the legend of the schedule; no module has it."""
 
 
 def run_picture(
@@ -62,16 +62,17 @@ def run_picture(
 ) -> None:
     """Write a picture of a run and of its normal cube path as .png, .svg or .pdf.
 
-    `rounds` holds the actions that each round of the run executed, rounds without a move included;
+    `rounds` holds the actions that each round of the run executed, including rounds without a move;
     `cubes` is the normal cube path of the same moves (`cubepath.coordinator.normal_form.heap`), and
-    `found` what becomes of each of them, where that is known already. `step_name` is what a step
-    of a path is that is no run.
-    Above are some states of the run, or of the schedule if `what` says so, modules coloured by
-    number, with what the last step moved.
-    Below is the schedule: a lane for each module, in its upper half the rounds in which the module
-    moved (pale, hollow where the move cancels with another one), in its lower half the cubes.
+    `found` says what becomes of each move, if that is known already. `step_name` names the steps of
+    a path that is not a run.
+    The upper part shows some states of the run, or of the schedule if `what` says so, with modules
+    coloured by number and the moves of the last step marked.
+    The lower part is the schedule, with a lane for each module: in the upper half of the lane the
+    rounds in which the module moved (pale, and hollow if the move cancels), in the lower half the
+    cubes.
 
-    InputError where the suffix is another, a move is not admissible or the file cannot be written.
+    InputError if the suffix is unknown, a move is not admissible or the file cannot be written.
     """
     check_suffix(path, PICTURE_SUFFIXES)
     executed = [list(actions) for actions in rounds]
@@ -85,7 +86,7 @@ def run_picture(
 
 
 def check_suffix(path: Path, known: Sequence[str]) -> None:
-    """Raise InputError where a name ends in none of these."""
+    """Raise InputError if a name has none of the known suffixes."""
     if path.suffix.lower() not in known:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(known)}")
 
@@ -95,7 +96,7 @@ def _counts(
 ) -> str:
     moves, left = sum(map(len, rounds)), sum(map(len, cubes))
     largest = max(map(len, cubes), default=0)
-    # A path without rounds has moves alone.
+    # In a path without rounds the steps are the moves, which are counted anyway.
     steps = "" if step_name == "move" else f"{_plural(len(rounds), step_name)}, "
     return (
         f"{steps}{_plural(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
@@ -112,7 +113,7 @@ def _cancelled(
 ) -> set[tuple[int, Action]]:
     """Return the moves, by step and action, that are not in the normal cube path.
 
-    A move that cancels does so with the last one that equals it and is still there.
+    A move that cancels does so with the last remaining move that equals it.
     """
     path = [(number, action) for number, actions in enumerate(rounds, 1) for action in actions]
     if found is None:
@@ -121,7 +122,7 @@ def _cancelled(
 
 
 def _title(spec: str) -> str:
-    """Return a spec with the folders of its files left out, cut where it is too long."""
+    """Return a spec without the folders of its files, cut off if it is too long."""
     short = re.sub(r"[^=,]*/", "", spec)
     return short if len(short) <= 80 else short[:77] + "..."
 
@@ -168,7 +169,7 @@ def _figure(
 
 
 class _Panels(NamedTuple):
-    """How states stand on a page so wide: in columns, each state so wide and tall, in inches."""
+    """The layout of states on a page: its width, its columns and the size of a state, in inches."""
 
     page: float
     columns: int
@@ -176,13 +177,13 @@ class _Panels(NamedTuple):
     tall: float
 
     def scale(self, box: Box) -> float:
-        """Return how many points a cell is wide."""
+        """Return the width of a cell in points."""
         left, right, low, high = box
         return 72 * min(self.wide / (right - left), self.tall / (high - low))
 
 
 def _panels(box: Box, count: int) -> _Panels:
-    """Return the layout for a frame: on a narrow page, or a wide one where modules were specks."""
+    """Return the layout for a frame: on a narrow page, or a wide one if modules would be specks."""
     narrow, wide = (_best_panels(page, box, count) for page in _WIDE)
     return narrow if narrow.scale(box) >= _SPECK else wide
 
@@ -190,7 +191,8 @@ def _panels(box: Box, count: int) -> _Panels:
 def _best_panels(page: float, box: Box, count: int) -> _Panels:
     """Return the layout with as many columns as leave room for numbers on modules.
 
-    Where none does, that which shows modules largest and is no higher than the page is wide.
+    If none does, the layout that shows modules largest among those that are no higher than the page
+    is wide, and the one with the most columns.
     """
     left, right, low, high = box
     fitting: list[_Panels] = []
@@ -204,7 +206,7 @@ def _best_panels(page: float, box: Box, count: int) -> _Panels:
 
 
 class _Page:
-    """A figure on which things are put in inches from its upper left corner."""
+    """A figure whose parts are placed in inches from its upper left corner."""
 
     def __init__(self, figure: Figure, wide: float, high: float) -> None:
         figure.set_size_inches(wide, high)
@@ -290,7 +292,7 @@ def _draw_schedule(
 
 
 def _ticks(first: int, last: int, most: int) -> range:
-    """Return the whole numbers at which an axis has a tick: multiples of a round step."""
+    """Return the integers at which an axis has a tick: multiples of a round step."""
     steps = (digit * 10**power for power in count() for digit in (1, 2, 5))
     step = next(step for step in steps if last // step - (first - 1) // step <= most)
     return range(-(-first // step) * step, last + 1, step)
@@ -314,11 +316,11 @@ def _draw_boxes(axes: Axes, cells: Sequence[tuple[int, int]], half: int, **style
 
 
 def _save(figure: Figure, path: Path) -> None:
-    """Draw everything first and write the file then, so that none is left half written."""
+    """Draw everything first and then write the file, so that no file is left half written."""
     from matplotlib import rc_context  # noqa: PLC0415
 
     kind = path.suffix.lower()[1:]
-    # Neither dates nor random names: the same run gives the same bytes.
+    # No dates and no random names, so that the same run gives the same bytes.
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     buffer = io.BytesIO()
     with rc_context({"svg.hashsalt": "cubepath"}):

@@ -1,4 +1,4 @@
-"""Films of a run or of its schedule, a frame a step.
+"""Films of a run or of its schedule, with one frame for each step.
 
 Room: coordinator. matplotlib is imported when something is drawn. All frames share one table of
 colours, so that a module has the same colour in each.
@@ -26,20 +26,20 @@ from cubepath.protocol.core.system import Scene
 FILM_SUFFIXES = (".gif",)
 FRAMES_PER_SECOND = 4
 _SLOWEST, _FASTEST = 0.01, 50
-"""Frames a second. GIF counts hundredths; many viewers show a frame of less than two for ten."""
+"""Frames a second. GIF counts hundredths of a second; many viewers turn less than two into ten."""
 _FRAMES_MAX = 400
 _SAMPLES, _COLOURS, _OWN = 5, 256, 27
-"""Colours are taken from so many frames, so many in all, and so many are those of modules."""
+"""The number of frames to take colours from, of colours, and of colours kept for modules."""
 _END_S = 1.5
-"""How long the end stays before the film starts again."""
+"""How long the last frame stays before the film starts again."""
 _EDGE, _CAPTION = 0.1, 0.3
-"""In inches: the margin, and the height of what is said of each step."""
+"""In inches: the margin, and the height of the caption."""
 _LEAST, _DOTS = 3.2, 100
-"""The least width in inches, so that the legend can be read, and dots to the inch."""
+"""The least width in inches at which the legend can be read, and dots per inch."""
 
 
 def check_frame_rate(rate: float) -> None:
-    """Raise InputError for a number of frames a second that a film cannot have."""
+    """Raise InputError if a film cannot have this number of frames a second."""
     if not _SLOWEST <= rate <= _FASTEST:
         raise InputError(
             f"{rate:g} frames a second: expected {_SLOWEST} to {_FASTEST}, as GIF counts in"
@@ -58,12 +58,13 @@ def animate(
 ) -> None:
     """Write a film of the steps, rounds or cubes, as .gif.
 
-    `step_name` is what each frame calls its step. `progress` is told after each frame how many are
-    done and how many there are. Of more than 400 steps every second, third, ... is shown. The film
-    has its rate on average; a single frame lasts a whole number of hundredths of a second.
+    `step_name` is the name of a step in the captions. `progress` is called after each frame with
+    the number of frames done and their total. Of more than 400 steps, only every second, third, ...
+    is shown. The film has the given rate on average; a single frame lasts a whole number of
+    hundredths of a second.
 
-    InputError where the suffix or the rate is another, a move is not admissible or the file cannot
-    be written.
+    InputError if the suffix is unknown, the rate is impossible, a move is not admissible or the
+    file cannot be written.
     """
     check_suffix(path, FILM_SUFFIXES)
     check_frame_rate(frames_per_second)
@@ -79,7 +80,7 @@ def animate(
         frames.append(screen.shot(number).quantize(palette=colours, dither=Image.Dither.NONE))
         if progress is not None:
             progress(done, len(shown))
-    # In hundredths of a second from the first frame on, so that what is cut off adds up.
+    # In hundredths of a second from the first frame on, so that rounding errors do not add up.
     ends = [round(100 * number / frames_per_second) for number in range(len(shown) + 1)]
     lasting = [10 * (end - begin) for begin, end in pairwise(ends)]
     lasting[-1] += round(1000 * _END_S)
@@ -96,7 +97,7 @@ def animate(
 
 
 class _Screen:
-    """A figure on which one step after another is drawn, all in one frame."""
+    """A figure on which one step after another is drawn, all at the same scale."""
 
     def __init__(
         self, scene: Scene, found: Sequence[Snapshot], shown: Sequence[int], step_name: str
@@ -130,13 +131,13 @@ class _Screen:
         self._axes.clear()
         draw_on(self._axes, self._scene, snapshot.sites, moved=snapshot.moved, box=self._box)
         self._caption.set_text(f"{self._step_name} {number} of {len(self._found) - 1}")
-        self._canvas.draw()  # type: ignore[no-untyped-call]  # so is it in matplotlib
+        self._canvas.draw()  # type: ignore[no-untyped-call]  # untyped in matplotlib
         pixels = self._canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # as above
         return Image.fromarray(np.array(pixels, dtype=np.uint8)[:, :, :3].copy())
 
 
 def _common_colours(samples: Iterable[Image.Image]) -> Image.Image:
-    """Return a table of colours: those of modules as they are, then the most frequent ones."""
+    """Return a table of colours: the exact colours of modules, then the most frequent ones."""
     counted: Counter[int] = Counter()
     for sample in samples:
         pixels = np.asarray(sample).astype(np.uint32)
@@ -144,7 +145,7 @@ def _common_colours(samples: Iterable[Image.Image]) -> Image.Image:
         found, counts = np.unique(numbers, return_counts=True)
         counted.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
     own = [tuple(round(255 * part) for part in colour) for colour in palette(_OWN)]
-    # Equally frequent ones by number, so that the same run gives the same film.
+    # Equally frequent colours are sorted by number, so that the same run gives the same film.
     rest = sorted(counted, key=lambda number: (-counted[number], number))
     known = [*own, *((number >> 16, number >> 8 & 255, number & 255) for number in rest)]
     table = Image.new("P", (1, 1))

@@ -1,7 +1,7 @@
-"""Gathering: from what modules report, in any order of arrival, to the edge path of a run.
+"""Gathering: from the reports of modules, in any order of arrival, to the edge path of a run.
 
-Room: coordinator. A round is released when every module has reported it, so no clock and no
-order of arrival enters the result; a report that comes twice counts once.
+Room: coordinator. A round is released when every module has reported it, so the result depends on
+no clock and no order of arrival; a report that arrives twice counts once.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _encode = msgspec.json.Encoder().encode
 class Step:
     """One round of the edge path: the moves executed in it, in increasing order of movers.
 
-    `failures` are the modules that gave up in it, in increasing order, and why.
+    `failures` holds the modules that gave up in it, in increasing order, each with its reason.
     """
 
     round: int
@@ -41,11 +41,11 @@ class Step:
 class PathDigest:
     """SHA-256 over an edge path in canonical order: by round, then by mover.
 
-    One line of compact JSON a move: ``[round, module, generator, at]`` and a newline.
+    Each move is one line of compact JSON: ``[round, module, generator, at]`` and a newline.
     """
 
     def __init__(self) -> None:
-        """Start with the empty path."""
+        """Begin with the empty path."""
         self._hash = sha256()
 
     def add(self, round_number: int, executed: Iterable[Executed]) -> None:
@@ -62,12 +62,12 @@ class PathDigest:
 class Gatherer:
     """Gathers reports into the edge path and keeps its normal cube path as moves come in.
 
-    Each complete round is handed to `watch` as a `Step`. Moves of one round commute, so their
-    order within it does not matter to the path up to homotopy.
+    Each complete round is passed to `watch` as a `Step`. The moves of a round commute, so their
+    order within the round does not change the homotopy class of the path.
     """
 
     def __init__(self, scene: Scene, watch: Callable[[Step], None] | None = None) -> None:
-        """Start at the start of the scene."""
+        """Begin at the start of the scene."""
         self.scene = scene
         self._heap = FastHeap(telling=True)
         self._fallen = 0
@@ -79,7 +79,7 @@ class Gatherer:
 
     @property
     def heap(self) -> FastHeap:
-        """Return the heap of the moves so far; they fall onto it when it is asked for."""
+        """Return the heap of the moves so far; they are added to it only when it is asked for."""
         for step in self.steps[self._fallen :]:
             self._heap.extend(step.actions)
         self._fallen = len(self.steps)
@@ -87,7 +87,7 @@ class Gatherer:
 
     @property
     def rounds(self) -> int:
-        """Return how many rounds are complete."""
+        """Return the number of complete rounds."""
         return len(self.steps)
 
     @property
@@ -97,19 +97,19 @@ class Gatherer:
 
     @property
     def reached(self) -> bool:
-        """Tell whether the modules stand at the goal."""
+        """Return whether the modules are at the goal."""
         return self.scene.reached(self.sites)
 
     @property
     def failed(self) -> str | None:
-        """Return who gave up in the last round, and why; None where nobody did."""
+        """Return which module gave up in the last round, and why; None if none did."""
         for module, reason in self.steps[-1].failures if self.steps else ():
             return f"module_{module}: {reason}"
         return None
 
     @property
     def begun(self) -> int:
-        """Return the last round that any report has come for."""
+        """Return the last round for which any report has arrived."""
         return max(self._waiting, default=self.rounds)
 
     def schedule(self) -> Cubes:
@@ -122,11 +122,11 @@ class Gatherer:
         return tuple(tuple(placed[action] for action in cube) for cube in self.heap.cube_path())
 
     def receive(self, report: Report) -> None:
-        """Take in a report; CheckError where two differ or one is of no module of this run."""
+        """Take a report; CheckError if two differ, or if the run has no such module."""
         if not 0 <= report.module < len(self.sites):
             raise CheckError(f"a report of module_{report.module}: no such module in this run")
         if report.round <= self.rounds:
-            return  # a duplicate of one that has been released
+            return  # a report of this round was released already
         reports = self._waiting.setdefault(report.round, {})
         known = reports.setdefault(report.module, report)
         if known != report:
@@ -158,9 +158,9 @@ class Gatherer:
 
 
 def gathered(recording: Recording) -> Gatherer:
-    """Gather the reports of a recording; what is not complete stays out.
+    """Gather the reports of a recording; incomplete rounds are left out.
 
-    InputError where a message of the recording is none, CheckError as in `Gatherer.receive`.
+    InputError if a message on record is malformed, CheckError as for `Gatherer.receive`.
     """
     gatherer = Gatherer(recording.scene)
     for record in recording.of_kind("report"):

@@ -1,4 +1,4 @@
-"""A run: modules in processes, their edge path gathered and shortened, all of it on record.
+"""A run: modules in processes, their edge path gathered and shortened, everything on record.
 
 Room: coordinator. It starts the fleet, paces rounds and listens; it decides nothing for a module.
 """
@@ -58,23 +58,23 @@ MAX_ROUNDS = 1000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
 _SAID = ("here", "note", "claim", "verdict", "report")
-"""The kinds of messages that each module may say; notes only where its rule talks."""
+"""The kinds of messages that each module may send; notes only if its rule sends some."""
 _SAID_HERE = ("go", "edges", "cube", "certificate", "summary")
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-class Interrupted(Exception):  # noqa: N818 - it is no error, it is what the person asked for
-    """The person asked the run to stop."""
+class Interrupted(Exception):  # noqa: N818 - it is not an error, but what the user asked for
+    """The user asked the run to stop."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What to run; `rule` None is the rule that reaches the goal of the system's family.
+    """What to run; `rule` None means the rule of the system's family, which reaches the goal.
 
-    With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None is then
-    the system of the recording, otherwise "hex". Where it stops the run ends, or with `repair` the
-    modules follow the rule from there. `max_rounds` None is enough for the schedule, and
-    `MAX_ROUNDS` for the rule.
+    With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None then
+    means the system of the recording, otherwise "hex". The run ends where the schedule stops, or
+    with `repair` the modules follow the rule from there. `max_rounds` None allows as many rounds as
+    the schedule needs, and `MAX_ROUNDS` for the rule.
     """
 
     system: str | None = None
@@ -90,10 +90,10 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run did; the first fourteen fields are the keys of ``cubepath run --json``.
+    """The outcome of a run; the first fourteen fields are the keys of ``cubepath run --json``.
 
-    There are two keys more where a schedule was carried out: how many cubes it has, and where it
-    stopped, None if it did not.
+    `error` is a key too if there is one. If a schedule was carried out, there are two more: how
+    many cubes it has, and where it stopped, None if it did not.
     """
 
     log: str
@@ -133,11 +133,11 @@ Watch = Callable[[Gatherer], None]
 
 
 def run(plan: Plan, watch: Watch | None = None) -> Outcome:
-    """Run the plan to its end and return what came of it, with the recording closed.
+    """Run the plan to its end, close the recording, and return the outcome.
 
-    InputError where the plan cannot be run at all; everything that goes wrong later (a process
-    that dies, a rule that gives up, a full disk, an interrupt) is told in the outcome. `watch` is
-    called after each round.
+    InputError if the plan cannot be run at all; everything that goes wrong later (a process that
+    dies, a rule that gives up, a full disk, an interrupt) is part of the outcome. `watch` is called
+    after each round.
     """
     task = task_of(plan)
     _check_topics(task, plan.processes)
@@ -150,10 +150,9 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A plan, checked: what is run where, under which rule, and for how many rounds at most.
+    """A checked plan: the scene, the rule, and the maximal number of rounds.
 
-    With an `assignment` the modules follow that first, and the rule only where a schedule is
-    repaired.
+    With an `assignment` the modules follow that first, and the rule only to repair a schedule.
     """
 
     scene: Scene
@@ -163,12 +162,12 @@ class Task:
 
     @property
     def name(self) -> str:
-        """Return the name of the rule that modules begin with."""
+        """Return the name of the rule that modules follow at the beginning."""
         return self.rule if self.assignment is None else SCHEDULE
 
 
 def task_of(plan: Plan) -> Task:
-    """Return what a plan comes to; InputError names what cannot be run."""
+    """Return the task of a plan; InputError names what cannot be run."""
     if not 0.0 <= plan.hesitate < 1.0:
         raise InputError(f"hesitate={plan.hesitate}: expected at least 0 and less than 1")
     for key, number in (("seed", plan.seed), ("processes", plan.processes)):
@@ -216,7 +215,7 @@ def _rule_of(plan: Plan, scene: Scene) -> str:
 
 
 def _check_topics(task: Task, processes: int) -> None:
-    """Refuse at once what could not be recorded to its end: each kind and speaker has a topic."""
+    """Refuse a run with more topics, one for each kind and speaker, than a recording can have."""
     modules = len(task.scene.start)
     talks = rule_named(task.rule, task.scene.system).note_length(modules) > 0
     kinds = len(_SAID) - (not talks)
@@ -234,7 +233,7 @@ def _check_topics(task: Task, processes: int) -> None:
 def _interrupts() -> Generator[Callable[[], None]]:
     """Turn SIGINT, SIGTERM and SIGHUP into `Interrupted`, raised between two messages.
 
-    A second one is taken at once. Off the main thread there is nothing to take over.
+    A second signal raises KeyboardInterrupt at once. Outside the main thread no signal is handled.
     """
     asked = threading.Event()
 
@@ -259,7 +258,7 @@ def _interrupts() -> Generator[Callable[[], None]]:
 
 
 class _Run:
-    """A run under way: wire messages go on record as they come, edges by round.
+    """A run in progress: wire messages are recorded as they arrive, edges round by round.
 
     Cubes, certificate and summary, the coordinator's own results, are written at the end.
     """
@@ -329,12 +328,12 @@ class _Run:
         return "max-rounds", None
 
     def _ended(self, fleet: Fleet) -> tuple[Ended, str | None] | None:
-        """Return how the run has ended, if it has, after a round or before the first."""
+        """Return how the run has ended, None if it goes on; called between rounds."""
         gatherer, carrying = self._gatherer, self._execution
         if carrying is not None and not carrying.over:
             carrying.look(gatherer)
             if not carrying.over:
-                return None  # whatever it passes on its way
+                return None  # even if it passes the goal on its way
             if carrying.stopped is not None and not self._plan.repair:
                 return "failed", told(carrying.stopped)
             if not gatherer.reached and self._plan.repair:
@@ -347,7 +346,7 @@ class _Run:
     def _wire(self, topic: str, data: bytes, wall_ns: int) -> None:
         try:
             message = decode(data)
-        except InputError as error:  # somebody else has joined the run
+        except InputError as error:  # a stranger has joined the run
             raise CheckError(f"on {topic}: {error}") from None
         self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
         if isinstance(message, Report):
@@ -427,10 +426,10 @@ def _file_name(plan: Plan, task: Task) -> str:
 
 
 def _system_name(plan: Plan, scene: Scene) -> str:
-    """Return what a log calls a system: the file that it was read from, or else its family."""
+    """Return the name of a system in a log: the file that it was read from, or else its family."""
     told = scene.spec if plan.system is None else plan.system
     name = scene.family or scene.spec
-    is_pipe = told.startswith("/dev/")  # what a shell substitutes has a number for a name
+    is_pipe = told.startswith("/dev/")  # process substitution in a shell gives a number
     if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):
         name = Path(told).stem
     return re.sub(r"[^\w.]+", "-", name).strip("-.")[:_NAME_MAX] or "system"

@@ -1,7 +1,8 @@
 """Replaying: the recorded bytes go back on zenoh, and a fresh coordinator gathers them again.
 
-Room: coordinator. What modules said goes through a router from one session to another, on the keys
-that it had, under a run id of its own. Whoever else is connected to that router hears it too.
+Room: coordinator. The messages of modules go through a router from one session to another, under
+their original keys but a new run id. Anything else that is connected to the router receives them
+too.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ from cubepath.protocol.wire.messages import Certified, Cube, Edges, Message, Rep
 from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
 
 SAID = ("here", "note", "claim", "verdict", "report", "observed")
-"""The kinds of messages that modules say: these are put back."""
+"""The kinds of messages that modules send, which are put back."""
 
 Progress = Callable[[int], object]
-"""Called now and then with how many messages have arrived since the last call."""
+"""Called now and then with the number of messages that have arrived since the last call."""
 Announce = Callable[[str, str], object]
-"""Is told the endpoint and the run id before the first message is put."""
+"""Called with the endpoint and the run id before the first message is put."""
 
 _PATIENCE_S_MAX = 30.0
 _POLL_S = 0.001
@@ -40,10 +41,10 @@ _POLL_S = 0.001
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
-    """What a replay came to; `same` tells whether that is what the recording says.
+    """The result of a replay; `same` says whether it agrees with the recording.
 
-    `differences` names in a line each where it is not, where the recording says nothing, and what
-    could not be read of it.
+    `differences` has one line for each place where it does not, where the recording has nothing to
+    compare with, and for what could not be read of the recording.
     """
 
     log: str
@@ -57,14 +58,14 @@ class Replayed:
     path_digest: str
     same: bool
     compared: bool
-    """Whether the recording has a result at all: one that was cut off has none."""
+    """Whether the recording has a result at all; one that was cut off has none."""
     differences: tuple[str, ...]
     messages: int
     seconds: float
 
     @property
     def result(self) -> str:
-        """Say how the replay compares with the recording."""
+        """Return in words how the replay compares with the recording."""
         if self.same:
             return "the same as recorded"
         return "differs from the recording" if self.compared else "nothing to compare it with"
@@ -84,11 +85,11 @@ def replay(
     announce: Announce | None = None,
     progress: Progress | None = None,
 ) -> Replayed:
-    """Put what modules said back on zenoh, gather it from there, and compare the results.
+    """Put the messages of modules back on zenoh, gather them from there, and compare the results.
 
-    `rate` is in rounds a second (as fast as it goes if None), `kinds` are those of `SAID` to put,
-    `endpoint` where the router listens, "tcp/127.0.0.1:7447" for example, a free loopback port if
-    None. InputError for bad options and for messages that are none; CheckError where reports
+    `rate` is in rounds a second (as fast as possible if None), `kinds` are the kinds of `SAID` to
+    put, and `endpoint` is where the router listens, for example "tcp/127.0.0.1:7447"; None means a
+    free loopback port. InputError for bad options and malformed messages; CheckError if reports
     contradict each other or messages do not arrive.
     """
     if rate is not None and not rate > 0:
@@ -131,11 +132,11 @@ class _Player:
         self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
 
     def _wait_for_the_ear(self) -> None:
-        # What is put before the subscriber is known here would be lost without a word.
+        # Messages put before the subscriber is known here would be lost silently.
         deadline = time.monotonic() + _PATIENCE_S_MAX
         with self._mouth.declare_publisher(topic_key(self.run, "report", "all")) as probe:
             while True:
-                # The stubs say bool, the module gives an object that holds one.
+                # The stubs say bool, but the module returns an object that holds one.
                 status: Any = probe.matching_status
                 if getattr(status, "matching", status):
                     return
@@ -156,7 +157,7 @@ class _Player:
         for record in self._recording.of_kind(*kinds):
             key = key_of(self.run, system, _message(self._recording, record))
             if key is None:
-                continue  # it was addressed to nobody
+                continue  # it has no addressee
             if rate is not None:
                 self._rest_until(began + (record.round - 1) / rate)
             put(self._mouth, key, record.data)
@@ -212,7 +213,7 @@ class _Player:
             self._progress(1)
 
     def _differences(self) -> Iterator[str]:
-        """Yield where what was gathered is not what the recording says was gathered."""
+        """Yield each difference between the gathered run and the one on record."""
         yield from self._recording.problems
         edges: dict[int, Edges] = {}
         cubes: dict[int, Cube] = {}

@@ -1,10 +1,10 @@
-"""Carrying out a schedule: where it comes from, who makes which move, where it ends or stops.
+"""Carrying out a schedule: its source, which module makes which move, where it ends or stops.
 
-Room: coordinator. Before the run begins the modules are followed through the cubes from the start
-of the scene, by the traces of the moves alone: that tells who is to make each move, and each module
-is handed its own part. Whether a move is admissible when its round comes, or an obstacle is in its
-way, is for its module to see. During the run the coordinator reads the reports, and begins no
-further round where one says no.
+Room: coordinator. Before the run begins, the modules are followed through the cubes from the start
+of the scene, by the traces of the moves alone. This determines which module makes each move, and
+each module is given its own part. The module itself finds out whether a move is admissible when its
+round comes, or an obstacle is in its way. During the run the coordinator reads the reports, and
+begins no further round once a module has given up.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from cubepath.protocol.wire.messages import Stopped
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """A schedule as it was read; of a recording also its scene, and where its modules ended."""
+    """A schedule as read; from a recording, also its scene and where its modules ended."""
 
     path: Path
     cubes: Cubes
@@ -41,11 +41,11 @@ class Schedule:
 
 @dataclass(frozen=True, slots=True)
 class Assignment:
-    """Who makes which move of a schedule in a scene.
+    """Which module makes which move of a schedule in a scene.
 
-    `cubes` are those of the schedule, each move under the name that the system gives it. `stop` is
-    the first cube with a move for which no module is there; from that cube on nothing is handed
-    out. `ends` is where the modules are then, or after the last cube.
+    `cubes` are the cubes of the schedule, with the system's names of moves. `own` holds the moves
+    of each module, by round. `stop` is the first cube with a move that no module can make; no moves
+    are assigned from that cube on. `ends` is where the modules are then, or after the last cube.
     """
 
     cubes: Cubes
@@ -55,11 +55,11 @@ class Assignment:
 
 
 def read_schedule(path: Path) -> Schedule:
-    """Read a cubes file or a recording; what the file is, its content tells.
+    """Read the schedule in a cubes file or a recording; the kind is found from the content.
 
-    The schedule of a recording is the normal cube path of its run. InputError where the file cannot
-    be read or is damaged, or where a move is named by an id; CheckError where reports of a
-    recording contradict each other.
+    The schedule of a recording is the normal cube path of its run. InputError if the file cannot be
+    read or is damaged, or if a move is named by an id; CheckError if reports of a recording
+    contradict each other.
     """
     with opened(path) as file:
         if not is_recording(file):
@@ -78,9 +78,9 @@ def _cubes(file: InputFile) -> Cubes:
 
 
 def assignment_of(schedule: Schedule, scene: Scene) -> Assignment:
-    """Follow the modules of the scene through the cubes; return who makes which move.
+    """Follow the modules of the scene through the cubes; return which module makes which move.
 
-    InputError where a move is none of the system, or the moves of a cube do not commute.
+    InputError if the system has no such move, or the moves of a cube do not commute.
     """
     where: dict[Site, int] = {site: module for module, site in enumerate(scene.start)}
     own: dict[int, dict[int, GeneratorPlacement]] = {}
@@ -95,7 +95,7 @@ def assignment_of(schedule: Schedule, scene: Scene) -> Assignment:
             placed, why = lacking[0]
             stop = Stopped(number, None, placed, str(why))
         if stop is not None:
-            cubes.append(cube)  # it is looked at only for moves that are none
+            cubes.append(cube)  # checked only for moves that do not exist
             continue
         made = [move for move in found if isinstance(move, Move)]
         _follow(made, where, own, number)
@@ -106,10 +106,10 @@ def assignment_of(schedule: Schedule, scene: Scene) -> Assignment:
 
 
 def _open_system(schedule: Schedule, scene: Scene) -> System:
-    """Return a system in which the moves of the schedule are there, whatever is in their way now.
+    """Return a system that has the moves of the schedule, whatever is in their way now.
 
-    That of a recording is its own; of a cubes file, the system of the scene says what would be
-    there without obstacles and bounds.
+    For a recording it is the recorded system. For a cubes file it is the system of the scene, with
+    the moves that it would have without obstacles and bounds.
     """
     if schedule.scene is not None:
         return schedule.scene.system
@@ -123,13 +123,13 @@ def _open_system(schedule: Schedule, scene: Scene) -> System:
 def _actions(
     schedule: Schedule, scene: Scene, open_system: System, number: int
 ) -> list[Action | str]:
-    """Return the actions of a cube, or why there is none; InputError where it is no cube."""
+    """Return the action of each move of a cube, or why it has none; InputError if it is no cube."""
     found: list[Action | str] = []
     for placed in schedule.cubes[number - 1]:
         try:
             at = site_from_json(placed.at)
             with contextlib.suppress(ExcludedError):
-                scene.system.action(placed.generator, at)  # its module will see what is in its way
+                scene.system.action(placed.generator, at)  # its module finds out what is in its way
             found.append(open_system.action(placed.generator, at))
         except ExcludedError as error:
             found.append(str(error))
@@ -143,7 +143,7 @@ def _actions(
 def _move(
     system: System, where: dict[Site, int], placed: GeneratorPlacement, action: Action | str
 ) -> Move | str:
-    """Return the move by who is to make it, or why there is nobody."""
+    """Return the move with the module that makes it, or say why no module can."""
     if isinstance(action, str):
         return action
     on = frozenset(site for site in action.trace if site in where)
@@ -182,8 +182,9 @@ def _follow(
 def with_end(scene: Scene, schedule: Schedule, assignment: Assignment) -> Scene:
     """Return the scene with the end of the schedule as its goal.
 
-    That is where those modules of the recording ended that are there; of a cubes file where the
-    schedule ends. Where that is not known, or is no state of this scene, the scene keeps its own.
+    For a recording, that is where its modules ended, as far as they are in the scene; for a cubes
+    file, where the schedule ends. If this is not known, or not a state of the scene, the scene
+    keeps its own goal.
     """
     ends = _ends_of(schedule, scene, assignment)
     if ends is None or (frozenset(ends) == scene.goal and scene.goals):
@@ -206,7 +207,7 @@ def _ends_of(schedule: Schedule, scene: Scene, assignment: Assignment) -> tuple[
 
 
 def _known_goals(scene: Scene, ends: Sequence[Site]) -> tuple[tuple[Site, ...], ...]:
-    """Return for each module the one end that it knows: its own."""
+    """Return for each module the only end that it knows, its own."""
     system = scene.system
     if system.labels is None:
         return tuple((end,) for end in ends)
@@ -218,17 +219,17 @@ def _known_goals(scene: Scene, ends: Sequence[Site]) -> tuple[tuple[Site, ...], 
 
 
 class ScheduleExecution:
-    """A schedule under way: how far it is, and whether it has stopped."""
+    """A schedule in progress: whether it is over, and whether it has stopped."""
 
     def __init__(self, assignment: Assignment) -> None:
         """Begin before the first round."""
         self.assignment = assignment
         self.stopped: Stopped | None = None
         self.over = False
-        """True when it is done or has stopped, and when the rule has taken over."""
+        """True once the schedule is done or has stopped, also while the rule goes on from there."""
 
     def look(self, gatherer: Gatherer) -> None:
-        """Look at what was reported of the last round, or at nothing before the first."""
+        """Look at the reports of the last round; before the first round there are none."""
         if self.over:
             return
         number, assignment = gatherer.rounds, self.assignment
@@ -242,6 +243,6 @@ class ScheduleExecution:
 
 
 def told(stopped: Stopped) -> str:
-    """Return in one line where a schedule stopped, and why."""
+    """Return one line on where a schedule stopped, and why."""
     who = "" if stopped.module is None else f"module_{stopped.module}: "
     return f"the schedule stopped at round {stopped.round}: {who}{stopped.reason}"

@@ -1,6 +1,6 @@
 """Where modules are after each step of a run or of a schedule, from the scene and the moves alone.
 
-Room: coordinator. Pictures and films are drawn from it.
+Room: coordinator. Pictures and films are drawn from the snapshots.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Steps: TypeAlias = Sequence[Iterable[Action]]
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Where modules are after a step; who moved in it, from which site and by which action."""
+    """Where modules are after a step; which moved in it, from which site and by which action."""
 
     sites: tuple[Site, ...]
     moved: Mapping[int, Site]
@@ -30,7 +30,7 @@ class Snapshot:
 def snapshots(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterator[Snapshot]:
     """Follow the modules through the steps: first the start, then a snapshot after each step.
 
-    InputError where an action is not admissible when its turn comes.
+    InputError if an action is not admissible when its turn comes.
     """
     sites = list(scene.start)
     module_at = {site: number for number, site in enumerate(sites)}

@@ -1,11 +1,11 @@
 """Past the homotopy class: an anytime search for a path to the same end with fewer cubes.
 
-The normal cube path is the shortest in its class, so whatever is shorter lies in another. The
-search keeps the best path that it has found, and replaces parts of it: windows of any system
-(`windows`), or a few vehicles with all others as they are (`replan`). Both are sources of their own
-ideas; what they share is that a step never makes the path worse.
+The normal cube path is the shortest in its class, so any shorter path lies in another. The search
+keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
+the routes of a few vehicles, with all others unchanged (`vehicle_lns`). Each names its sources. In
+both, a step never makes the path worse.
 
-Room: coordinator; touches nothing but the clock, and that only to know when to stop.
+Room: coordinator; touches only the clock, to know when to stop.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from cubepath.protocol.core.system import System
 
 CubePath = tuple[tuple[Action, ...], ...]
 _IDLE = 0.2
-"""Of vehicles, so often a window is tried in place of a neighbourhood."""
+"""For vehicles, the share of steps that try a window instead of a neighbourhood."""
 _SITES_MAX = 4096
-"""Systems of labelled vehicles with more sites than that are searched by vehicles alone."""
+"""Systems of vehicles with more sites than this are searched by neighbourhoods only."""
 
 
 @dataclass(frozen=True, slots=True)
 class Improved:
-    """A normal cube path, how many steps the search took, and how many of them found a better."""
+    """A normal cube path, and the steps of the search: all, and those that found a better path."""
 
     cube_path: CubePath
     steps: int
@@ -66,21 +66,22 @@ def improve(
     normal: CubePath | None = None,
     transitions: Transitions | None = None,
 ) -> Improved:
-    """Return the best path from `start` to where `path` ends that is found in the given time.
+    """Return the best path from `start` to the end of `path` that is found in the given time.
 
-    Better is fewer cubes, then fewer moves; the result is never worse than the normal form of the
-    path. Moves are those of `system`; without one, those that occur in the path. `path` must be
-    admissible from `start` on, which is not checked here, and `start` holds the occupied obstacles.
-    With `labelled_goals` each vehicle ends where it does in the path, though the system gives them
-    no labels.
+    Better means fewer cubes, then fewer moves; the result is never worse than the normal form of
+    the path. Moves are those of `system`; without one, those that occur in the path. `path` must be
+    admissible from `start` on, which is not checked here, and `start` includes the filled
+    obstacles. With `labelled_goals` each vehicle ends where it does in the path, although the
+    system gives the vehicles no labels.
 
-    The search ends after `seconds` or `iterations`, whichever comes first, in the middle of a step
-    if need be, and with at most `enough` cubes. Bounded by iterations alone, the result depends on
-    the input and `seed` only. `watch` is told of every better path as it is found, `tick` after
-    each step how many there were. `normal` is the normal cube path of the path, and `transitions`
-    are those of the system, where they are known already.
+    The search ends after `seconds` or `iterations`, whichever comes first, if necessary in the
+    middle of a step, or as soon as the path has at most `enough` cubes. Bounded by iterations
+    alone, the result depends only on the input and `seed`. `watch` is called with every better path
+    as it is found, `tick` after each step with the number of steps. `normal` is the normal cube
+    path of the path, and `transitions` those of the system, if they are known already.
 
-    InputError where neither bound is given, or `labelled_goals` is asked of what is no graph.
+    InputError if neither bound is given, or if `labelled_goals` is given for a system that is not
+    on a graph.
     """
     if seconds is None and iterations is None:
         raise InputError("an improvement needs seconds or iterations to know when to stop")
@@ -101,7 +102,7 @@ def improve(
             steps += 1
             if tick is not None:
                 tick(steps)
-            # To build the moves of a large plan takes longer than many steps.
+            # Building the moves of a large plan takes longer than many steps.
             if proposal is None or proposal.cost >= (best.cubes, best.moves):
                 continue
             new = _normal(proposal.actions(), steps, found + 1)
@@ -120,7 +121,7 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
 
 
 class _Proposal(NamedTuple):
-    """A path that a search has come to: its cubes and moves, and how to get it."""
+    """A path proposed by a search: the number of its cubes and moves, and how to build it."""
 
     cost: tuple[int, int]
     actions: Callable[[], list[Action]]
@@ -157,10 +158,10 @@ class _Search:
         self.possible = self._windows is not None or self._vehicles is not None
 
     def step(self, random: Random) -> _Proposal | None:
-        """Let one of the searches take a step; return the path if that made it better."""
+        """Let one of the searches take a step; return the path if it got better."""
         windows, vehicles = self._windows, self._vehicles
         if windows is not None and (vehicles is None or random.random() < _IDLE):
-            # What was cut at the beginning counts as the first step.
+            # Cutting the path at the beginning counts as the first step.
             fresh, self._fresh = self._fresh, False
             if not windows.step(random) and not fresh:
                 return None

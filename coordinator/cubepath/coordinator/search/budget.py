@@ -1,6 +1,6 @@
 """What a search may spend, in seconds or in steps, and what it has spent.
 
-Room: coordinator; touches nothing but the clock, and that only to know when to stop.
+Room: coordinator; touches only the clock, to know when to stop.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from typing import Any, Literal
 
 
 class SpentError(Exception):
-    """A budget is spent: whatever was under way is given up. Whoever set the budget catches it."""
+    """A budget is spent, and the current work is given up; whatever set the budget catches this."""
 
 
 class Budget:
     """Seconds from now on, or steps, whichever is spent first; without either, no bound.
 
-    A step is whatever takes a bounded time: a move that is looked at, a set that is compared.
+    A step is any work that takes a bounded time: looking at a move, comparing a set.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class Budget:
         tick: Callable[[int], object] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to count; `tick` is told now and then how many steps were taken."""
+        """Begin to count; `tick` is called now and then with the number of steps taken."""
         self._clock = clock
         self.steps = 0
         self._most = steps
@@ -38,7 +38,7 @@ class Budget:
         self._told = 0
 
     def spend(self, steps: int = 1) -> None:
-        """Count steps; SpentError where that is more than there were, or the time is over."""
+        """Count steps; SpentError if they exceed the budget, or the time is up."""
         self.steps += steps
         if self._tick is not None and self.steps - self._told >= _TICK:
             self._told = self.steps
@@ -48,27 +48,27 @@ class Budget:
 
     @property
     def spent(self) -> bool:
-        """Tell whether nothing is left."""
+        """Return whether nothing is left."""
         if self._most is not None and self.steps > self._most:
             return True
         return self._end is not None and self._clock() >= self._end
 
     @property
     def seconds_left(self) -> float | None:
-        """Return the seconds that are left, None where the time is not bounded."""
+        """Return the seconds that are left, None if the time is not bounded."""
         return None if self._end is None else max(0.0, self._end - self._clock())
 
 
 _TICK = 256
-"""After so many steps somebody who watches is told."""
+"""The number of steps between two calls of `tick`."""
 
 
 @dataclass(slots=True)
 class Stage:
     """A part of a search: its name, what it took, and how it ended.
 
-    `ended` is "done", or what stopped it: "time", "interrupt", or "limit" for a number of states or
-    of steps. What `steps` counts differs from stage to stage.
+    `ended` is "done", or what stopped it: "time", "interrupt", or "limit" for a bound on states or
+    steps. The meaning of `steps` differs from stage to stage.
     """
 
     name: str

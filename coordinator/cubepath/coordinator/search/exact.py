@@ -1,8 +1,8 @@
 """The least number of cubes between two states over all homotopy classes, by exhaustive search.
 
 Breadth first from both ends, a round at a time, where a round is any non-empty set of commuting
-moves. Maximal sets alone do not do: a vehicle that is where it is to be, with a free place beside
-it, would have to leave with the first round. And single moves alone would minimise something else.
+moves. Maximal sets alone are not enough: a vehicle that is already at its goal, with a free place
+beside it, would have to leave in the first round. Single moves alone would minimise something else.
 
 Room: coordinator; touches nothing.
 """
@@ -15,19 +15,20 @@ from cubepath.coordinator.search.budget import SpentError
 from cubepath.coordinator.search.transitions import Transitions
 
 MAX_STATES = 100_000
-"""So many states are looked at, unless told otherwise."""
+"""The default bound on the number of states."""
 _BITS_MAX = 1 << 31
-"""All states together take at most so many bits."""
+"""The bound on the size of all states together, in bits."""
 
 _Parents = dict[int, tuple[int, tuple[int, ...]]]
 
 
 @dataclass(frozen=True, slots=True)
 class Optimum:
-    """What an exhaustive search found: no path has fewer cubes than `at_least`.
+    """The result of an exhaustive search: no path has fewer cubes than `at_least`.
 
-    `cubes` is a shortest cube path, each cube as the numbers of its moves in `Steps`, or None where
-    the search was stopped by its bound first. Then all that is known is `at_least`.
+    `cubes` is a shortest cube path, each cube as the numbers of its moves in `Transitions`, or None
+    if a bound stopped the search first. Then only `at_least` is known. `states` is the number of
+    states that were found.
     """
 
     at_least: int
@@ -44,18 +45,19 @@ def optimum(
     most: int | None = None,
     still: int = 0,
 ) -> Optimum:
-    """Return a cube path from `start` to `goal` with the fewest cubes, if the bound allows it.
+    """Return a cube path from `start` to `goal` with the fewest cubes, if the bounds allow it.
 
-    Why it is the fewest. After `a` rounds from the start and `b` from the goal all states at these
-    distances are known, and none is known from both sides, so no path has a + b cubes or fewer. The
-    first state that the next round finds on the other side makes a path of a + b + 1.
+    Why no path has fewer. After `a` rounds from the start and `b` from the goal, all states within
+    these distances are known, and none is known from both sides, so no path has a + b cubes or
+    fewer. The first state that the next round finds on the other side gives a path of a + b + 1.
 
-    `most` ends the search as soon as all paths have more cubes than that. At most about
-    `max_states` states are kept, and fewer where they are large; a round of the search is either
-    completed or does not count. A step of the budget of `steps` is a set of moves that is looked
-    at; where the budget is spent the search stops.
-    Sites of `still` are not written: then paths are those of the other modules alone.
-    Where the goal cannot be reached at all, a side runs dry and the answer is as if stopped.
+    The search ends as soon as all paths are known to have more than `most` cubes. It keeps at most
+    about `max_states` states, and fewer if they are large; a round of the search is either
+    completed or does not count. Looking at one set of moves is a step of the budget of `steps`;
+    the search stops when the budget is spent.
+    Sites of `still` are not written, so paths are those of the other modules alone.
+    If the goal cannot be reached at all, one side runs out of states, and the answer is the same as
+    if the search was stopped.
     """
     if start == goal:
         return Optimum(0, (), 1)
@@ -91,17 +93,17 @@ def _round(
     side: int,
     limits: tuple[int, int],
 ) -> int | None:
-    """Take one side a round further.
+    """Advance one side by a round.
 
-    `limits` are how many states there is room for, and what is still. Return the state where it
-    meets the other side, `_NOT_MET`, or None where the room is used up.
+    `limits` is the number of states that there is room for, and the sites that stay still. Return
+    the state where it meets the other side, `_NOT_MET`, or None if the room is used up.
     """
     room, still = limits
     mine, other = sides[side], sides[1 - side]
     found: list[int] = []
     for state in fronts[side]:
         widest = len(steps.greedy(steps.possible(state, still)))
-        # All subsets of a commuting set lead to states of their own: do not even begin.
+        # All subsets of a commuting set lead to different states: too many, so do not begin.
         if 1 << widest > room + len(mine):
             return None
         for there, cube in steps.cubes(state, still):

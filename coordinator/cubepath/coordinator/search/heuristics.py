@@ -1,7 +1,7 @@
-"""How far a state seems to be from another: a number for each site, summed over those that are on.
+"""How far one state seems to be from another: a number per site, summed over the sites that are on.
 
-A search is led by such a sum, and nothing depends on it but how soon it finds something. The sum is
-0 at the goal alone, and a move changes it by what its trace says.
+Such a sum guides a search, and affects only how soon the search finds something. The sum is 0 at
+the goal alone, and the trace of a move determines how the move changes it.
 
 Room: coordinator; touches nothing.
 """
@@ -16,11 +16,11 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
 _MARGIN = 2
-"""Sites that are so much farther than all modules of the start need no exact distance."""
+"""Sites farther than all modules of the start by more than this need no exact distance."""
 
 
 class Ways:
-    """From which site a module can come to which, each asked once; None where that is not known."""
+    """The sites that a module can move to from each site; the system is asked once for each."""
 
     def __init__(self, system: System | None) -> None:
         """Ask the system."""
@@ -30,7 +30,7 @@ class Ways:
 
     @property
     def known(self) -> bool:
-        """Tell whether there is anything to ask."""
+        """Return whether the system says where modules can go."""
         return self._near is not None
 
     def near(self, site: Site) -> tuple[Site, ...]:
@@ -44,12 +44,12 @@ class Ways:
 class Potential:
     """The potential of the sites towards a goal, and what each move changes.
 
-    It is what the system itself says. Where it says nothing it is the distance to the nearest site
-    of the goal, along the ways of modules; where these are not known 1 off it.
+    It is the potential of the system itself. If the system has none, it is the distance to the
+    nearest site of the goal along the ways of modules; if these are not known, 1 off the goal.
     """
 
     def __init__(self, steps: Transitions, start: int, goal: int, ways: Ways | None = None) -> None:
-        """Measure the sites up to where the modules of `start` are, and a little beyond."""
+        """Measure the sites as far as the modules of `start`, and a little beyond."""
         self.start, self.goal = start, goal
         self._steps = steps
         self._of_bit: dict[int, int] = {}
@@ -67,7 +67,7 @@ class Potential:
         return found
 
     def change(self, number: int, state: int) -> int:
-        """Return by how much a move that is admissible at the state changes the sum."""
+        """Return how much a move that is admissible at the state changes the sum."""
         known = self._changes.get(number)
         toggle = self._steps.toggle[number]
         before = toggle & state

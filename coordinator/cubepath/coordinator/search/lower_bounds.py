@@ -1,8 +1,8 @@
 """Lower bounds on the number of cubes between two states, whatever the homotopy class.
 
-Each bound is a few lines with its proof beside it; the greatest of them counts. What they have in
-common: the moves of one cube write disjoint sets of sites, so in one round a module takes part in
-at most one move.
+Each bound is a few lines with its proof beside it; the greatest one counts. All rest on one fact:
+the moves of a cube write disjoint sets of sites, so a module takes part in at most one move a
+round.
 
 Room: coordinator; touches nothing.
 """
@@ -32,9 +32,9 @@ def lower_bound(
 ) -> Bound:
     """Return the greatest of the bounds that hold for the system.
 
-    `within` is the number of cubes of some path that is known, which bounds all searches. Without
-    a system nothing is known of its moves but that they change something. A bound for which the
-    `budget` does not do is left out; a step of it is a site that is met on the way of a module.
+    `within` is the number of cubes of a known path, which bounds all searches. Without a system all
+    that is known of the moves is that they change something. A bound that exceeds the `budget` is
+    left out; a step of the budget is a site met on the way of a module.
     """
     found = [Bound(0 if start == goal else 1, "the ends differ" if start != goal else "no move")]
     if system is not None and start != goal:
@@ -48,23 +48,24 @@ def lower_bound(
 def module_bound(
     system: System, start: State, goal: State, *, within: int, budget: Budget | None = None
 ) -> int:
-    """Return how far the module that has the farthest way must go, when all are paired best.
+    """Return how far the module with the farthest way must go, in the best pairing.
 
-    Definition. Let two sites be neighbours where some move of the system takes a module from one to
-    the other, and the distance of sites that in this graph, whatever else stands there. The bound
-    is the least r such that the modules at the start can be paired with the sites that are on
-    at the goal at distances of at most r (bottleneck matching). For labelled vehicles the pairing
-    is forced, and this is the longest shortest path; for words, the letters of a position.
+    Definition. Two sites are neighbours if some move of the system takes a module from one to the
+    other, and distances are those of this graph, whatever else stands there. The bound is the least
+    r such that the modules at the start can be paired with the sites that are on at the goal at
+    distances of at most r (bottleneck matching). For labelled vehicles the pairing is forced, and
+    this is the longest shortest path; for words, the letters of a position.
 
-    Proof. Follow the modules through any path to the goal: a move takes each module of its trace
-    to one site of it, one to one, so this pairs start and goal. The moves of a cube write disjoint
-    sites, so a cube takes no module further than to a neighbour, and the path has at least as many
-    cubes as the farthest pair of *its* pairing is apart; the least over all pairings is no more.
+    Proof. Follow the modules through any path to the goal: a move takes each module of its trace to
+    one site of the trace, one to one, so this pairs start and goal. The moves of a cube write
+    disjoint sites, so a cube takes no module further than to a neighbour, and the path has at least
+    as many cubes as the distance of the farthest pair of *its* pairing. The least over all pairings
+    is no greater.
 
-    Where a move does not take modules one to one (a file may say so), each end is only compared
-    with the nearest other. 0 where the system does not say where modules can go. Costs a
-    breadth-first search for each module and augmenting paths over all pairs: modules^2 to modules^3
-    steps. SpentError where the budget does not do for them.
+    If a move does not take modules one to one (a file may say so), each end is only compared with
+    the nearest other end. 0 if the system does not say where modules can go. Costs a breadth-first
+    search for each module and augmenting paths over all pairs: modules^2 to modules^3 steps.
+    SpentError if these exceed the budget.
     """
     budget = Budget() if budget is None else budget
     ways = ways_of(system)
@@ -86,11 +87,11 @@ def module_bound(
 
 
 _Limits = tuple[int, Budget]
-"""How far to look at most, and what it may cost."""
+"""The greatest distance to look at, and the budget."""
 
 
 def _distances(near: Neighbours, site: Site, targets: Sequence[Site], limits: _Limits) -> list[int]:
-    """Return the distance of each target from a site, one more than the limit if it is greater."""
+    """Return the distance of each target from a site; beyond the limit, the limit plus one."""
     within, budget = limits
     waiting, known, layer, distance = set(targets), {site}, [site], 0
     found = dict.fromkeys(targets, within + 1)
@@ -134,7 +135,7 @@ def _free_distances(
     targets: Sequence[Site],
     limits: _Limits,
 ) -> list[list[int]]:
-    """Return all distances on a lattice without obstacles, where only the difference counts."""
+    """Return all distances on a lattice without obstacles, where only differences matter."""
     lattice = catalogue.lattice
     cells = [lattice.check(site) for site in sources]
     shifted = [
@@ -158,10 +159,10 @@ def _free_distances(
 
 
 def bottleneck(away: Sequence[Sequence[int]], within: int, budget: Budget | None = None) -> int:
-    """Return the least r, at most `within`, so that a perfect matching has all entries up to r.
+    """Return the least r such that a perfect matching has no entry above r, at most `within`.
 
     `away` is a square matrix. The threshold rises from the greatest of the least entries of rows
-    and columns, and augmenting paths extend the matching that is already there.
+    and columns, and augmenting paths extend the current matching.
 
     >>> bottleneck([[0, 2], [1, 5]], 9)
     2
@@ -183,7 +184,7 @@ def bottleneck(away: Sequence[Sequence[int]], within: int, budget: Budget | None
 def _augment(
     away: Sequence[Sequence[int]], row: int, row_of: list[int | None], threshold: int
 ) -> bool:
-    """Find a column for a row, breadth first; rows that have one may change it for another."""
+    """Find a column for a row, breadth first; rows that have a column may switch to another."""
     came: dict[int, int] = {}
     waiting = [row]
     for one in waiting:

@@ -1,7 +1,7 @@
 """What a system says of its paths: ways, bounds and a potential.
 
-The class may be of another distribution. What goes wrong in its methods is one line that names the
-class and the method.
+The class may belong to another distribution. An error in its methods is reported in one line that
+names the class and the method.
 
 Room: coordinator; touches nothing.
 """
@@ -21,7 +21,7 @@ _T = TypeVar("_T")
 
 
 def ways_of(system: System) -> Ways | None:
-    """Return where modules can go, None where the system does not say."""
+    """Return where modules can go, None if the system does not say."""
     found = _named(system, "ways", system.ways)()
     if found is None:
         return None
@@ -35,13 +35,13 @@ def bounds_of(system: System, start: State, goal: State) -> list[Bound]:
 
 
 def potential_of(system: System, goal: State) -> Callable[[Site], int] | None:
-    """Return how far a site is from the goal, None where the system does not say."""
+    """Return how far a site is from the goal, None if the system does not say."""
     found = _named(system, "potential", system.potential)(goal)
     return None if found is None else _named(system, "potential", found)
 
 
 def _named(system: System, method: str, ask: Callable[_P, _T]) -> Callable[_P, _T]:
-    """Return `ask` with its errors as InputError in one line; those of the project go through."""
+    """Return `ask` with its errors as one-line InputErrors; the project's own pass unchanged."""
 
     def asked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         try:
@@ -49,7 +49,7 @@ def _named(system: System, method: str, ask: Callable[_P, _T]) -> Callable[_P, _
         except CubepathError:
             raise
         except Exception as error:
-            kind, text = type(system), " ".join(str(error).split())
+            kind, text = system.__class__, " ".join(str(error).split())
             raise InputError(
                 f"{kind.__name__}.{method} of {kind.__module__}: {type(error).__name__}: {text}"
             ) from error

@@ -1,8 +1,9 @@
-"""Whether there is but one homotopy class of paths between two states of a system.
+"""Whether there is only one homotopy class of paths between two states of a system.
 
-Where the state complex is simply connected there is, and then the normal cube path of any path is
-a shortest of all. State complexes of local systems are non-positively curved (Abrams and Ghrist),
-so their universal covers are contractible: simply connected and contractible are the same for them.
+This is so if the state complex is simply connected, and then the normal cube path of any path is a
+shortest path overall. State complexes of local systems are non-positively curved (Abrams and
+Ghrist), so their universal covers are contractible: for them, simply connected and contractible are
+the same.
 
 Room: coordinator; touches nothing.
 """
@@ -21,16 +22,16 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import families_of
 
 STATES_MAX = 2_000
-"""A larger complex is not computed."""
+"""A complex with more states is not computed."""
 _CUBES_MAX = 50_000
 
 
 def only_class(steps: Transitions, start: State) -> bool | None:
-    """Tell whether all paths between two states that `start` reaches are homotopic.
+    """Return whether all paths between two states reachable from `start` are homotopic.
 
-    True where a family of scenes knows it, by an argument for all sizes. For others the complex is
-    computed if it has at most `STATES_MAX` states: True where it collapses to a point, False where
-    its homology is not that of a point. None where neither was found, or the budget of `steps` is
+    True if a family of scenes knows it, by an argument for all sizes. For other systems the complex
+    is computed if it has at most `STATES_MAX` states: True if it collapses to a point, False if its
+    homology differs from that of a point. None if neither is found, or the budget of `steps` is
     spent.
     """
     system = steps.system
@@ -50,7 +51,7 @@ def only_class(steps: Transitions, start: State) -> bool | None:
 
 
 def _are_few(steps: Transitions, start: State) -> bool:
-    """Tell whether no more than `STATES_MAX` states can be reached; what is larger costs little."""
+    """Return whether at most `STATES_MAX` states are reachable; a larger complex costs little."""
     first = steps.encode(start)
     known, waiting = {first}, [first]
     for state in waiting:
@@ -59,7 +60,7 @@ def _are_few(steps: Transitions, start: State) -> bool:
             options = steps.possible(state)
         except SpentError:
             return False
-        # So many moves can be made or not, each for itself.
+        # Each of these moves can be made or not, independently of the others.
         if 1 << len(steps.greedy(options)) > STATES_MAX:
             return False
         for number in options:

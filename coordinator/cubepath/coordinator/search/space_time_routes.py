@@ -1,8 +1,8 @@
-"""Routes of vehicles through space and time, in compiled code: what `replan` is made of.
+"""Routes of vehicles through space and time, in compiled code: the core of `vehicle_lns`.
 
-A plan has for every vehicle the vertex at which it is after each round. In round t a vehicle holds
-the vertex where it was and the one where it is then, and no other vehicle holds either: that is
-what commuting says of edges, so a plan is a cube path, and any cube path of vehicles is a plan.
+A plan gives the vertex of every vehicle after each round. In round t a vehicle holds the vertices
+where it is before and after the round, and no other vehicle holds either. For moves along edges
+this is the same as commuting, so a plan is a cube path, and any cube path of vehicles is a plan.
 
 Room: coordinator; touches nothing.
 """
@@ -19,12 +19,12 @@ from cubepath.protocol.compiled import compiled
 Numbers = NDArray[np.int32]
 
 FREE = -1
-"""Nobody holds the vertex, there is no further neighbour, or no way."""
+"""No vehicle holds the vertex, there is no further neighbour, or there is no way."""
 
 
 @compiled
 def distances(near: Numbers, goal: int, found: Numbers) -> None:
-    """Fill in how far each vertex is from `goal`, `FREE` where there is no way.
+    """Fill in how far each vertex is from `goal`, `FREE` if there is no way.
 
     `near` has shape (vertices, most neighbours), padded by `FREE`; `found` shape (vertices,).
     """
@@ -47,10 +47,10 @@ def distances(near: Numbers, goal: int, found: Numbers) -> None:
 
 @compiled
 def settle(plan: Numbers, vertices: int) -> int:
-    """Make every move of a plan as early as it can be; return in which round the last one is.
+    """Make every move of a plan as early as possible; return the round of the last move.
 
     `plan` has shape (vehicles, rounds + 1) and is changed in place. Each move falls onto the last
-    one that holds one of its two vertices, as in a heap of pieces; nothing is cancelled.
+    move that holds one of its two vertices, as in a heap of pieces; nothing is cancelled.
     """
     count, width = plan.shape
     last = np.zeros(vertices, dtype=np.int32)
@@ -65,7 +65,7 @@ def settle(plan: Numbers, vertices: int) -> int:
             level = max(last[here], last[there]) + 1
             last[here] = last[there] = level
             most = max(most, level)
-            # Up to its last move the row is final: levels of a vehicle rise.
+            # Up to its last move the row is final, since the levels of a vehicle rise.
             for between in range(filled[vehicle] + 1, level):
                 plan[vehicle, between] = here
             plan[vehicle, level] = there
@@ -79,7 +79,7 @@ def settle(plan: Numbers, vertices: int) -> int:
 
 @compiled
 def hold(plan: Numbers, vehicle: int, held: Numbers, mark: int) -> None:
-    """Write `mark` at all that a vehicle holds; `held` has shape (rounds + 1, vertices)."""
+    """Write `mark` wherever a vehicle holds a vertex; `held` has shape (rounds + 1, vertices)."""
     for after in range(1, plan.shape[1]):
         held[after, plan[vehicle, after - 1]] = mark
         held[after, plan[vehicle, after]] = mark
@@ -95,7 +95,7 @@ def arrival(row: Numbers) -> int:
 
 
 class World(NamedTuple):
-    """What routes are planned in: vertices are numbers, and so are goals."""
+    """The world that routes are planned in; vertices and goals are numbers."""
 
     near: Numbers
     """Neighbours of each vertex, shape (vertices, most neighbours), padded by `FREE`."""
@@ -108,7 +108,7 @@ class World(NamedTuple):
 
 
 class _Ways(NamedTuple):
-    """For rounds and vertices the fewest moves to be there then, and from which vertex."""
+    """The fewest moves to be at each vertex after each round, and the vertex before it."""
 
     moves: Numbers
     came: Numbers
@@ -125,9 +125,9 @@ def _spread(
     at: tuple[int, int, int, int],
     reached: Numbers,
 ) -> int:
-    """Go on from a vertex by one round; return how many vertices are reached for the first time.
+    """Extend routes from a vertex by a round; return the number of newly reached vertices.
 
-    `at` holds the vertex, the round, how far the goal may be then, and a random number.
+    `at` holds the vertex, the round, how far the goal may be after it, and a random number.
     """
     here, after, within, turn = at
     moves, came = ways.moves[after], ways.came[after]
@@ -150,18 +150,18 @@ def _spread(
 
 @compiled
 def route(world: World, goal: int, latest: int, turn: int, row: Numbers) -> int:
-    """Fill in the route that arrives first, and of these one with fewest moves; return when.
+    """Fill in a route that arrives first, with the fewest moves among those; return its arrival.
 
-    `row[0]` is where the vehicle is, `goal` the number of its goal; it has to be there after round
-    `latest` at most, and stay. Dynamic programming over rounds and vertices; `turn` is a random
-    number that decides between equals. `FREE` where there is no such route, and then the row is
-    as it was.
+    `row[0]` is where the vehicle is, `goal` the number of its goal. The vehicle must be there after
+    round `latest` at the latest, and stay. Dynamic programming over rounds and vertices; `turn` is
+    a random number that breaks ties. Return `FREE` if there is no such route, and leave the row
+    unchanged.
     """
     vertices = len(world.near)
     start, end, away = row[0], world.ends[goal], world.away[goal]
     if away[start] == FREE or away[start] > latest:
         return FREE
-    # From then on nobody else holds the goal.
+    # From this round on no other vehicle holds the goal.
     free_from = len(world.held) - 1
     while free_from > 0 and world.held[free_from, end] == FREE:
         free_from -= 1
@@ -194,17 +194,17 @@ def route(world: World, goal: int, latest: int, turn: int, row: Numbers) -> int:
 
 @compiled
 def reroute(world: World, plan: Numbers, jobs: Numbers, turn: int) -> bool:
-    """Plan some vehicles anew, one after another, with all others as they are.
+    """Plan some vehicles anew, one after another, with all others unchanged.
 
-    `jobs` has a row for each of them: the vehicle, the number of its goal, and when it has to be
-    there at the latest. Tells whether all got a route; if not, all is as it was. Prioritised
-    planning: Erdmann and Lozano-Perez (1987), Silver (2005).
+    `jobs` has a row for each vehicle: its number, the number of its goal, and its latest arrival.
+    Return whether all got a route; if not, nothing changes. Prioritised planning: Erdmann and
+    Lozano-Perez (1987), Silver (2005).
     """
     held = world.held
     kept = plan[jobs[:, 0]].copy()
     for vehicle in jobs[:, 0]:
         hold(plan, vehicle, held, FREE)
-    # In the first round each still stands where it is.
+    # In the first round each vehicle still holds the vertex where it starts.
     for vehicle in jobs[:, 0]:
         held[1, plan[vehicle, 0]] = vehicle
     done = 0

@@ -1,8 +1,8 @@
-"""States as whole numbers and moves by number: what searches in a state complex walk on.
+"""States as integers and moves by number: the graph that searches in a state complex walk on.
 
-A site has a bit, a state is the number with the bits of its sites on, and a move turns the bits of
-its `toggle`. Sites and moves are numbered in the order in which they are met, which depends on the
-system and the questions alone. Nothing is enumerated beforehand: the lattice may be infinite.
+A site has a bit, a state is the number with the bits of its sites on, and a move flips the bits of
+its `toggle`. Sites and moves are numbered in the order in which they are met, which depends only on
+the system and the questions. Nothing is enumerated beforehand: the lattice may be infinite.
 
 Room: coordinator; touches nothing. `cubepath.coordinator.complexes.state_masks` is the form for
 compiled code.
@@ -21,7 +21,7 @@ from cubepath.protocol.core.system import System
 
 
 class _Row(NamedTuple):
-    """A move that may be made where a site is on: which bits must be how."""
+    """A move that may be made if a site is on: which bits it needs, and their values."""
 
     number: int
     need: int
@@ -34,12 +34,12 @@ LABELS_MAX = 64
 
 
 def maskable(system: System | None) -> bool:
-    """Tell whether states of the system are small enough to be whole numbers."""
+    """Return whether states of the system are small enough to be represented as integers."""
     return system is None or (system.labels or 0) <= LABELS_MAX
 
 
 class Transitions:
-    """The moves of a system, or of a finite list of actions, on states that are whole numbers.
+    """The moves of a system, or of a finite list of actions, on states that are integers.
 
     `actions` holds the actions by number; `toggle`, `trace` and `support` their masks.
     """
@@ -51,9 +51,9 @@ class Transitions:
         *,
         budget: Budget | None = None,
     ) -> None:
-        """Take the moves of `system`; without one, those actions that are listed.
+        """Take the moves of `system`, or without one the `listed` actions.
 
-        Searches spend the budget. What raises SpentError leaves all that is known here in order.
+        Searches spend the budget. A SpentError leaves everything that is known here consistent.
         """
         self.system = system
         self.budget = Budget() if budget is None else budget
@@ -63,14 +63,14 @@ class Transitions:
         self.support: list[int] = []
         self.sites: list[Site] = []
         self._discover = None if system is None else system.discovery()
-        # Of whom moves are known; where they are discovered, whoever was told of.
+        # Sites whose moves are known, or that the discovery was told of.
         self._met = 0
         self._bits = Ordinals[Site]()
         self._numbers: dict[Action, int] = {}
         self._rows: list[list[_Row]] = []
-        # Sites at which nothing moves need not be looked at.
+        # Sites at which nothing moves, so they need not be looked at.
         self._still = 0
-        # Moves that are proposed by no site that is on: only a list has such.
+        # Moves that no occupied site proposes, which only a list can have.
         self._anywhere: list[_Row] = []
         self._listed: dict[Site, list[tuple[Action, int]]] = {}
         for action in dict.fromkeys(listed):
@@ -119,8 +119,8 @@ class Transitions:
     def possible(self, state: int, still: int = 0) -> list[int]:
         """Return the numbers of the moves that are admissible at the state, each once.
 
-        Moves that write one of the sites of `still` are left out; of the movers that stand there
-        nothing is asked, so what is still costs nothing.
+        Moves that write a site of `still` are left out. The rows of movers that stand there are
+        skipped; unless moves are discovered, the system is not asked for them either.
         """
         found: dict[int, None] = {}
         for bit in bits_of(state & ~self._met & (-1 if self._discover else ~still)):
@@ -158,7 +158,7 @@ class Transitions:
                     for end in (0, 1)
                     if all(source in move.action.ends[end] for source, _ in move.motion)
                 ]
-                # What was still may be told later of a move.
+                # A site that had no moves so far may get one later.
                 self._still &= ~(1 << self.bit(move.source))
         if not self._rows[bit]:
             self._still |= 1 << bit
@@ -173,7 +173,7 @@ class Transitions:
         return _Row(number, need, self.encode(action.ends[end]), guards)
 
     def commute(self, one: int, other: int) -> bool:
-        """Tell whether two moves commute: `actions.commute` on masks."""
+        """Return whether two moves commute: `actions.commute` on masks."""
         return not (self.trace[one] & self.support[other] or self.trace[other] & self.support[one])
 
     def cubes(self, state: int, still: int = 0) -> Iterator[tuple[int, tuple[int, ...]]]:
@@ -202,7 +202,7 @@ class Transitions:
                     waiting.append((there, further, cube))
 
     def greedy(self, options: Sequence[int]) -> list[int]:
-        """Return a largest set of commuting moves that is built in the order of `options`."""
+        """Return a maximal set of commuting moves, built greedily in the order of `options`."""
         chosen: list[int] = []
         traces = supports = 0
         for number in options:

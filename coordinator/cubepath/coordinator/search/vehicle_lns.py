@@ -2,11 +2,11 @@
 
 Sources: Li, Chen, Harabor, Stuckey and Koenig, *Anytime multi-agent path finding via large
 neighborhood search* (2021), for the scheme, the choice of neighbourhoods and their adaptive
-weights; Ropke and Pisinger (2006) for the latter; Silver, *Cooperative pathfinding* (2005), for
-planning one vehicle after another in space and time; Ma and Koenig (2016) for the exchange of
-targets where vehicles have no labels. What is our own: that a vehicle may not enter a vertex that
-another leaves in the same round, and neighbourhoods along a chain of moves that wait for each
-other, which is what holds up the last round.
+weights; Ropke and Pisinger (2006) for adaptive weights; Silver, *Cooperative pathfinding* (2005),
+for planning one vehicle after another in space and time; Ma and Koenig (2016) for the exchange of
+targets among vehicles without labels. Two things differ from these sources: a vehicle may not enter
+a vertex that another leaves in the same round, and there are neighbourhoods along a chain of moves
+that wait for each other, since such a chain determines the last round.
 
 Room: coordinator; touches nothing.
 """
@@ -26,26 +26,26 @@ from cubepath.protocol.core.system import System
 from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 CELLS_MAX = 10_000_000
-"""Vertices times rounds, and vertices times vehicles, that are kept in memory at most."""
+"""The bound on vertices times rounds, and on vertices times vehicles, kept in memory."""
 _FORGET = 0.9
-"""How much a neighbourhood's weight keeps of what it was worth before."""
+"""The share of a neighbourhood's weight that comes from its earlier worth."""
 _BY_WAY, _BY_ARRIVAL = 0.4, 0.3
-"""How often those with the longest way, or those that come last, are planned first."""
+"""How often the vehicles with the longest way, or those that arrive last, are planned first."""
 _LEAST = 0.1
-"""What a neighbourhood is worth that found nothing: each has its turn again."""
+"""The worth of a neighbourhood that found nothing; it is positive, so that each is tried again."""
 
 Cost = tuple[int, int, int]
-"""Rounds, the fourth powers of the vehicles' arrivals, and moves: less is better.
+"""Rounds, the sum of the fourth powers of the arrivals, and moves: less is better.
 
-The powers press on those that come late; found by trial, the sum itself and squares are slower.
+The powers penalise late arrivals. The exponent was found by trial: 1 and 2 are slower.
 """
 
 
 class Replanner:
     """A plan of vehicles on a graph that gets better step by step.
 
-    Each vehicle starts and ends where it does in the given cube path; with `labelled_goals` each
-    keeps its own end, else ends may be exchanged. The cost never rises.
+    Vehicles start and end where they do in the given cube path. With `labelled_goals`, or labels,
+    each keeps its own end; otherwise vehicles may exchange ends. The cost never rises.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Replanner:
         *,
         labelled_goals: bool,
     ) -> None:
-        """Follow the vehicles through the cube path, which is taken as legal."""
+        """Follow the vehicles through the cube path, which must be legal (not checked)."""
         self._system = system
         self._graph = graph
         self._labelled_goals = labelled_goals or system.labels is not None
@@ -76,13 +76,13 @@ class Replanner:
         self._choices = (self._chain, self._held_up, self._around, self._any)
         self._settled()
         self.cost = self._cost()
-        # Compiled here: no step of a search that is timed should have to wait for it.
+        # Compile here, so that no step of a timed search has to wait for it.
         world = routes.World(self._near, self._held, self._ends, self._away)
         routes.reroute(world, self._plan, np.empty((0, 3), dtype=np.int32), 0)
 
     @staticmethod
     def fits(graph: VehicleGraph, vehicles: int, cubes: int) -> bool:
-        """Tell whether a plan on this graph, of so many rounds, can be kept in memory."""
+        """Return whether a plan on this graph can be kept in memory."""
         return len(graph.vertices) * max(vehicles, cubes + 1) <= CELLS_MAX
 
     def _followed(self, start: State, cubes: Sequence[Sequence[Action]]) -> Numbers:
@@ -103,7 +103,7 @@ class Replanner:
         return plan
 
     def _settled(self) -> None:
-        """Let all moves fall, and rebuild what follows from the plan."""
+        """Let all moves fall, and derive everything else from the plan again."""
         rounds = routes.settle(self._plan, len(self._near))
         self._plan = np.ascontiguousarray(self._plan[:, : rounds + 1])
         self._held = np.full((rounds + 1, len(self._near)), FREE, dtype=np.int32)
@@ -113,7 +113,7 @@ class Replanner:
 
     @property
     def rounds(self) -> int:
-        """Return the number of rounds of the plan, which is that of its cubes."""
+        """Return the number of rounds of the plan, which is its number of cubes."""
         return int(self._plan.shape[1]) - 1
 
     def _cost(self) -> Cost:
@@ -140,7 +140,7 @@ class Replanner:
         return found
 
     def step(self, random: Random) -> bool:
-        """Plan one neighbourhood anew; tell whether the plan is another and costs no more."""
+        """Plan one neighbourhood anew; return whether the plan now costs less."""
         if self.rounds == 0:
             return False
         which = random.choices(range(len(self._choices)), self._weights)[0]
@@ -159,7 +159,7 @@ class Replanner:
         elif order < _BY_WAY + _BY_ARRIVAL:
             vehicles.sort(key=lambda vehicle: -self._arrivals[vehicle])
         goals = list(vehicles) if self._labelled_goals else self._exchanged(random, vehicles)
-        # Who comes last has to come earlier, as long as that is possible at all.
+        # Vehicles that arrive in the last round must now arrive earlier.
         latest = [
             self.rounds - (1 if self._arrivals[vehicle] == self.rounds else 0)
             for vehicle in vehicles
@@ -181,14 +181,14 @@ class Replanner:
             return better
         self._plan, self._arrivals, self._held = kept, arrivals, held
         self._ends, self._away = ends, away
-        # The plan that was kept is settled, but what is held was changed in place.
+        # The restored plan is settled, but `held` was changed in place.
         self._held[:] = FREE
         for vehicle in range(len(self._plan)):
             routes.hold(self._plan, vehicle, self._held, vehicle)
         return False
 
     def _exchanged(self, random: Random, vehicles: list[int]) -> list[int]:
-        """Return for each of the vehicles whose end it is to take."""
+        """Return for each of the vehicles the vehicle whose end it takes over."""
         left = list(vehicles)
         if random.random() < 0.3:
             random.shuffle(left)
@@ -207,7 +207,7 @@ class Replanner:
         )
 
     def _chain(self, random: Random, size: int) -> Iterable[int]:
-        """Yield those on a chain of moves, each of which waits for the one before it."""
+        """Return the vehicles on a chain of moves, each of which waits for the one before it."""
         vehicle = self._last(random)
         after = self.rounds
         found = [vehicle]
@@ -230,7 +230,7 @@ class Replanner:
         return found
 
     def _held_up(self, random: Random, size: int) -> Iterable[int]:
-        """Yield one that comes late, and those that stand on a shortest way of it."""
+        """Return a vehicle that arrives late, and those that stand on one of its shortest ways."""
         late = [
             when - int(self._away[vehicle, self._plan[vehicle, 0]]) + 1
             for vehicle, when in enumerate(self._arrivals)
@@ -253,7 +253,7 @@ class Replanner:
         return [first, *random.sample(sorted(found), k=min(size - 1, len(found)))]
 
     def _around(self, random: Random, size: int) -> Iterable[int]:
-        """Yield those that pass near a place at about one time."""
+        """Return vehicles that pass near one place at about the same time."""
         after = random.randrange(1, self.rounds + 1)
         place = int(self._plan[random.randrange(len(self._plan)), after])
         seen, queue = {place}, [place]
@@ -271,5 +271,5 @@ class Replanner:
         return found
 
     def _any(self, random: Random, size: int) -> Iterable[int]:
-        """Yield any, and one that comes last."""
+        """Return a vehicle that arrives last, and random others."""
         return [self._last(random), *random.sample(range(len(self._plan)), k=size)]

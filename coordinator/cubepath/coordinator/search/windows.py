@@ -1,9 +1,10 @@
 """Windows of a path replaced by shorter ones, found by search in the state complex.
 
-A *window* is a set of moves of the normal cube path that can be made one right after another: those
-of some consecutive cubes, or of these only what hangs together, move by move that do not commute.
-Between its two ends another path is searched for, and put in its place; the whole is brought into
-normal form again. So the homotopy class changes wherever that is of use, and the ends never.
+A *window* is a set of moves of the normal cube path that can be made in direct succession: the
+moves of some consecutive cubes, or one component of them, joined by moves that do not commute. The
+search looks for another path between the two ends of the window and puts it in its place; then the
+whole path is brought into normal form again. So the homotopy class may change, and the ends of the
+path never do.
 
 Sources: windows of plans, Siddiqui and Haslum, *Plan quality optimisation via block decomposition*
 (2013); large neighbourhood search, Shaw (1998); beam search, Lowerre (1976).
@@ -28,26 +29,26 @@ Path = list[tuple[int, ...]]
 """Cubes, as the numbers of their moves."""
 
 _STATES = (200, 1_000, 5_000, 20_000)
-"""How many states a window's exhaustive search may look at."""
+"""Bounds on the number of states in the exhaustive search of a window."""
 _BEAM = (4, 12, 40, 120)
-"""How many states a beam keeps."""
+"""Numbers of states that a beam keeps."""
 _OFTEN = (12, 6, 3, 1)
-"""How often each of these is chosen."""
+"""The weights with which one of these bounds, or of these numbers, is chosen."""
 _BANDS = (1, 4, 32)
-"""How many bands of cubes are compared before one is taken."""
+"""Numbers of bands of cubes that are compared before one is taken."""
 _TAILS = (0.7, 1.2, 2.0)
-"""How wide they are: exponents of Pareto's distribution, few are very wide."""
+"""Exponents of the Pareto distribution of their widths; few bands are very wide."""
 _PATIENCE = 6
-"""So many rounds a beam may go without coming nearer."""
+"""The number of rounds that a beam may go without coming nearer to the goal."""
 _CHOICES = 4
-"""How many cubes are tried from each state of a beam."""
+"""The number of cubes that are tried from each state of a beam."""
 
 
 class Windows:
     """A cube path that gets shorter, window by window; the cost never rises."""
 
     def __init__(self, steps: Transitions, start: State, cubes: Sequence[Sequence[Action]]) -> None:
-        """Take a normal cube path, as legal; what it does in vain between equal states is cut."""
+        """Take a legal normal cube path, and cut out what lies between two visits to a state."""
         self._steps = steps
         self._ways = Ways(steps.system)
         self._first = steps.encode(start)
@@ -65,7 +66,7 @@ class Windows:
         return [self._steps.actions[number] for cube in self._path for number in cube]
 
     def _take(self, word: Sequence[int]) -> bool:
-        """Bring a word into normal form, and keep it if it costs no more; tell whether it is."""
+        """Bring a word into normal form and keep it if it costs no more; return whether it does."""
         heap = Heap()
         heap.extend(self._steps.actions[number] for number in word)
         if (heap.cubes, heap.reduced_moves) > self.cost:
@@ -83,7 +84,7 @@ class Windows:
         return state
 
     def _cut(self) -> None:
-        """Leave out all that lies between two visits to one state."""
+        """Cut out everything between two visits to the same state."""
         word = [number for cube in self._path for number in cube]
         states = [self._first]
         for number in word:
@@ -98,7 +99,7 @@ class Windows:
             self._take(found)
 
     def step(self, random: Random) -> bool:
-        """Try one window; tell whether the path got shorter."""
+        """Try one window; return whether the cost of the path fell."""
         if not self._path:
             return False
         known = self.cost
@@ -123,7 +124,7 @@ class Windows:
         return False
 
     def _band(self, random: Random) -> tuple[int, int]:
-        """Choose consecutive cubes, of some choices those that change least for their number."""
+        """Draw some bands of consecutive cubes; return the one that changes least for its width."""
         cubes = len(self._path)
         found = (0, cubes)
         best = -1.0
@@ -140,10 +141,12 @@ class Windows:
     def _component(
         self, random: Random, window: list[int], begin: int
     ) -> tuple[list[int], list[int], int]:
-        """Split a window: what hangs together with one of its moves, the rest, and what is still.
+        """Split a window into a component, the rest, and the sites that are to stay still.
 
-        The two commute, so the one can go before the other. Still are the modules that the first
-        has not to do with, but for a few.
+        The component holds one random move of the window, and all moves that are joined to it by
+        moves that do not commute. It commutes with the rest, so it can go first. The sites that
+        stay still are occupied at the beginning and not written by the component; half the time
+        those that it reads are excepted.
         """
         steps = self._steps
         first = random.choice(window)
@@ -164,7 +167,7 @@ class Windows:
                 supports |= steps.support[number]
         still = begin & ~traces
         if random.random() < 0.5:
-            # Those beside may have to give way.
+            # Modules beside the component may have to give way.
             still &= ~supports
         chosen = [number for number in window if number in inside]
         return chosen, [number for number in window if number not in inside], still
@@ -172,7 +175,7 @@ class Windows:
     def _between(
         self, random: Random, begin: int, end: int, most: int, still: int
     ) -> Sequence[tuple[int, ...]] | None:
-        """Search for a cube path between two states of at most so many cubes."""
+        """Search for a cube path of at most `most` cubes between two states."""
         if begin == end:
             return ()
         if random.random() < 0.5:
@@ -191,8 +194,9 @@ def beam(
 ) -> Path | None:
     """Search for a cube path of at most `most` cubes between the ends of a potential.
 
-    Those states are kept that seem nearest to the goal. From each some cubes are tried, built by a
-    random preference for moves towards it; no state is kept twice. None where it is not met.
+    The states that seem nearest to the goal are kept. From each, some cubes are tried, built with a
+    random preference for moves towards the goal; no state is visited twice. None if the goal is not
+    reached.
     """
     width = random.choices(_BEAM, _OFTEN)[0]
     noise = random.choice((0.5, 3.0, 8.0))

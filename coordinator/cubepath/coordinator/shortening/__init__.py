@@ -1,8 +1,8 @@
 """Paths from files and recordings, shortened, explained, converted and written.
 
-Room: coordinator. Here a file becomes a path and a path an answer. It imports `normal_form`,
-`search` for what lies beyond the class, `verification` for what is checked before it is said, and
-of `runs` the gathering. The command line is built on it.
+Room: coordinator. Here a file becomes a path, and a path becomes an answer. It imports
+`normal_form`, `search` to look beyond the class, `verification` to check results before they are
+reported, and the gatherer of `runs`. The command line is built on it.
 """
 
 from typing import TYPE_CHECKING

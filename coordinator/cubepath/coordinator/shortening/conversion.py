@@ -1,6 +1,6 @@
 """Converting a path from one form of file to another, and binary cubes to lines.
 
-Room: coordinator. What comes in is checked as for shortening.
+Room: coordinator. The input is checked as for shortening.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 class Converted:
     """What was written: "moves" or "cubes", and how many of them.
 
-    `unsolved` says in a line where a plan does not end as its instance asks.
+    `unsolved` is one line on how a plan's end differs from what its instance asks for, or None.
     """
 
     what: str
@@ -43,10 +43,11 @@ def convert(
     progress: Progress | None = None,
     hints: PlanHints = NO_HINTS,
 ) -> Converted:
-    """Write a path, or the cubes of a binary cubes file, in the form that the target's name tells.
+    """Write a path, or the cubes of a binary cubes file, in the form given by the target's name.
 
-    ``.npz`` is the binary form, all else JSON Lines. Moves by generator stay so. InputError where
-    the source is no such file or not as it should be, or the target cannot be written.
+    ``.npz`` is the binary form, anything else JSON Lines. Moves named by generator keep their
+    names. InputError if the source is neither a path nor binary cubes, is malformed, or if the
+    target cannot be written.
     """
     if same_file(source, target):
         raise InputError(f"{target}: is the input, expected another file")

@@ -1,6 +1,6 @@
 """Explaining a schedule: its certificate in plain words, and when each move begins and ends.
 
-Room: coordinator; touches nothing. What is said of a certificate is said only after
+Room: coordinator; touches nothing. A certificate is put into words only after
 `cubepath.coordinator.verification.proof` has accepted it.
 """
 
@@ -30,9 +30,9 @@ from cubepath.protocol.path_files.timetables import TimedLine
 
 
 def certified_path(found: Shortened) -> Certificate:
-    """Return the certificate of a path, checked; CheckError where it does not hold, which it must.
+    """Return the checked certificate of a path; a CheckError means a bug in shortening.
 
-    It says what is on at the end where the path says what is on at the start.
+    It lists the sites that are on at the end if the path lists those at the start.
     """
     actions, start = found.given.actions, found.given.start
     certificate = certificate_of(actions, start=start, found=found.normal_form)
@@ -43,7 +43,7 @@ def certified_path(found: Shortened) -> Certificate:
 
 
 def chain_in_words(path: NumberedPath, chain: Sequence[int]) -> Iterator[str]:
-    """Yield a line for each move of a chain: its cube, its place, its name, why it waits."""
+    """Yield a line for each move of a chain: its cube, its number, its name, why it waits."""
     if not chain:
         return
     width = len(str(max(chain)))
@@ -59,7 +59,7 @@ def chain_in_words(path: NumberedPath, chain: Sequence[int]) -> Iterator[str]:
 
 def _why(before: int, one: PathMove, other: PathMove) -> str:
     """Say why the second of two moves waits for the first, which is move `before`."""
-    # What stands for an id, and is no site of the input, is of no interest to anybody.
+    # Sites that only encode an id are not in the input, and mean nothing to the reader.
     support, hidden = other.action.support, frozenset[Site]()
     if not isinstance(other.name, GeneratorPlacement):
         hidden = support - known_of_named(other.name, support)
@@ -73,14 +73,14 @@ def _why(before: int, one: PathMove, other: PathMove) -> str:
 
 
 def name_text(move: PathMove) -> str:
-    """Return how a move is written, for people: ``edge at [[0,0],[1,0]]``, or its id."""
+    """Return a readable name of a move: ``edge at [[0,0],[1,0]]``, or its id."""
     if isinstance(move.name, GeneratorPlacement):
         return f"{move.name.generator} at {msgspec.json.encode(move.name.at).decode()}"
     return str(move.name)
 
 
 def certificate_in_words(path: PathInput, certificate: Certificate) -> list[str]:
-    """Return lines that say what cancelled, what the chain is, and what this proves."""
+    """Return lines on which moves cancelled, what the chain is, and what this proves."""
     pairs, cubes = len(certificate.cancelled), len(certificate.cubes)
     left = _count(certificate.moves - 2 * pairs, "move")
     lines = [f"{_count(pairs, 'pair')} of equal moves cancelled; {left} left, and none cancel."]
@@ -103,10 +103,10 @@ def _count(number: int, what: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class TimedPath:
-    """The moves of a path that are left, with their times.
+    """The remaining moves of a path, with their times.
 
-    `names` is how a file has them. `places` are those of the moves in the input, from 1, in its
-    order; `times` has as many starts.
+    `names` are the names that a file gives them. `places` are their numbers in the input, from 1,
+    in ascending order; `times` has one start for each.
     """
 
     moves: tuple[PathMove, ...]
@@ -117,11 +117,11 @@ class TimedPath:
 
     @property
     def makespan(self) -> int | str:
-        """Return when the last move ends, as answers have it."""
+        """Return when the last move ends, in the form used in answers."""
         return time_text(self.times.makespan)
 
     def lines(self) -> list[TimedLine]:
-        """Return the lines of the timetable: by start, and then by place in the input."""
+        """Return the lines of the timetable, by start and then by place in the input."""
         order = sorted(range(len(self.places)), key=lambda place: self.times.starts[place])
         return [
             TimedLine(
@@ -145,7 +145,7 @@ class TimedPath:
 
 
 def timed_path(path: PathInput, certificate: Certificate, durations: Durations) -> TimedPath:
-    """Return the shortest timetable of the class; InputError as `durations_of`."""
+    """Return the shortest timetable of the class; InputError as for `durations_of`."""
     times = durations_of(path.moves, durations)
     places = tuple(sorted(move for cube in certificate.cubes for move in cube))
     left = tuple(path.moves[place - 1] for place in places)

@@ -1,6 +1,6 @@
-"""Shortening a path: its normal cube path, from what its file tells and from nothing else.
+"""Shortening a path: its normal cube path, from its file and nothing else.
 
-Room: coordinator. The heap of pieces is built here, once for a path: cubes, certificate and
+Room: coordinator. The heap of pieces is built here, once for each path. Cubes, certificate and
 timetable are read off from what became of each move.
 """
 
@@ -32,8 +32,8 @@ _T = TypeVar("_T")
 class Shortened:
     """The normal cube path of a path, and the figures that ``cubepath shorten --json`` gives.
 
-    `given` is the path that came in, `normal_form` says what became of each of its moves, and
-    `left` has those that are left, cube by cube. `seconds` is how long reading and shortening took.
+    `given` is the input path, `normal_form` says what became of each of its moves, and `left` holds
+    the remaining moves, cube by cube. `seconds` is how long reading and shortening took.
     """
 
     given: PathInput
@@ -43,12 +43,12 @@ class Shortened:
 
     @property
     def path(self) -> NumberedPath:
-        """The moves that came in."""
+        """The moves of the input."""
         return self.given.numbered
 
     @property
     def moves(self) -> int:
-        """The number of moves that came in."""
+        """The number of moves in the input."""
         return len(self.path.numbers)
 
     @property
@@ -63,12 +63,12 @@ class Shortened:
 
     @property
     def max_cube_dimension(self) -> int:
-        """The greatest dimension of a cube, 0 where there is none."""
+        """The greatest dimension of a cube, 0 if there is no cube."""
         return int(np.diff(self.left.starts).max(initial=0))
 
     @property
     def planner_rounds(self) -> int | None:
-        """How many rounds the planner of a plan counts itself, None where nobody says."""
+        """The number of rounds that the planner itself counts, None if the plan does not say."""
         return self.given.planner_rounds
 
     @cached_property
@@ -79,9 +79,9 @@ class Shortened:
 
     @cached_property
     def named(self) -> tuple[tuple[CubeName, ...], ...]:
-        """The cubes with each move as a cubes file has it: as the input names it.
+        """The cubes, with each move named as in a cubes file, which is as in the input.
 
-        Where that is an id that other contents have too, the number of the move stands beside it.
+        An id that also stands for other contents is followed by the number of the move.
         """
         return self._cubes(self.path.cube_names(self.left.moves))
 
@@ -109,9 +109,9 @@ def shorten(
     progress: Progress | None = None,
     hints: PlanHints = NO_HINTS,
 ) -> Shortened:
-    """Return the normal cube path of the path in a file; errors as `read_input`.
+    """Return the normal cube path of the path in a file; errors as for `read_input`.
 
-    An empty file is a path of no moves, and that a path of no cubes.
+    An empty file is a path of no moves, which gives a path of no cubes.
     """
     return shortened(read_input(path, system, hints, progress))
 

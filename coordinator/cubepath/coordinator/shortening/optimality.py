@@ -1,10 +1,10 @@
 """How far a shortened path is from the best there is: improvement, lower bound, optimum.
 
-Three gaps are told apart. *Shortening*: from the moves to the normal cube path, the shortest of its
+There are three gaps. *Shortening*: from the moves to the normal cube path, the shortest of its
 homotopy class; closed by `cubepath.coordinator.normal_form.heap`. *Class*: from there to the best
-that was found in any class. *Proof*: from there to the greatest lower bound that was shown.
+path found in any class. *Proof*: from there to the greatest lower bound that was proved.
 
-Room: coordinator; touches nothing but the clock, and that only to know when to stop.
+Room: coordinator; touches only the clock, to know when to stop.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ State = frozenset[Site]
 
 @dataclass(frozen=True)
 class Task:
-    """What a path has to do: from which state, by the moves of what, and how its moves are named.
+    """The task that a path solves: its start and end, and the system whose moves it may use.
 
-    Without a system its moves are those of `path`. With `labelled_goals` the vehicles of a graph
-    have no labels but each is to end where it does.
+    Without a system the moves are those of `path`. With `labelled_goals` the vehicles of a graph
+    have no labels, but each must end where the path takes it.
     """
 
     path: tuple[Action, ...]
@@ -60,11 +60,11 @@ class Task:
 class Beyond:
     """What is known beyond the class of a path; the keys that ``shorten --json`` adds.
 
-    `improved` is the number of cubes after the search, None if none was asked for. `lower_bound`
-    holds for every path of these moves between the same ends, by the argument `why`. `optimal`
-    tells whether what is reported (improved, or else the normal cube path) is as short as any: None
-    if that is not known. `only_class` is true where there is but one class, null if not known.
-    `spent` says what each stage took.
+    `improved` is the number of cubes after the search, None if no search was asked for.
+    `lower_bound` holds for every path of these moves between the same ends, by the argument `why`.
+    `optimal` says whether the reported path (the improved one, or else the normal cube path) has as
+    few cubes as any; None if that is not known. `only_class` says whether there is only one class,
+    None if that is not known. `spent` says what each stage took.
     """
 
     improved: int | None
@@ -86,9 +86,9 @@ class Beyond:
 def task_of(found: Shortened) -> Task:
     """Return the task of a path that was shortened.
 
-    A plan's vehicles have goals of their own, so each is to end where it does. InputError for
-    moves of which only support and trace are known, and for moves that the system does not have:
-    nobody knows then what else there is to do.
+    Where a plan's vehicles have goals of their own, each must end where the path takes it.
+    InputError for moves of which only support and trace are known, and for moves that the system
+    does not have: the possible moves are then unknown.
     """
     given = found.given
     scene = given.scene
@@ -106,7 +106,7 @@ def task_of(found: Shortened) -> Task:
 
 
 def _of_moves_alone(given: PathInput) -> Task:
-    """Return the task of moves that stand for themselves: what occurs is all that there is."""
+    """Return the task of self-contained moves: no moves exist but those that occur."""
     if given.start is None:
         name = next(move.name for move in given.moves if move.before is None)
         raise InputError(
@@ -129,15 +129,16 @@ def beyond(
 ) -> Beyond:
     """Look beyond the class of a path: improve it if time is given, and bound what is possible.
 
-    `seconds` is the time for all stages together. Without it each is bounded by what it looks at,
-    and the result depends on the input and `seed` alone; `iterations` are the steps of the search
-    for a better path. The exhaustive search keeps no more than about `max_states` states; where it
-    ends, it decides `optimal`. The improved path is checked by code of its own, from the start
-    state on, before it is returned: CheckError if it is not a legal normal cube path to the same
-    end. `found` is what shortening made of the path, where that is known, and gives the moves their
-    names; without it there are none. An interrupt (KeyboardInterrupt) ends the search, as the time
-    does, with what is known so far. `tick` is told now and then which stage is under way and how
-    many steps it took, `watch` of every better path. InputError as `improve`.
+    `seconds` is the time for all stages together. Without it each stage is bounded by the number of
+    its steps, and the result depends only on the input and `seed`; `iterations` is the number of
+    steps of the search for a better path. The exhaustive search keeps at most about `max_states`
+    states; if it completes, it decides `optimal`. An improved path is checked by independent code,
+    from the start state on, before it is returned: CheckError if it is not a legal normal cube path
+    to the same end. `found` is the shortened path, if it is known already, and gives the moves
+    their names; without it they have none. An interrupt (KeyboardInterrupt) ends the search with
+    what is known so far, as running out of time does. `tick` is called now and then with the
+    current stage and the steps that it took, `watch` with every better path. InputError as for
+    `improve`.
     """
     look = _Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
     asked = seconds is not None or iterations is not None
@@ -161,13 +162,13 @@ def beyond(
 
 
 Tick = Callable[[str, int], object]
-"""Told of a stage, and how many steps it took so far."""
+"""Called with the name of a stage and the steps that it took so far."""
 _SHARES = {"classes": 0.1, "bounds": 0.2, "optimum": 0.25}
-"""What these stages may take of the time; what they leave is the search's."""
+"""Shares of the time that these stages may take; the search gets the rest."""
 _BOUND_STEPS = 20_000_000
-"""Without a time, sites on the way of modules, and pairs of them, that bounds may look at."""
+"""Without a time limit, the bounds may look at so many sites on the way of modules, and pairs."""
 _SETS_A_STATE = 40
-"""Without a time, sets of moves for each state that the exhaustive search may look at."""
+"""Without a time limit, the exhaustive search may look at so many sets of moves per state."""
 
 
 class _Look:
@@ -202,7 +203,7 @@ class _Look:
     def _stage(
         self, name: str, job: Callable[[Stage, Budget], None], steps: int | None = None
     ) -> None:
-        """Do a job in its share of the time, or else in so many steps, and note what it spent."""
+        """Do a job in its share of the time, or else in `steps` steps, and note what it spent."""
         tick = self._tick
         left = self._whole.seconds_left
         share = None if left is None else min(left, _SHARES.get(name, 1.0) * (self._seconds or 0.0))
@@ -219,7 +220,7 @@ class _Look:
                 tick(name, 0)
             job(stage, budget)
         except KeyboardInterrupt:
-            # It says that the time is up: what was found is not lost.
+            # An interrupt means that the time is up; what was found so far is kept.
             stage.ended = "interrupt"
             self._stopped = True
         finally:
@@ -232,7 +233,7 @@ class _Look:
             self.bound = bound
 
     def ask_for_classes(self) -> None:
-        """Find out whether there is but one class, and so nothing beyond it."""
+        """Find out whether there is only one class, and so nothing beyond it."""
 
         def job(stage: Stage, budget: Budget) -> None:
             self._steps.budget = budget
@@ -263,7 +264,7 @@ class _Look:
             self._stage("bounds", job, _BOUND_STEPS)
 
     def search_all(self, *, take: bool) -> None:
-        """Search the states around both ends; `take` the optimum where it is found."""
+        """Search the states around both ends; with `take`, an optimum becomes the best path."""
         most = len(self.best) - 1
 
         def job(stage: Stage, budget: Budget) -> None:
@@ -272,7 +273,7 @@ class _Look:
             ends = steps.encode(self._start), steps.encode(self._goal)
             exact = optimum(steps, *ends, max_states=self._max_states, most=most)
             stage.steps = exact.states
-            # Stopped neither by the time nor since all paths have more cubes.
+            # Stopped neither by the budget nor because all shorter paths are excluded.
             if exact.cubes is None and exact.at_least <= most and not budget.spent:
                 stage.ended = "limit"
             self._raise_bound(Bound(exact.at_least, "exhaustive search"))
@@ -292,7 +293,7 @@ class _Look:
         seed: int,
         watch: Callable[[Improved], object] | None,
     ) -> None:
-        """Search for a better path in what is left of the time."""
+        """Search for a better path in the remaining time."""
         task = self._task
         kept = [self.best]
 
@@ -330,7 +331,7 @@ class _Look:
 
 
 def _as_labelled(task: Task) -> tuple[System | None, State, State]:
-    """Return system, start and goal, with labels where each vehicle is to keep its own end."""
+    """Return system, start and goal, with labels if each vehicle must keep its own end."""
     if not task.labelled_goals or task.system is None:
         return task.system, task.start, task.goal
     ends = ends_of(task.path, task.start)
@@ -340,9 +341,9 @@ def _as_labelled(task: Task) -> tuple[System | None, State, State]:
 
 
 def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
-    """Return for each vehicle's start, in canonical order, where the path takes it.
+    """Return where the path takes each vehicle, by its start, in canonical order.
 
-    Each move is along an edge and taken as admissible.
+    Each move must be along an edge and admissible, which is not checked.
     """
     origin = {site: site for site in start}
     for action in path:
@@ -354,7 +355,7 @@ def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
 
 
 def _of_optimum(task: Task, steps: Transitions, exact: Optimum) -> CubePath:
-    """Return the normal cube path of what the exhaustive search found."""
+    """Return the normal cube path of the path that the exhaustive search found."""
     actions = [steps.actions[number] for cube in exact.cubes or () for number in cube]
     labelled = steps.system
     if task.labelled_goals and task.system is not None and labelled is not None:
@@ -405,6 +406,6 @@ def _in_input(given: PathInput, action: Action) -> CubeName:
 
 
 def _placed(system: System, action: Action) -> GeneratorPlacement | None:
-    """Return how the system names an action, None where it is not one of its own."""
+    """Return the system's name of an action, None if the system does not have the action."""
     moves = system.moves_of(action)
     return GeneratorPlacement(moves[0].generator, moves[0].at) if moves else None

@@ -1,7 +1,7 @@
-"""What a path's file tells: a recording, a moves file, a scenario or another program's plan, read.
+"""Reading a path from a file: a recording, a moves file, a scenario or another program's plan.
 
-Room: coordinator. The file is opened once and checked as far as it can be before anything is made
-of it. Every part of a command takes what is read here, and none goes back to the file.
+Room: coordinator. The file is opened once and checked as far as possible before it is used. Every
+part of a command takes what is read here, and none goes back to the file.
 """
 
 from __future__ import annotations
@@ -37,22 +37,22 @@ from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 Form = Literal["recording", "moves", "binary moves", "scenario", "plan"]
-"""What a file is."""
+"""The kinds of file."""
 _TOLD_BY_NAME = {".json", ".mcap", ".npz"}
-"""Files with such a name are never empty."""
+"""Valid files with these suffixes are never empty."""
 
 
 @dataclass(frozen=True, eq=False)
 class PathInput:
-    """A path as its file tells it, every move checked.
+    """A path as read from its file, every move checked.
 
-    `source` and `form` say where it comes from, and what that is. `numbered` has the moves, the
-    table of their actions and their names. `given_scene` is that of the recording, or of the system
-    that was named beside the file; `plan_scene` builds that of a plan, which can take long.
-    `planner_rounds` is how many rounds the planner of a plan counts itself, None where nobody says;
-    with `labelled_goals` its vehicles bear no labels, but each is to end where it does. `unsolved`
-    says in a line where a plan does not end as its instance asks. `seconds` is how long reading
-    took.
+    `source` is the file and `form` its kind. `numbered` holds the moves, the table of their actions
+    and their names. `given_scene` is the scene of the recording, or of the system that was named
+    with the file; `plan_scene` builds the scene of a plan, which can take long. `planner_rounds` is
+    the number of rounds that the planner itself counts, None if the plan does not say. With
+    `labelled_goals` the vehicles of a plan have no labels, but each must end where the plan takes
+    it. `unsolved` is one line on how the end of a plan differs from what its instance asks for, or
+    None. `seconds` is how long reading took.
     """
 
     source: Path
@@ -67,16 +67,16 @@ class PathInput:
 
     @cached_property
     def scene(self) -> Scene | None:
-        """The system with the start; None where moves stand for themselves. Errors of a plan's."""
+        """The scene, None for self-contained moves; building a plan's may raise `InputError`."""
         if self.given_scene is None and self.plan_scene is not None:
             return self.plan_scene()
         return self.given_scene
 
     @cached_property
     def start(self) -> frozenset[Site] | None:
-        """The sites that are on at the start, None where nobody knows.
+        """The sites that are on at the start, None if they are not known.
 
-        Of a plan, or a moves file without a system, only the sites of the moves are known.
+        For a plan, or a moves file without a system, only sites of the moves are known.
         """
         if self.given_scene is None:
             return self.numbered.told_start()
@@ -100,16 +100,16 @@ def read_input(
     hints: PlanHints = NO_HINTS,
     progress: Progress | None = None,
 ) -> PathInput:
-    """Read the path in a file; what the file is, its content tells.
+    """Read the path in a file, whose kind is found from its content.
 
     A recording begins with the magic of MCAP, a binary moves file with that of .npz, a scenario is
-    a JSON object with "starts"; plans of other programs are told by `hints`, or by what
-    `cubepath.protocol.plans.formats` looks for. All else is a moves file, whose generators are
-    those of `system`. An empty file is a path of no moves.
+    a JSON object with "starts"; plans of other programs are recognised by `hints`, or as in
+    `cubepath.protocol.plans.formats`. Anything else is a moves file, whose generators are those of
+    `system`. An empty file is a path of no moves.
 
-    InputError where the file cannot be read, is damaged, or holds a move that is not admissible,
-    and where a system or files are named beside what has no use for them; CheckError where the
-    reports of a recording contradict each other.
+    InputError if the file cannot be read, is damaged, or holds a move that is not admissible, and
+    if a system or other files are named that it has no use for; CheckError if the reports of a
+    recording contradict each other.
     """
     path = source.path if isinstance(source, InputFile) else source
     if path.suffix.lower() in _TOLD_BY_NAME and path.is_file() and not path.stat().st_size:
@@ -165,7 +165,7 @@ class _Reading:
             form,
             numbered,
             self._seconds,
-            # The system that was named is that of the plan.
+            # A system that was named is the system of the plan.
             given_scene=None if self._system is None else plan.scene(),
             plan_scene=plan.scene,
             planner_rounds=plan.rounds,
@@ -212,14 +212,14 @@ class _Reading:
             checked = carried_out(found, None if scene is None else scene.start_state)
             if not isinstance(checked, InadmissibleMove):
                 return checked
-        # Read line by line, it says what is wrong and where; or nothing is, and it is unusual.
+        # Reading line by line finds what is wrong and where, or that the form is only unusual.
         found = number_moves(read_moves(self._file, scene))
         tell(len(found.numbers) - told)
         return found
 
 
 def _form_of(file: InputFile) -> Form:
-    """Return what a file is by what it holds; plans of other programs are moves files so far."""
+    """Return the kind of a file by its content; plans of other programs still count as moves."""
     if is_npz(file):
         return "binary moves"
     if is_recording(file):

@@ -1,7 +1,7 @@
-"""The steps of a path from a file, with a scene to draw them in: moves, or cubes as they are given.
+"""The steps of a path from a file, with a scene to draw them in: moves, or cubes as given.
 
-Room: coordinator. Moves that stand for themselves are drawn too, where they say what they do and
-their sites are cells of a lattice in the plane.
+Room: coordinator. Self-contained moves are drawn too, if they have "before" and "after" and their
+sites are cells of a lattice in the plane.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from cubepath.protocol.systems.listed import TabledSystem
 
 @dataclass(frozen=True, eq=False)
 class PathSteps:
-    """A path in steps from the start of a scene on, every one admissible, and its normal cube path.
+    """A path in admissible steps from the start of a scene, and its normal cube path.
 
-    `step_name` says what a step is. `normal_form` says what becomes of each move in order.
+    `step_name` says what a step is. `normal_form` says what becomes of each move, in order.
     """
 
     scene: Scene
@@ -53,10 +53,11 @@ def read_steps(
     hints: PlanHints = NO_HINTS,
     progress: Progress | None = None,
 ) -> PathSteps:
-    """Read a moves file, a cubes file, a scenario or another program's plan; the content tells.
+    """Read the steps of a moves file, a cubes file, a scenario or another program's plan.
 
-    InputError where the file cannot be read or drawn: as `read_input`, for cubes that are none or
-    not admissible, and where nothing says where modules are.
+    The kind of file is found from its content. InputError if the file cannot be read or drawn: as
+    for `read_input`, if the moves of a cube do not commute or are not admissible, and if nothing
+    says where modules are.
     """
     cubes = _cubes_in(file)
     if cubes is not None:
@@ -69,7 +70,7 @@ def read_steps(
 
 
 def _cubes_in(file: InputFile) -> Iterable[tuple[CubeName, ...]] | None:
-    """Return the cubes of a cubes file of either form, None where it is something else."""
+    """Return the cubes of a cubes file of either form, None for any other file."""
     if is_npz(file):
         return read_cubes_npz(file) if holds_cubes(file) else None
     for _, line in file.numbered_lines():
@@ -100,7 +101,7 @@ def _of_cubes(
 def _checked(
     path: Path, cubes: Iterable[tuple[CubeName, ...]], scene: Scene
 ) -> Iterator[list[Action]]:
-    """Yield the actions of each cube; InputError names the first that is none."""
+    """Yield the actions of each cube; InputError names the first that cannot be made."""
     state = set(scene.start_state)
     for number, names in enumerate(cubes, 1):
         try:
@@ -129,7 +130,7 @@ def _action(scene: Scene, name: CubeName) -> Action:
 
 
 def _own_scene(given: PathInput) -> Scene:
-    """Return a scene for moves that stand for themselves, drawn as cells that moves join."""
+    """Return a scene for self-contained moves, drawn as cells that moves join."""
     path, start = given.source, given.start
     if not given.moves:
         raise InputError(f"{path}: no moves and no --system: nothing says what there is to draw")

@@ -1,9 +1,9 @@
 """Recordings and certificates derived again, by code that shares nothing with the run.
 
-Room: coordinator. Of the coordinator it imports `normal_form.definitions` and nothing else, of the
-agents nothing, and that holds of whatever these import too: a fault of the run cannot hide itself
-here. Of the core's actions it takes `Action` and `commute`; what admissible means it says itself.
-Runs and shortening check with it what they give out.
+Room: coordinator. From the coordinator it imports only `normal_form.definitions`, and from the
+agents nothing. This holds for indirect imports too, so a bug in the run cannot hide here. From the
+core's actions it takes `Action` and `commute`; it defines admissible itself. `runs` and
+`shortening` check their results with it.
 """
 
 from typing import TYPE_CHECKING

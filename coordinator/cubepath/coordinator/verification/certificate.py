@@ -1,8 +1,8 @@
-"""What `cubepath verify` makes of a certificate: of one in a recording, and of one in a file.
+"""Checking a certificate for `cubepath verify`, in a recording or in a file.
 
-Room: coordinator. The proof itself is looked at by `cubepath.coordinator.verification.proof`; what
-is added here is the state at the end, and that the cubes that somebody has are those of the
-certificate. Nothing that builds certificates or shortens is used.
+Room: coordinator. `cubepath.coordinator.verification.proof` checks the proof itself. This module
+also checks the state at the end, and that given cubes are the cubes of the certificate. It uses
+nothing that builds certificates or shortens.
 """
 
 from __future__ import annotations
@@ -30,19 +30,20 @@ CHECKS = {
     "end": "the cubes are admissible one after another, and end where the path ends",
     "cubes": "the cubes file has the moves of the certificate, cube by cube",
 }
-"""The checks of a certificate by name, with what holds when they pass."""
+"""The checks of a certificate by name, with what holds if they pass."""
 
 Found: TypeAlias = dict[str, str | None]
-"""For each check that was made why it fails, None where it holds."""
+"""For each check that was made, why it fails; None if it holds."""
 
 
 def check_certificate(
     certificate: Certificate, path: Sequence[Action], start: frozenset[Site] | None = None
 ) -> Found:
-    """Return what comes of checking a certificate against its path; nothing is raised.
+    """Return the results of checking a certificate against its path; nothing is raised.
 
-    Where the start is known, the cubes are carried out from there: the check `end`, which asks that
-    the certificate says where the path ends. Where it is not, one that says so fails it.
+    If the start is known, the check `end` carries out the path and the cubes from there, and
+    compares both ends with the end that the certificate must state. If the start is not known, a
+    certificate that states an end fails this check.
     """
     if certificate.moves != len(path):
         return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}
@@ -95,10 +96,10 @@ def _stray(sites: set[Site]) -> str:
 def compare_cubes(
     certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[CubeName]]
 ) -> str | None:
-    """Return where the cubes of a cubes file are not those of the certificate; None if they are.
+    """Return where the cubes of a cubes file differ from those of the certificate, None if nowhere.
 
-    Moves are compared by how they are written; an id that moves with different contents have says
-    nothing without the number of the move. Only for a certificate whose `form` holds.
+    Moves are compared by their names; an id shared by moves with different contents is ambiguous
+    without the number of the move. Only for a certificate whose `form` holds.
     """
     shared = _shared_ids(moves[move - 1] for cube in certificate.cubes for move in cube)
     for number, (ours, theirs) in enumerate(zip(certificate.cubes, cubes, strict=False), 1):
@@ -118,7 +119,7 @@ def compare_cubes(
 
 
 def _shared_ids(moves: Iterable[PathMove]) -> set[str | int]:
-    """Return the ids that moves with different contents have."""
+    """Return the ids that are shared by moves with different contents."""
     first: dict[str | int, Action] = {}
     return {
         move.name
@@ -146,7 +147,7 @@ def check_recorded_certificate(
 ) -> None:
     """Check the certificate of a recording, if it has one, as the check `certificate`.
 
-    It must be of the moves of all complete rounds, and its cubes must be those on record.
+    It must cover the moves of all complete rounds, and its cubes must be those on record.
     """
     certificate = transcript.certificate
     if certificate is None:
@@ -171,4 +172,4 @@ def _actions(system: System, moves: Sequence[GeneratorPlacement]) -> frozenset[A
     try:
         return frozenset(system.action(move.generator, site_in(move.at)) for move in moves)
     except InputError:
-        return None  # the check `normal` tells of it
+        return None  # the check `normal` reports it

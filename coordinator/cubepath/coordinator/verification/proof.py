@@ -1,33 +1,33 @@
-"""Checking a certificate: a few lines that trust nothing but what an action is and `commute`.
+"""Checking a certificate: a few lines that trust only the definition of an action and `commute`.
 
-A certificate of an edge path a1 ... an names the pairs of moves that cancel, the cube of each move
-that remains, and a chain of N dependent moves, N being the number of cubes. `check_proof` looks at
-five things, and if all hold, then the cubes are a schedule in the homotopy class of the path, and
-no schedule in the class has fewer of them:
+A certificate of an edge path a1 ... an names the pairs of moves that cancel, the cube of each
+remaining move, and a chain of N dependent moves, where N is the number of cubes. `check_proof`
+makes five checks. If all hold, the cubes are a schedule in the homotopy class of the path, and no
+schedule in the class has fewer cubes:
 
-1. `form`: each move of the path is in one pair or in one cube, no other number is, and no cube is
-   empty.
-2. `cancelled`: going through the path, when the later move of a pair comes, it equals the earlier,
-   and of the moves between them each commutes with them or has been taken out before. So the two
-   can be brought side by side and taken out: they are a detour there and back. The pairs are in
-   order of the later move, so that whoever reads along needs no list of all of them.
-3. `schedule`: of two moves that remain and do not commute, the earlier is in an earlier cube. So
-   the moves of a cube commute, and cube by cube is the path again, with commuting moves swapped.
-4. `reduced`: between two equal moves that remain lies one that does not commute with them. So there
-   is nothing left to cancel, and by the normal form theorem for graph products of groups (Green
-   1990; Hermiller and Meier 1995), here of groups of order two, as for right-angled Coxeter groups
-   by Tits: any path of the class, once all that cancels in it is taken out, is made of these very
-   moves, in an order that differs by swaps of commuting ones. So the path holds all of them, and
-   those that do not commute in the order that they have here.
-5. `chain`: it has as many of the moves that remain as there are cubes, in the order of the path,
-   and no two neighbours in it commute. In any schedule of the
-   class these moves come in this order, no two in one cube: there are at least as many cubes.
+1. `form`: each move of the path is in exactly one pair or cube, no other number is in any, and no
+   cube is empty.
+2. `cancelled`: when a pass over the path reaches the later move of a pair, it equals the earlier
+   one, and each move between them commutes with both or has been taken out before. So the two can
+   be brought side by side and taken out: they are a detour there and back. The pairs are in order
+   of the later move, so that a reader of the path needs no list of all pairs.
+3. `schedule`: of two remaining moves that do not commute, the earlier is in an earlier cube. So the
+   moves of a cube commute, and the cubes in order are the path again, with commuting moves swapped.
+4. `reduced`: between two equal remaining moves lies one that does not commute with them. So nothing
+   is left to cancel. The normal form theorem for graph products of groups (Green 1990; Hermiller
+   and Meier 1995), here of groups of order two, as Tits proved it for right-angled Coxeter groups,
+   says: if everything that cancels in a path of the class is taken out, these same moves remain, in
+   an order that differs by swaps of commuting moves. So every path of the class contains all of
+   these moves, with those that do not commute in the same order as here.
+5. `chain`: it has as many of the remaining moves as there are cubes, in the order of the path, and
+   no two neighbours in it commute. In any schedule of the class these moves come in this order, no
+   two in one cube, so the schedule has at least as many cubes.
 
 Cost: each check is one pass over the path with a column for each site, and takes time and space
-proportional to the sizes of the supports. Only what is refused is gone through once more by the
-definition, to name the moves that are at fault.
+proportional to the sizes of the supports. Only a refused certificate is gone through once more, by
+the definition, to name the moves at fault.
 
-Room: coordinator; touches nothing. Of the project it imports the definition of an action alone.
+Room: coordinator; touches nothing. From the project it imports only the definition of an action.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ Cubes = Sequence[Sequence[int]]
 def check_proof(
     path: Sequence[Action], cancelled: Pairs, cubes: Cubes, chain: Sequence[int]
 ) -> dict[str, str | None]:
-    """Return for each check why it fails, None where it holds; see the head of this module.
+    """Return for each check why it fails, None if it holds; see the docstring of this module.
 
-    Moves are meant by their place in the path, from 1. Where `form` fails it is the only check.
+    Moves are given by their place in the path, from 1. If `form` fails, no other check is made.
 
     >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
     >>> check_proof([step, far, step], [(1, 3)], [[2]], [2])
@@ -89,7 +89,7 @@ def _form(moves: int, cancelled: Pairs, cubes: Cubes) -> str | None:
 
 def _cancelled(path: Sequence[Action], cancelled: Pairs) -> str | None:
     earlier = {later: first for first, later in cancelled}
-    # Over each site: the moves left that write it, each with how many that read it lie over it.
+    # For each site: the remaining moves that write it, each with the number of readers above it.
     columns: dict[Site, list[tuple[int, int]]] = {}
     for move, action in enumerate(path, 1):
         first = earlier.get(move)
@@ -113,7 +113,7 @@ def _cancelled(path: Sequence[Action], cancelled: Pairs) -> str | None:
 
 
 def _disorder(cancelled: Pairs) -> str | None:
-    """Return which pair comes before one whose later move is earlier, in words."""
+    """Return a message if a pair comes before one whose later move is earlier, else None."""
     for number, (before, pair) in enumerate(pairwise(cancelled), 2):
         if pair[1] < before[1]:
             return (
@@ -134,7 +134,7 @@ def _between(path: Sequence[Action], cancelled: Pairs, first: int, later: int) -
 def _schedule(
     path: Sequence[Action], left: Sequence[int], cube_of: Mapping[int, int]
 ) -> str | None:
-    # Over each site: the last cube with a move so far that writes it, and with one that has it.
+    # For each site: the last cube so far with a move that writes it, and with one that uses it.
     written: dict[Site, int] = {}
     touched: dict[Site, int] = {}
     for move in left:
@@ -162,7 +162,7 @@ def _not_in_order(path: Sequence[Action], cube_of: Mapping[int, int], move: int)
 
 
 def _reduced(path: Sequence[Action], left: Sequence[int]) -> str | None:
-    # Over each site: the last move that writes it, and the last that has it. By action: the last.
+    # For each site: the last move that writes it, and that uses it. For each action: its last move.
     written: dict[Site, int] = {}
     touched: dict[Site, int] = {}
     last: dict[Action, int] = {}

@@ -1,8 +1,8 @@
-"""Verifying: everything in a recording derived again from the start state, by other code.
+"""Verifying: everything in a recording derived again from the start state, by independent code.
 
-Room: coordinator. With what made the recording this shares the catalogue, `commute` and the
-decoding of messages; see `cubepath.coordinator.verification.rounds` for the rounds. It uses neither
-the gatherer nor the heap, nor anything of the agents.
+Room: coordinator. It shares only the catalogue, `commute` and the decoding of messages with the
+code that makes recordings; `cubepath.coordinator.verification.rounds` derives the rounds. It uses
+neither the gatherer nor the heap, nor anything from the agents.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ CHECKS = {
     "certificate": "the certificate, if there is one, proves that none in the class is shorter",
     "summary": "the numbers and the digest of the summary are those of the moves",
 }
-"""The checks by name, with what holds when they pass."""
+"""The checks by name, with what holds if they pass."""
 
 Progress = Callable[[int], object]
-"""Called now and then with how many rounds have been checked since the last call."""
+"""Called now and then with the number of rounds checked since the last call."""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One check: `detail` says in one line where it first fails, and is empty when it holds."""
+    """One check: `detail` says in one line where it first fails, and is empty if it holds."""
 
     name: str
     ok: bool
@@ -71,10 +71,10 @@ class Check:
 
 @dataclass(frozen=True, slots=True)
 class Verification:
-    """What came of verifying a recording; the numbers are those derived, not those recorded.
+    """The result of verifying a recording; the numbers are derived, not read from the recording.
 
-    `complete` is False where the end is missing. Of a run that was cut off, what was recovered is
-    `ok` as far as it goes.
+    `complete` is False if the end is missing. What was recovered of a run that was cut off is `ok`
+    if it is correct as far as it goes.
     """
 
     ok: bool
@@ -95,17 +95,17 @@ class Verification:
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
-    """What could be read of a damaged recording and was written out again."""
+    """The readable part of a damaged recording, written to a new file."""
 
     out: Path
     messages: int
     rounds: int
-    """The rounds from the first on that every module has reported."""
+    """The number of rounds, from the first on, that every module has reported."""
     problems: tuple[str, ...]
 
 
 class _Failures:
-    """The first failure of each check, and how many there are."""
+    """The first failure of each check, and the number of failures."""
 
     def __init__(self) -> None:
         self._first: dict[str, str] = {}
@@ -126,12 +126,12 @@ class _Failures:
 
 
 def verify(recording: Recording, progress: Progress | None = None) -> Verification:
-    """Derive all that a recording holds again from its start state, and compare.
+    """Derive everything in a recording again from its start state, and compare.
 
-    Every check of `CHECKS` is made whatever becomes of the others; those on rounds are made on the
-    rounds from the first on that all modules have reported, and what a recording lost of its end
-    fails `complete` and nothing else, or nothing at all where the recording says that it was
-    recovered. Nothing is raised.
+    Every check of `CHECKS` is made, whether the others pass or fail. Checks on rounds are made on
+    the rounds, from the first on, that all modules have reported. If the end of a recording is
+    lost, only `complete` fails, or no check if the recording says that it was recovered. Nothing is
+    raised.
     """
     fail = _Failures()
     for problem in recording.problems:
@@ -175,10 +175,10 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
 
 
 def recover(source: Path | Recording, out: Path) -> Recovered:
-    """Write what can be read of a recording, or was read, as a proper recording to `out`.
+    """Write what can be read of a recording, or was read already, as a whole recording to `out`.
 
-    It says in its parameter `recovered` what it comes from. InputError where nothing can be read,
-    where `out` is the recording itself, or where it cannot be written.
+    Its parameter `recovered` says what it comes from. InputError if nothing can be read, if `out`
+    is the recording itself, or if `out` cannot be written.
     """
     recording = source if isinstance(source, Recording) else read_recording(source)
     transcript = transcript_of(recording, _Failures())
@@ -197,7 +197,7 @@ def _seed(recording: Recording) -> int | None:
 
 
 def _digest(derived: Rederivation) -> str:
-    """Return the SHA-256 over a line ``[round, module, generator, at]`` a move, in their order."""
+    """Return the SHA-256 over one line ``[round, module, generator, at]`` per move, in order."""
     lines = [
         msgspec.json.encode([number, move.module, move.generator, move.at]) + b"\n"
         for number, move in derived.executed
@@ -216,13 +216,13 @@ def _check_cubes(
     for cube in transcript.result:
         actions = _actions(scene, cube, fail)
         if actions is None:
-            return  # there is nothing to go on with
+            return  # without all actions nothing more can be checked
         cubes.append(actions)
     _check_normal(cubes, fail)
     end = _end(scene, cubes, fail)
     found = tuple(map(frozenset, cubes))
     if transcript.summary is None:
-        # What is missing at the end is known already: those that are there must be the first.
+        # That the end is missing is reported already: the cubes on record must be the first ones.
         normal_form = normal_form[: len(found)]
     elif end is not None and end != derived.state:
         stray = min(end ^ derived.state, key=repr)
@@ -260,7 +260,7 @@ def _check_normal(cubes: Sequence[Sequence[Action]], fail: Fail) -> None:
 
 
 def _end(scene: Scene, cubes: Sequence[Sequence[Action]], fail: Fail) -> set[Site] | None:
-    """Return the state after the cubes; None where one is not admissible."""
+    """Return the state after the cubes, None if one is not admissible."""
     state = set(scene.start) | scene.system.filled
     for number, cube in enumerate(cubes, 1):
         for action in cube:

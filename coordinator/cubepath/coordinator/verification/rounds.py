@@ -1,8 +1,8 @@
-"""Rounds derived again from the start state, and held against what a recording says of them.
+"""Rounds derived again from the start state, and compared with a recording.
 
-Room: coordinator. Part of `cubepath verify`, so nothing here is what a run uses, but for the
-catalogue (`System.moves`), `commute`, and the neighbourhoods of the system (`sensed`, `reach`).
-States, ranks, who wins and who hears are worked out anew, by their definitions.
+Room: coordinator. Part of `cubepath verify`: it shares only the catalogue (`System.moves`),
+`commute` and the neighbourhoods of the system (`sensed`, `reach`) with a run. States, ranks,
+winners and deliveries are derived again, by their definitions.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Moves = dict[int, Move]
 
 
 def why_not(action: Action, state: set[Site]) -> str | None:
-    """Return why the action is not admissible at the state, in one line; None where it is.
+    """Return in one line why the action is not admissible at the state, None if it is.
 
     Definition: in the fixed part of the support exactly one of the two local states is on, and
     wherever a guarded site is on, so is its neighbour.
@@ -45,7 +45,7 @@ def why_not(action: Action, state: set[Site]) -> str | None:
 
 
 def make(action: Action, state: set[Site]) -> None:
-    """Change the state by an admissible action: one local state goes, the other comes."""
+    """Change the state by an admissible action, which replaces one local state by the other."""
     one, other = action.ends
     on = frozenset(site for site in action.support - action.free if site in state)
     gone, come = (one, other) if on == one else (other, one)
@@ -54,10 +54,10 @@ def make(action: Action, state: set[Site]) -> None:
 
 
 class Rederivation:
-    """The edge path, derived a round at a time; `fail` is told what does not hold."""
+    """The edge path, derived a round at a time; `fail` is called for each violation."""
 
     def __init__(self, scene: Scene, seed: int | None, fail: Fail) -> None:
-        """Begin at the start; without a seed nothing can be said of who outranks whom."""
+        """Begin at the start; without a seed it is not known which claims outrank which."""
         self.state: set[Site] = set(scene.start) | scene.system.filled
         self.sites: list[Site] = list(scene.start)
         self.actions: list[Action] = []
@@ -71,7 +71,7 @@ class Rederivation:
             fail("claims", "the recording names no seed, so nobody's rank is known")
 
     def round(self, number: int, said: Round) -> None:
-        """Derive a round and check all that was said and reported in it."""
+        """Derive a round and check everything said and reported in it."""
         where = f"round {number}"
         moves = self._moves(where, said.reports)
         self._check_commuting(where, moves)
@@ -98,14 +98,14 @@ class Rederivation:
         for number in range(1, last + 1):
             edges = transcript.edges.get(number)
             if edges is None:
-                # A run that was killed may have had no time to write those of its last round.
+                # A run that was killed may have had no time to write the edges of its last round.
                 if number < last or transcript.summary is not None:
                     self._fail("edges", f"round {number}: no edges on record")
             elif edges.moves != by_round.get(number, []):
                 self._fail("edges", f"round {number}: the edges are not the moves reported")
 
     def _move(self, module: int, generator: str, at: Json) -> Move | None:
-        """Return the move of that name that the module can propose from where it stands."""
+        """Return the move of that name that the module can propose from its place, or None."""
         place = site_in(at)
         for move in self._system.moves(self.sites[module]):
             if move is not None and move.generator == generator and move.at == place:
@@ -138,7 +138,7 @@ class Rederivation:
     def _execute(self, where: str, moves: Moves) -> None:
         motion: dict[Site, Site] = {}
         for module, move in moves.items():
-            # In a round that commutes no move makes another inadmissible.
+            # If the moves of a round commute, none makes another inadmissible.
             why = why_not(move.action, self.state)
             if why is not None:
                 self._fail("admissible", f"{where}, module_{module}: {why}")
@@ -197,11 +197,11 @@ class Rederivation:
         granted: dict[int, bool] = {}
         ranked = sorted(claims, key=lambda module: self._rank(number, module), reverse=True)
         for module in ranked:
-            # Executed iff every claim that outranks it and conflicts with it is lost.
+            # A claim is executed iff every claim that outranks it and conflicts with it is lost.
             granted[module] = not any(granted.get(rival) for rival in rivals[module])
         for module, report in said.reports.items():
             self._check_outcome(report, claims.get(module), granted.get(module))
-            # Whom it outranks, and whom it takes along, waits for its verdict.
+            # Rivals that it outranks, and modules that it takes along, wait for its verdict.
             waiting = {
                 claims[rival].source
                 for rival in rivals.get(module, ())
@@ -297,7 +297,7 @@ def _text(placed: GeneratorPlacement) -> str:
 
 
 def _conflicts(actions: Mapping[int, Action]) -> Iterable[tuple[int, int]]:
-    """Yield the pairs that do not commute, each once; only those that share a site can be."""
+    """Yield the pairs that do not commute, each once; only pairs that share a site can conflict."""
     over: dict[Site, list[int]] = {}
     for module, action in actions.items():
         met = {other for site in action.support for other in over.get(site, ())}

@@ -1,7 +1,7 @@
-"""Whether what was run is the schedule that it was to carry out, up to where that stopped.
+"""Whether a run carried out its schedule, up to where the schedule stopped.
 
 Room: coordinator. Part of `cubepath verify`: it reads the schedule on record and the reports, and
-uses nothing of what handed the schedule out.
+uses none of the code that assigned the moves.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ _Moves = set[tuple[str, Site | None]]
 
 
 def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> None:
-    """Check that the rounds are the cubes of the schedule, and the stop as the modules said.
+    """Check that the rounds are the cubes of the schedule, and that its stop fits the reports.
 
-    In the round in which a module cannot make its move the others make theirs. What is after the
-    schedule is not looked at here.
+    In a round in which one module cannot make its move, the others make theirs. Rounds after the
+    schedule are not checked here.
     """
     summary = transcript.summary
     if recording.schedule is None:
@@ -57,12 +57,12 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
 
 
 def _over(recording: Recording) -> int | None:
-    """Return the last round of the schedule, where the rule took over from there."""
+    """Return the last round of the schedule if the rule took over after it, else None."""
     for record in recording.of_kind("go"):
         try:
             message = decode(record.data)
         except InputError:
-            continue  # that is for another check to tell
+            continue  # another check reports it
         if isinstance(message, Go) and message.phase == "over":
             return message.round
     return None
@@ -99,7 +99,7 @@ def _check_round(
 def _check_told(
     summary: Summary, cubes: Cubes, transcript: Transcript, last: int, fail: Fail
 ) -> None:
-    """Check what the summary says of the schedule."""
+    """Check what the summary says about the schedule."""
     if summary.schedule_cubes != len(cubes):
         fail(
             "schedule",

@@ -1,7 +1,6 @@
-"""A transcript: what a recording says, sorted by round and speaker, before any of it is believed.
+"""A transcript: the messages of a recording by round and speaker, before any of it is checked.
 
-Room: coordinator. Part of `cubepath verify`: shares the decoding of messages with the run and
-nothing else.
+Room: coordinator. Part of `cubepath verify`: it shares only the decoding of messages with a run.
 """
 
 from __future__ import annotations
@@ -32,18 +31,18 @@ from cubepath.protocol.wire.messages import (
 )
 
 ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
-"""What a module says to its neighbours."""
+"""The messages that a module sends to its neighbours."""
 RECOVERED = "recovered"
-"""The parameter that says of a recording what it was recovered from."""
+"""The parameter that says what a recording was recovered from."""
 Fail = Callable[[str, str], None]
-"""Is told the name of a check that fails, and one line on where and why."""
+"""Called with the name of a check that fails, and one line on where and why."""
 
 
 @dataclass(slots=True)
 class Round:
-    """What modules said in a round, by kind and speaker, and what they reported at its end.
+    """The messages of modules in a round, by kind and speaker, and their reports at its end.
 
-    Both in the order of their keys.
+    Both are in the order of their keys.
     """
 
     said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
@@ -52,7 +51,7 @@ class Round:
 
 @dataclass(slots=True)
 class Transcript:
-    """All that a recording says that counts for its result."""
+    """Everything in a recording that counts for its result."""
 
     rounds: dict[int, Round] = field(default_factory=dict)
     edges: dict[int, Edges] = field(default_factory=dict)
@@ -60,7 +59,7 @@ class Transcript:
     certificate: Certificate | None = None
     summary: Summary | None = None
     complete_rounds: int = 0
-    """The rounds from the first on that every module has reported."""
+    """The number of rounds, from the first on, that every module has reported."""
 
     @property
     def result(self) -> tuple[Cube, ...]:
@@ -69,10 +68,10 @@ class Transcript:
 
 
 def transcript_of(recording: Recording, fail: Fail) -> Transcript:
-    """Sort out a recording; `fail` is told what does not hold already by itself.
+    """Sort the messages of a recording; `fail` is called for what is wrong without any derivation.
 
-    Checks `messages` (each decodes, and stands under its own topic and round), `said` and
-    `reports` as far as nothing comes twice and differs, and `complete`.
+    That is `messages` (each decodes, and stands under its own topic and round), messages that come
+    twice and differ (`said`, `reports`, `edges`, `certificate`), missing reports, and `complete`.
     """
     found = Transcript()
     for record in recording.records:
@@ -92,7 +91,7 @@ def transcript_of(recording: Recording, fail: Fail) -> Transcript:
 
 
 def site_in(value: Json) -> Site | None:
-    """Return the site in a message; None, which is no site, where there is none."""
+    """Return the site in a message, or None, which is never a site, if it is malformed."""
     try:
         return site_from_json(value)
     except InputError:
@@ -147,13 +146,13 @@ def _sort_said(
         known = this.reports.setdefault(message.module, message)
     else:
         known = this.said.setdefault((kind_of(message), message.module), message)
-    # What is delivered twice is said once.
+    # The same message delivered twice counts once.
     if known != message:
         fail(check, f"{named(message)} comes twice, and differs")
 
 
 def named(message: ModuleMessage | Report) -> str:
-    """Return how a message of a module is named in what is said about it."""
+    """Return the name of a module's message in error messages."""
     return f"round {message.round}, module_{message.module}: {kind_of(message)}"
 
 
@@ -161,7 +160,7 @@ def _check_reports(found: Transcript, modules: int, fail: Fail) -> None:
     reported = [number for number, each in found.rounds.items() if each.reports]
     after = found.complete_rounds + 1
     last = max(reported, default=0)
-    # A run that was ended from outside may stop between two reports of its last round.
+    # A run that was interrupted may stop between two reports of its last round.
     ended_well = found.summary is not None and found.summary.ended in ("goal", "max-rounds")
     if last > after or (last == after and ended_well):
         known = found.rounds.get(after, Round()).reports
@@ -175,7 +174,7 @@ def _check_complete(found: Transcript, fail: Fail, *, cut_off: bool) -> None:
     summary = found.summary
     if summary is None:
         if cut_off:
-            return  # it says so itself, and is fine as far as it goes
+            return  # the recording says so itself, and is fine as far as it goes
         fail(
             "complete",
             f"no summary: the run did not end, or its end is lost after round"
