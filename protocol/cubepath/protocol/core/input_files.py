@@ -90,7 +90,7 @@ def readable(path: Path) -> Generator[None]:
 def opened(source: Source) -> Generator[InputFile]:
     """Open a file for the length of the block; one that is already open stays open.
 
-    InputError where it cannot be opened.
+    Raises InputError if it cannot be opened.
     """
     if isinstance(source, InputFile):
         yield source

@@ -25,9 +25,9 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
     """Open a file for writing that is complete afterwards, or unchanged.
 
     A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
-    it cannot be written, CheckError if that is standard output, and BrokenPipeError if nobody reads
-    it any more. An OSError of the body, and except for standard output a RuntimeError, counts as a
-    failure to write; other errors of the body propagate.
+    it cannot be written, CheckError if that is standard output, and BrokenPipeError if it has no
+    reader any more. An OSError of the body, and except for standard output a RuntimeError, counts
+    as a failure to write; other errors of the body propagate.
     """
     if path == STANDARD_OUTPUT:
         with _standard_output() as stream:

@@ -102,7 +102,7 @@ class FlipSystem(System):
     def action(self, generator: str, at: Site) -> Action:
         """Return the flip in the quadrilateral with the corners `at`, in any order.
 
-        InputError if there is none; it names the point inside, or says why it is not convex.
+        Raises InputError if there is none: it names the point inside, or says why it is not convex.
         """
         if generator != "flip":
             raise InputError(f"unknown generator {generator!r}, expected one of flip")
@@ -296,8 +296,8 @@ def _kept(plane: PointSet) -> frozenset[Edge]:
     """Return the edges that are in every triangulation: the hull and the uncrossed edges.
 
     An edge that another edge crosses is missing from some triangulation. Flips reach that
-    triangulation, so the edge is a diagonal of some quadrilateral. InputError if there is no such
-    edge.
+    triangulation, so the edge is a diagonal of some quadrilateral. Raises InputError if there is no
+    such edge.
     """
     sweeps = [plane.sweep(way) for way in SWEEPS]
     swept = Triangles(plane.points, sweeps[0])

@@ -4,9 +4,9 @@ A module sends messages to places: the key names each of them, and a module subs
 that name the place where it stands. So zenoh itself delivers to a module only what is addressed to
 it, with one put per message:
 
-    cubepath/RUN/from/0,0/claim/module_3/0,1/1,0/1,1    a claim, addressed to three places
-    cubepath/RUN/from/0,0/*/*/**/1,0/**                 what the module at (1, 0) hears
-    cubepath/RUN/report/module_3                        for whoever gathers
+    cubepath/RUN/from/0,0/claim/module_3/0,1/1,0/1,1 a claim, addressed to three places
+    cubepath/RUN/from/0,0/*/*/**/1,0/** what the module at (1, 0) hears cubepath/RUN/report/module_3
+    for anyone who gathers
 
 The chunk after `from` is the region of the sender. A module subscribes once for each region within
 its reach, so a message is matched only against the subscriptions of its surroundings, not of the
