@@ -1,8 +1,8 @@
 """Agents: one module's view and choice, the module process, and the PettingZoo environments.
 
-Room: agents; each module knows its neighbourhood only. It imports the protocol. Here is what a user
-needs of it: to write a rule, to observe, to play in an environment, and to draw a state. Inside the
-project names are imported from the modules that define them.
+Room: agents; each module knows its neighbourhood only. It imports the protocol. This face offers
+what users need: to write a rule, to observe, to play in an environment, and to draw a state. Inside
+the project, names are imported from the modules that define them.
 
 | room | holds | may import |
 |---|---|---|

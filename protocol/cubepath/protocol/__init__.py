@@ -1,9 +1,9 @@
 """Protocol: what every process agrees on, from sites and actions to systems, files and messages.
 
-Room: protocol; imports neither agents nor coordinator. Here is what a user needs of it: systems and
-scenes and what one builds them of, the one definition of admissible and of commuting, files of
-moves, cubes, certificates and durations, plans of other planners, recordings, and the errors.
-Inside the project names are imported from the modules that define them.
+Room: protocol; imports neither agents nor coordinator. This face offers what users need: systems
+and scenes and their parts, the one definition of admissible and of commuting, files of moves,
+cubes, certificates and durations, plans of other planners, recordings, and the errors. Inside the
+project, names are imported from the modules that define them.
 
 | room | holds | may import |
 |---|---|---|
@@ -15,7 +15,7 @@ Inside the project names are imported from the modules that define them.
 | `recordings` | the recording format in MCAP | `wire`, `scenes`, `core` |
 | `plans` | plans of other planners | `path_files`, `scenes`, `systems`, `core` |
 
-Beside the rooms stand `faces`, which every face is made with, and `compiled`, which all may use.
+Two modules belong to no room: `faces`, which builds every face, and `compiled`, which all may use.
 """
 
 from typing import TYPE_CHECKING

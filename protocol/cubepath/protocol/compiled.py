@@ -1,12 +1,11 @@
-"""Compiled functions: numba's `njit(cache=True)`, made when there is enough work for it.
+"""Compiled functions: numba's `njit(cache=True)`, applied once there is enough work for it.
 
-Loops over arrays that numpy alone has no words for are compiled to machine code, once for each
-set of argument types; the result is kept on disk, beside the module or, where that is read-only,
-in the user's cache folder (`NUMBA_CACHE_DIR` names another), so only the first use after an
-installation waits for the compiler. numba is imported when the first function is compiled or
-loaded; until then small work is done by the same functions in plain Python, see
-`Compiled.for_work`. Source: https://numba.readthedocs.io, "Compiling Python code with @jit" and
-"Notes on Caching".
+Array loops that numpy alone cannot express are compiled to machine code, once for each set of
+argument types. The result is kept on disk, beside the module or, where that is read-only, in the
+user's cache folder (`NUMBA_CACHE_DIR` names another), so only the first use after an installation
+waits for the compiler. numba is imported when the first function is compiled or loaded; until then
+the same functions do small work in plain Python, see `Compiled.for_work`. Source:
+https://numba.readthedocs.io, "Compiling Python code with @jit" and "Notes on Caching".
 """
 
 from __future__ import annotations
@@ -35,8 +34,8 @@ PLAIN_STEPS = 300_000
 class Allowance:
     """How many steps this process may still make in plain Python, for all functions together.
 
-    It is used up by the first work that is too large for what is left: from then on all is compiled
-    code. So what is done in plain Python never takes much longer than loading that would have.
+    The first work that exceeds what is left uses it up; from then on everything runs as compiled
+    code. So the time spent in plain Python never much exceeds the time to load the compiled code.
     """
 
     def __init__(self, left: int) -> None:
@@ -44,7 +43,7 @@ class Allowance:
         self.left = left
 
     def grant(self, steps: int) -> bool:
-        """Take so many steps away; return whether more than these were left."""
+        """Subtract `steps` from the allowance; return whether any are left."""
         self.left = max(self.left - steps, 0)
         return self.left > 0
 
@@ -52,19 +51,19 @@ class Allowance:
 allowance = Allowance(PLAIN_STEPS)
 
 _files: dict[str, str] = {}
-"""By module with compiled functions, its file as it was when it was imported."""
+"""By module with compiled functions, the version of its file when it was imported."""
 _names: dict[str, dict[str, Any]] = {}
 """By module with compiled functions, its names."""
 _stamps: dict[str, str] = {}
-"""By module, what the code of its compiled functions depends on, as far as it was asked for."""
+"""By module, a hash of what its compiled functions depend on, once it was asked for."""
 _plain_names: dict[str, dict[str, Any]] = {}
-"""By module, its names with plain functions in the place of compiled ones."""
+"""By module, its names with plain functions in place of compiled ones."""
 
 
 def _stamp(module: str) -> str:
-    """Return what the code of a module's compiled functions depends on; "" where it has none."""
+    """Return a hash of what a module's compiled functions depend on; "" if it has none."""
     if module not in _stamps:
-        _stamps[module] = ""  # for a module that takes something from one that takes from it
+        _stamps[module] = ""  # ends the recursion where modules import from each other
         if module in _files:
             depends = "\n".join(sorted({_files[module], *_taken(module, _names[module])}))
             _stamps[module] = sha256(depends.encode()).hexdigest()
@@ -72,10 +71,10 @@ def _stamp(module: str) -> str:
 
 
 def _taken(module: str, names: dict[str, Any]) -> Iterator[str]:
-    """Yield in words all that the compiled functions of a module can take from other modules.
+    """Yield, as text, all that the compiled functions of a module can take from other modules.
 
-    That is the stamps of the modules of which its names hold a function, a type or the module
-    itself, the fields of tuple types, and constants, which become part of the machine code.
+    That is: the stamp of each module that its names refer to, directly or by a function or a type;
+    the fields of tuple types; and constants, which become part of the machine code.
     """
     for name, value in names.items():
         if isinstance(value, ModuleType):
@@ -89,10 +88,10 @@ def _taken(module: str, names: dict[str, Any]) -> Iterator[str]:
 
 
 def _file_of(function: FunctionType) -> str:
-    """Return what tells the file of a function from how it was before and will be later."""
+    """Return what identifies this version of a function's file: when it changed, and its size."""
     try:
         status = Path(inspect.getfile(function)).stat()
-    except (OSError, TypeError):  # in an archive, or typed in: as if it were new each time
+    except (OSError, TypeError):  # in an archive, or typed in: treated as new each time
         return token_hex()
     return f"{status.st_mtime_ns} {status.st_size}"
 
@@ -100,7 +99,7 @@ def _file_of(function: FunctionType) -> str:
 def _plain_names_of(module: str) -> dict[str, Any]:
     """Return a module's names as its functions see them in plain Python.
 
-    Compiled functions are plain ones, and a numpy type for an index is a plain integer.
+    Compiled functions are replaced by plain ones, and numpy integer types by `operator.index`.
     """
     found = _plain_names.get(module)
     if found is None:
@@ -114,7 +113,7 @@ def _plain_names_of(module: str) -> dict[str, Any]:
 
 
 def _view(argument: Any) -> Any:
-    """Return what plain Python reads and writes an array with: much faster than numpy's own."""
+    """Return a memory view of an array, which plain Python reads and writes much faster."""
     if isinstance(argument, np.ndarray):
         return argument.data
     if isinstance(argument, tuple):
@@ -124,17 +123,17 @@ def _view(argument: Any) -> Any:
 
 
 class Compiled(Generic[_Arguments, _Result]):
-    """A function that is compiled, or loaded as it was compiled before, when it is first called."""
+    """A function that is compiled on its first call, or loaded if it was compiled before."""
 
     def __init__(self, function: Callable[_Arguments, _Result]) -> None:
-        """Take note of the function and of its file as it is now; see `compiled`."""
+        """Record the function and the current version of its file; see `compiled`."""
         update_wrapper(self, function)
         self._function = cast("FunctionType", function)
         self._dispatcher: Any = None
         self._in_python: FunctionType | None = None
         module = self._function.__module__
         _files[module], _names[module] = _file_of(self._function), self._function.__globals__
-        for known in (_stamps, _plain_names):  # of the module before it was loaded again
+        for known in (_stamps, _plain_names):  # stale after the module was reloaded
             known.pop(module, None)
 
     def __call__(self, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
@@ -142,18 +141,18 @@ class Compiled(Generic[_Arguments, _Result]):
         return cast("_Result", (self._dispatcher or self.dispatcher)(*arguments, **named))
 
     def for_work(self, steps: int, *, by_entries: bool = False) -> Callable[_Arguments, _Result]:
-        """Return what to call for about so many steps, of a microsecond each in plain Python.
+        """Return what to call for about `steps` steps, each a microsecond in plain Python.
 
-        As long as the `allowance` of the process lasts that is `plain`, or `plain_by_entries`, then
-        the compiled function. The results are the same, and both go on with what the other left in
-        the arrays.
+        While the `allowance` of the process lasts, that is `plain` or `plain_by_entries`;
+        afterwards it is the compiled function. The results are the same, and each continues from
+        what the other left in the arrays.
         """
         if allowance.grant(steps):
             return self.plain_by_entries if by_entries else self.plain
         return self
 
     def plain(self, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
-        """Call the function in plain Python: the same results, some hundred times as slow.
+        """Call the function in plain Python: the same results, about a hundred times slower.
 
         Signed integers must stay within the types of the arrays that they come from; unsigned ones
         wrap around as in compiled code.
@@ -164,8 +163,8 @@ class Compiled(Generic[_Arguments, _Result]):
     def plain_by_entries(self, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
         """Call the function in plain Python on memory views: several times as fast as `plain`.
 
-        In it integers are Python's. So the function takes the entries of arrays one by one, and
-        returns a number, a boolean or nothing; and its integers stay within their types.
+        Integers are then Python's own. So the function must take array entries one by one, return a
+        number, a boolean or nothing, and keep its integers within their types.
         """
         found = self.in_python(
             *map(_view, arguments), **{name: _view(each) for name, each in named.items()}
@@ -188,9 +187,9 @@ class Compiled(Generic[_Arguments, _Result]):
 
     @property
     def dispatcher(self) -> Any:
-        """What numba makes of the function; imports numba."""
+        """The dispatcher that numba makes of the function; imports numba."""
         if self._dispatcher is None:
-            from numba import njit  # noqa: PLC0415 - takes longer than most of what is done plainly
+            from numba import njit  # noqa: PLC0415 - takes longer than most work in plain Python
 
             try:
                 found: Any = njit(cache=True)(self._function)
@@ -208,13 +207,14 @@ class Compiled(Generic[_Arguments, _Result]):
 
 
 def _keep_until_a_callee_changes(dispatcher: Any, stamp: str) -> None:
-    """Have numba keep the function for as long as all that it depends on is the same.
+    """Make numba's cached code valid only while everything it depends on is unchanged.
 
-    numba looks at the file of a function alone, and would keep what calls a changed function of
-    another module. So in place of its stamp, by which it knows that file, it gets one that takes in
-    those of the other modules. What is read or written badly is compiled anew.
+    numba checks only the file of the function itself, so it would reuse code that calls a changed
+    function of another module. The stamp by which numba knows that file is therefore replaced by
+    one that covers the other modules too. Code that cannot be read is compiled anew; code that
+    cannot be written is not kept.
     """
-    kept = dispatcher._cache  # noqa: SLF001 - numba has no other way to what it keeps
+    kept = dispatcher._cache  # noqa: SLF001 - numba has no public access to its cache
     kept._cache_file._source_stamp = stamp  # noqa: SLF001
     load, save = kept.load_overload, kept.save_overload
 
@@ -238,13 +238,12 @@ def _keep_until_a_callee_changes(dispatcher: Any, stamp: str) -> None:
 def compiled(function: Callable[_Arguments, _Result]) -> Compiled[_Arguments, _Result]:
     """Return the function compiled in nopython mode, cached on disk, with its signature kept.
 
-    What it takes and gives are numpy arrays, numbers, booleans and tuples of these; a compiled
-    function may call another. Integers are of 64 bits and wrap around without a word; nothing is
-    checked against the ends of an array. A change of what it calls, of a named tuple's fields or
-    of a number from another module makes it compile anew; an array or a tuple of another module
-    that changes does not, so it takes those as arguments. Errors: numba's own ``TypingError`` at
-    the first call where the body is outside what numba can compile. Where nothing can be kept on
-    disk, because it is full or not ours, the function is compiled all the same, in every process
-    anew.
+    Its arguments and results are numpy arrays, numbers, booleans and tuples of them; it may call
+    other compiled functions. Integers have 64 bits and wrap around silently; array bounds are not
+    checked. A change to a function that it calls, to the fields of a named tuple or to a number
+    from another module makes it compile anew; a change to an array or a tuple of another module
+    does not, so it takes those as arguments. Raises numba's ``TypingError`` at the first call if
+    the body is outside what numba can compile. If nothing can be kept on disk, because it is full
+    or not ours, the function is still compiled, anew in every process.
     """
     return Compiled(function)

@@ -1,14 +1,14 @@
-"""Faces: packages that offer names of their modules, each loaded when it is first asked for.
+"""Faces: packages that offer names of their modules, each loaded on first access.
 
-The face of a package is its ``__init__``. It imports the names for type checkers alone, and has
-at run time the two functions of PEP 562 that are made here. So to import a package costs nothing,
-and who asks for one name loads what that needs and no more: a module process never sees PettingZoo,
-nor a shortening matplotlib.
+The face of a package is its ``__init__``. It imports the names for type checkers only; at run time
+it has the two functions of PEP 562 that are made here. So importing a package costs nothing, and
+accessing a name loads only what that name needs: a module process never loads PettingZoo, nor a
+shortening matplotlib.
 
-Who adds a name to a face writes it where type checkers look, where Python looks, and in
-``__all__``; tests/test_faces.py holds the three equal.
+A name added to a face is written in three places: where type checkers look, where Python looks, and
+in ``__all__``. tests/test_faces.py checks that the three agree.
 
-Room: protocol, of none of its inner rooms: every face of every room imports it. It imports nothing.
+Room: protocol, outside its inner rooms: every face of every room imports it. It imports nothing.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ def lazy_face(
 
     Args:
         package: the ``__name__`` of the package.
-        homes: for each module, by its name inside the package, the names of it that are offered,
-            with spaces between them. No name is that of a module of the package, which would take
-            its place once it is imported.
+        homes: for each module, by its name inside the package, the names that it offers,
+            separated by spaces. No name may equal that of a module of the package, which would
+            take its place once imported.
 
     Returns:
-        Two functions of a module, as PEP 562 has them. The first raises AttributeError for what is
-        not offered. A name that was loaded is from then on a plain attribute of the package.
+        The two module functions of PEP 562. The first raises AttributeError for a name that is not
+        offered. A name that was loaded becomes a plain attribute of the package.
 
     >>> import cubepath.protocol.core
     >>> get, names = lazy_face("cubepath.protocol.core", {"actions": "Action commute"})

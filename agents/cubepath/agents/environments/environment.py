@@ -1,6 +1,6 @@
-"""The PettingZoo environments: one agent a module, in one process or over zenoh.
+"""The PettingZoo environments: one agent per module, in one process or over zenoh.
 
-Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion of it to turns.
+Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion to turns.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     action i is the move in slot i - 1. Conflicting choices are settled by seeded rank; a choice
     that is not admissible counts as stay and is marked ``illegal`` in the infos. All agents share
     one reward: the change in the fraction of goal places that are taken. The episode terminates
-    when the goal is reached and is truncated after `max_cycles` rounds.
+    when the goal is reached, and is truncated after `max_cycles` rounds.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable
@@ -62,7 +62,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         render_mode: str | None = None,
         note_length: int = 0,
     ) -> None:
-        """Make the environment; `note_length` is that of the notes that `step` may be given."""
+        """Make the environment; `note_length` is the length of the notes that `step` accepts."""
         EzPickle.__init__(
             self, system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
         )
@@ -103,7 +103,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         seed: int | None = None,
         options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo passes it by name
     ) -> tuple[dict[str, Observation], Infos]:
-        """Put every module at its start; `seed` ranks the claims (0 when left out)."""
+        """Put every module at its start; `seed` (by default 0) ranks the claims."""
         self.agents = list(self.possible_agents)
         seed = int(seed or 0)
         if seed < 0:
@@ -121,7 +121,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
 
     @property
     def world(self) -> World | WireWorld:
-        """Return the world that is being stepped; InputError before the first reset."""
+        """Return the current world; InputError before the first reset."""
         if self._world is None:
             raise InputError("the environment has not been reset yet: call reset first")
         return self._world
@@ -132,7 +132,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     def step(
         self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Play one round; `notes` are for rules that send notes and are heard in the next round."""
+        """Play one round; `notes`, for rules that send notes, are heard in the next round."""
         world = self.world
         if not self.agents:
             return {}, {}, {}, {}, {}
@@ -185,7 +185,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
 
     @property
     def sites(self) -> tuple[Any, ...]:
-        """Return the site of each module, by number; before the first reset, where they start."""
+        """Return the site of each module, by number; before the first reset, the start."""
         return self.scene.start if self._world is None else tuple(self._world.sites)
 
     def render(self) -> str | NDArray[np.uint8] | None:
@@ -204,7 +204,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         return None
 
     def close(self) -> None:
-        """Let go of what the world holds: over zenoh, its processes and sessions."""
+        """Release the resources of the world: over zenoh, its processes and sessions."""
         if self._world is not None:
             self._world.close()
             self._world = None
@@ -212,9 +212,9 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
 
 
 class WireEnv(CubepathEnv):
-    """The same environment with the modules in processes of their own, over zenoh.
+    """The same environment with the modules in separate processes, over zenoh.
 
-    Processes are started by the first `reset`, go from episode to episode, and end with `close`.
+    The first `reset` starts the processes; they serve all episodes, and end with `close`.
     """
 
     def __init__(
@@ -226,7 +226,7 @@ class WireEnv(CubepathEnv):
         note_length: int = 0,
         processes: int = 2,
     ) -> None:
-        """Make the environment; `processes` 0 keeps the modules here, on a session all the same."""
+        """Make the environment; `processes` 0 keeps the modules here, still over a session."""
         super().__init__(
             system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
         )
@@ -248,7 +248,7 @@ class WireEnv(CubepathEnv):
         world = WireWorld(
             self.scene, seed=seed, note_length=self.note_length, processes=self.processes
         )
-        # An environment that is dropped, or left open at exit, takes its processes with it.
+        # An environment that is dropped, or left open at exit, ends its processes.
         weakref.finalize(self, world.close)
         return world
 
@@ -288,8 +288,8 @@ def parallel_env(
 ) -> CubepathEnv:
     """Return the parallel environment of a system.
 
-    With ``transport="zenoh"`` the modules live in `processes` processes of their own and learn of
-    one another by messages; observations, masks and results are the same.
+    With ``transport="zenoh"`` the modules live in `processes` separate processes and learn of one
+    another by messages; observations, masks and results are the same.
     """
     if transport == "local":
         return CubepathEnv(
@@ -321,4 +321,4 @@ def env(
 
 
 raw_env = CubepathEnv
-"""The environment without wrappers, by the name that PettingZoo gives it."""
+"""The environment without wrappers, by PettingZoo's usual name."""

@@ -19,7 +19,7 @@ from cubepath.protocol.core.system import Scene
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """A finished run: its rounds in order, where modules ended, and what a rule gave up on."""
+    """A finished run: its rounds in order, the final sites, and why a rule gave up, if one did."""
 
     rounds: tuple[Round, ...]
     sites: tuple[Site, ...]

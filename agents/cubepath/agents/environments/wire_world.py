@@ -1,7 +1,7 @@
 """The world on the wire: the same steps as `World`, played by processes that talk over zenoh.
 
-Room: agents. Observations and masks come from the modules; actions go to them; what they did is
-read from their reports.
+Room: agents. The modules send observations and masks and receive actions; their reports tell what
+they did.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class WireWorld:
         fleet = self._running()
         if self._whole:
             fleet.reset(seed)
-        else:  # a step was interrupted, and messages of it may still be under way
+        else:  # a step was interrupted, and its messages may still be under way
             self.close()
             self._start(seed)
         self._begin()
@@ -136,7 +136,7 @@ class WireWorld:
         return move
 
     def close(self) -> None:
-        """End the processes and close the sessions; the last observations stay."""
+        """End the processes and close the sessions; the last observations remain."""
         fleet, self._fleet = self._fleet, None
         if fleet is not None:
             fleet.__exit__(None, None, None)

@@ -1,8 +1,8 @@
 """The lockstep world in one process: where modules are, what each observes, one round.
 
-Room: agents. It holds what on the wire is spread over the modules; each module is shown only what
-`observe` looks up for it. What a module claims, who goes before it, whether it is granted, where it
-then stands and what it says is asked of the same functions that `ModuleCore` asks.
+Room: agents. It holds the state that is distributed over the modules on the wire; each module sees
+only what `observe` looks up for it. The same functions as in `ModuleCore` decide what a module
+claims, which claims go before it, whether it is granted, where it then stands and what it says.
 """
 
 from __future__ import annotations
@@ -72,15 +72,15 @@ class World:
             notes=self._notes,
             note_length=self.note_length,
         )
-        # A copy: whoever is shown the mask may write into it.
+        # A copy: the receiver of the mask may write into it.
         self._masks[module] = seen["action_mask"].tobytes()
         return seen
 
     def step(self, actions: Mapping[int, int], notes: Mapping[int, Note] | None = None) -> Round:
-        """Settle the claims that the actions make and execute those that are granted.
+        """Settle the claims that the actions make, and execute the granted ones.
 
-        An action that is not in the module's mask makes no claim. What a module said last is heard
-        in the next round, from the place where it then stands.
+        An action that is not in the module's mask makes no claim. The last note of a module is
+        heard in the next round, from the place where it then stands.
         """
         self.round += 1
         claims = self._claims(actions)
@@ -118,7 +118,7 @@ class World:
             self._occupants[place_of(site)] = site
 
     def _speak(self, notes: Mapping[int, Note]) -> None:
-        """Say what is heard in the next round, from where modules stand now."""
+        """Set the notes that are heard in the next round, from where modules stand now."""
         if not self.note_length:
             return
         for module, note in notes.items():
@@ -134,9 +134,9 @@ class World:
 def _verdicts(claims: Mapping[int, Move], *, seed: int, round_number: int) -> dict[int, bool]:
     """Return the verdict on every claim, by module.
 
-    Claims that conflict share a site, so each module is told only of the claims that share one with
-    its own: the cost is that of the neighbourhoods. A module is asked for its verdict at first, and
-    again when one that goes before it has given its own, as on the wire.
+    Claims that conflict share a site, so each module hears only the claims that share a site with
+    its own: the cost is that of the neighbourhoods. Each module is asked for its verdict at first,
+    and again when a module before it has given its own, as on the wire.
     """
     over: dict[Site, list[int]] = {}
     for module, move in claims.items():

@@ -1,8 +1,8 @@
 """One module's view and choice: observation, arbitration, and the module as a pure machine.
 
-Room: agents. No process, no session, no clock and no random number: what goes in decides what comes
-out. It imports the protocol alone. Rules, module processes and environments are built on it; the
-coordinator does not know it.
+Room: agents. No process, no session, no clock and no random number: the output depends only on the
+input. It imports only the protocol. Rules, module processes and environments are built on it; the
+coordinator does not use it.
 """
 
 from typing import TYPE_CHECKING

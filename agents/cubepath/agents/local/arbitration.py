@@ -1,10 +1,10 @@
-"""What a round makes of claims, as one module finds it out: conflict, rank, verdict, where it ends.
+"""Arbitration of claims, from one module's point of view: conflict, rank, verdict, final site.
 
-Room: agents. Pure functions from what a module knows to what follows for it: data in, data out.
-`ModuleCore` asks them as messages come in, `World` for every module at once; there is no second
-rule. Claims conflict where their actions do not commute, and a claim is executed iff every claim
-that conflicts with it and outranks it is lost. Ranks are a total order, so this defines one set,
-the greedy one in order of rank: what is executed commutes pairwise, and no claim could be added.
+Room: agents. Pure functions from what a module knows to what follows from it. `ModuleCore` calls
+them as messages arrive, `World` for every module at once; no other code arbitrates. Two claims
+conflict iff their actions do not commute, and a claim is executed iff every claim that conflicts
+with it and outranks it is lost. Ranks are a total order, so this defines one set, the greedy one in
+order of rank: executed actions commute pairwise, and no claim could be added.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site
 
 Outcome: TypeAlias = Literal["none", "granted", "lost"]
-"""What came of a module's claim in a round; "none" where it made none."""
+"""The outcome of a module's claim in a round; "none" if it made none."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contest:
-    """The modules whose claims conflict with a module's own: who goes before it, and who after.
+    """The modules whose claims conflict with a module's own: those before it, and those after.
 
     It waits for the verdicts of those before it, and those after it wait for its own.
     """
@@ -41,7 +41,7 @@ UNCONTESTED = Contest()
 def priority(seed: int, round_number: int, module: int) -> tuple[int, int]:
     """Return the rank of a module's claim in a round; the greater outranks.
 
-    A keyed hash, so that it favours no module over a run and is the same in every process.
+    It is a keyed hash, so it favours no module over a run and is the same in every process.
     """
     digest = blake2b(f"{seed}/{round_number}/{module}".encode(), digest_size=8).digest()
     return int.from_bytes(digest), module
@@ -50,7 +50,7 @@ def priority(seed: int, round_number: int, module: int) -> tuple[int, int]:
 def contest(
     module: int, claim: Move, heard: Mapping[int, Move], *, seed: int, round_number: int
 ) -> Contest:
-    """Return whom a module's claim conflicts with among the claims that it `heard`, by module."""
+    """Return the contest of a module's claim with the claims that it `heard`, by module."""
     action = claim.action
     rivals = [other for other, move in heard.items() if not commute(action, move.action)]
     if not rivals:
@@ -61,11 +61,11 @@ def contest(
 
 
 def verdict(before: Iterable[int], verdicts: Mapping[int, bool]) -> bool | None:
-    """Return whether a claim is granted; None while that is open.
+    """Return whether a claim is granted; None while that is undecided.
 
-    `before` are the modules that go before it, `verdicts` what is known of claims by module: True
-    for granted, False for lost. It is granted when all that go before it are lost, and lost as soon
-    as one of them is granted.
+    `before` are the modules whose claims go before it; `verdicts` holds the known verdicts by
+    module: True for granted, False for lost. The claim is granted when all claims before it are
+    lost, and lost as soon as one of them is granted.
     """
     known = [verdicts.get(module) for module in before]
     if any(known):
@@ -76,7 +76,7 @@ def verdict(before: Iterable[int], verdicts: Mapping[int, bool]) -> bool | None:
 def waiting_for(claim: Move, outranked: Iterable[Move]) -> frozenset[Site]:
     """Return the sites of the modules that wait for the verdict on a claim.
 
-    The movers of the claims that come after it, and those whom it would take along.
+    These are the movers of the claims that come after it, and the modules it would take along.
     """
     along = frozenset(source for source, _ in claim.motion[1:])
     return along.union(move.source for move in outranked)
@@ -94,8 +94,8 @@ def taking_along(site: Site, heard: Mapping[int, Move]) -> frozenset[int]:
 def site_after(site: Site, executed: Iterable[Move]) -> Site:
     """Return where the module at `site` stands after a round in which these moves are executed.
 
-    Moved by itself, taken along by another's move, or where it was; executed moves commute, so at
-    most one of them takes it anywhere.
+    The module moved by itself, was taken along by another's move, or stayed. Executed moves
+    commute, so at most one of them takes it anywhere.
     """
     for move in executed:
         for source, target in move.motion:
@@ -105,7 +105,7 @@ def site_after(site: Site, executed: Iterable[Move]) -> Site:
 
 
 def outcome(granted: bool | None) -> Outcome:  # noqa: FBT001 - a verdict, as `verdict` returns it
-    """Return the word for a verdict, or for none, in a report."""
+    """Return the word in a report for a verdict, or for no claim."""
     if granted is None:
         return "none"
     return "granted" if granted else "lost"

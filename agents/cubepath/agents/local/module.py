@@ -1,9 +1,9 @@
 """One module of the lockstep protocol, as a pure machine: messages in, messages out.
 
-Room: agents. It holds what the module has been told in this round and nothing else; it opens no
-session, reads no clock, and gives the same answers in whatever order messages arrive. What follows
-from what it knows, it asks of `observation`, `arbitration` and `notes`. Once in a round: `sense`,
-`observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
+Room: agents. It holds only what the module was told in this round; it opens no session, reads no
+clock, and gives the same answers in whatever order messages arrive. Its decisions come from the
+functions of `observation`, `arbitration` and `notes`. In each round it is called in this order:
+`sense`, `observation`, `claim`, `arbitrate`, then `hear` until `finished`, then `report`.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ _COUNTS_IN = {
     "claim": ("sense", "claim"),
     "verdict": ("sense", "claim", "settle"),
 }
-"""The phases in which a kind of message still counts; later it would be late."""
+"""The phases in which a kind of message is accepted; in later phases it is late."""
 
 
 class ProtocolError(CubepathError):
-    """A message that breaks the protocol: late, so that barriers are broken, or of no move."""
+    """A message or action that breaks the protocol: late, of no move, or not in the mask."""
 
 
 class ModuleCore:
@@ -77,7 +77,7 @@ class ModuleCore:
         self._clear()
 
     def follow(self, note_length: int) -> None:
-        """Follow another rule from the next round on, one with notes of this length."""
+        """Follow another rule, with notes of this length, from the next round on."""
         self._note_length = note_length
         self._last_note = nothing_said(note_length, first_choice=self.round + 1)
 
@@ -101,7 +101,7 @@ class ModuleCore:
         return self._system.place_of(self.site)
 
     def sense(self, round_number: int) -> list[Message]:
-        """Begin a round: say that the module is here, and what its rule said last."""
+        """Begin a round: return the messages on where the module is and what its rule said last."""
         self.round = round_number
         self._phase = "sense"
         self._clear()
@@ -115,7 +115,7 @@ class ModuleCore:
         return found
 
     def hear(self, message: Message) -> list[Message]:
-        """Take in a message; return what it makes the module say (the verdict on its claim)."""
+        """Process a message; return the verdict on the module's claim if the message decides it."""
         if not isinstance(message, Here | Note | Claim | Verdict):
             raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
         if message.round > self.round:
@@ -153,7 +153,7 @@ class ModuleCore:
         return move
 
     def observation(self) -> Observation:
-        """Return the PettingZoo observation; from here on the round hears of no more neighbours."""
+        """Return the PettingZoo observation; afterwards `here` and `note` messages are late."""
         self._phase = "claim"
         seen = observe(
             self._system,
@@ -169,7 +169,7 @@ class ModuleCore:
     def claim(
         self, action: int, note: NoteNumbers | None, failed: str | None = None
     ) -> list[Message]:
-        """Claim the move of an action of the mask; action 0 claims nothing."""
+        """Claim the move of an action in the mask; action 0 claims nothing."""
         self._last_note = self._last_note.replaced_by(note)
         self._failed = failed
         if not is_legal(self._mask, action):
@@ -180,7 +180,7 @@ class ModuleCore:
         return [Claim(self.round, self.module, self.site, move.generator, move.at)]
 
     def arbitrate(self) -> list[Message]:
-        """All claims are in: find whose verdicts count here, and decide if none is open."""
+        """Begin to settle, when all claims have arrived: decide if no verdict is missing."""
         self._phase = "settle"
         self._takes_me = taking_along(self.site, self._claims)
         if self._claim is not None:
@@ -202,7 +202,7 @@ class ModuleCore:
 
     @property
     def finished(self) -> bool:
-        """Tell whether the claim is decided and every verdict that is due has come."""
+        """Return whether the claim is decided and every expected verdict has arrived."""
         return (
             self._phase == "settle"
             and (self._claim is None or self._granted is not None)
@@ -210,7 +210,7 @@ class ModuleCore:
         )
 
     def report(self) -> Report:
-        """Execute what was granted, to the module itself or to one that takes it along."""
+        """Execute the granted move, own or one that takes the module along; return the report."""
         before = self.site
         own = self._claim if self._granted else None
         taken = [self._claims[other] for other in self._takes_me if self._verdicts[other]]

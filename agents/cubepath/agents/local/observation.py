@@ -1,7 +1,7 @@
-"""What one module sees: the PettingZoo observation, and the same read back as a view.
+"""What one module sees: the PettingZoo observation, and a view read back from it.
 
-Room: agents. `observe` looks at the sensed places of one module and at nothing else; a `View` is
-made of that observation alone, so a rule cannot see past its neighbourhood.
+Room: agents. `observe` looks only at the sensed places of one module, and a `View` is made only
+from that observation, so a rule cannot see beyond its neighbourhood.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, Scene, System
 Note: TypeAlias = tuple[int, ...]
 """What a rule tells the modules within reach: a fixed number of integers."""
 Observation: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
-"""What PettingZoo gives an agent, array by array; `observe` says which and of what shape."""
+"""The arrays that PettingZoo gives an agent; `observe` documents them and their shapes."""
 Mask: TypeAlias = Sequence[int] | NDArray[np.int8]
-"""Which actions are legal, 1 or 0 each: an `action_mask`, or what was kept of one."""
+"""Which actions are legal, 1 or 0 each: an `action_mask`, or its values as a list."""
 
 STAY = 0
 """The action that is always legal; action ``i`` is the move in slot ``i - 1``."""
@@ -32,14 +32,14 @@ SILENT = np.iinfo(np.int32).min
 
 
 def is_legal(mask: Mask, action: int) -> bool:
-    """Tell whether an action is in the action mask; any integer may be asked about."""
+    """Return whether an action is in the action mask; any integer is allowed."""
     return 0 <= action < len(mask) and bool(mask[action])
 
 
 def chosen_move(system: System, site: Site, mask: Mask, action: int) -> Move | None:
     """Return the move that a module at `site` claims by an action.
 
-    None where it claims nothing: the action is to stay, or is not in the mask.
+    None if it claims nothing: the action is to stay, or is not in the mask.
     """
     if action == STAY or not is_legal(mask, action):
         return None
@@ -47,9 +47,9 @@ def chosen_move(system: System, site: Site, mask: Mask, action: int) -> Move | N
 
 
 def checked_note(note: Iterable[int], note_length: int) -> Note:
-    """Return a note as integers; InputError where it has not `note_length` numbers.
+    """Return a note as integers; InputError if it does not have `note_length` valid numbers.
 
-    A number of a note is an int32 above the least, which is `SILENT`.
+    A number of a note is an int32 greater than the least int32, which is `SILENT`.
     """
     numbers = tuple(int(number) for number in note)
     if len(numbers) != note_length:
@@ -61,9 +61,9 @@ def checked_note(note: Iterable[int], note_length: int) -> Note:
 
 
 def goal_sets(scene: Scene) -> tuple[frozenset[Site], ...]:
-    """Return each module's goals, by number; modules that are told the same share one set.
+    """Return each module's goals, by number; modules with the same goals share one set.
 
-    In a chain every module knows all of the goal: a set for each would take the square of that.
+    In a chain every module knows the whole goal: one set for each would take quadratic memory.
     """
     shared = {id(goals): frozenset(goals) for goals in scene.goals}
     nothing: frozenset[Site] = frozenset()
@@ -71,7 +71,7 @@ def goal_sets(scene: Scene) -> tuple[frozenset[Site], ...]:
 
 
 def observation_length(system: System) -> int:
-    """Return the length of `observation`: the own site, its goal flag, two entries a slot."""
+    """Return the length of `observation`: the own site, its goal flag, and two entries per slot."""
     return system.site_size + 1 + 2 * system.sense_slots
 
 
@@ -86,17 +86,16 @@ def observe(
 ) -> Observation:
     """Return the PettingZoo observation of a module at `site`.
 
-    `occupants` maps places to the site that is on there and is asked for sensed places only.
-    The result holds
+    `occupants` maps places to the site that is on there; only sensed places are looked up. The
+    result holds
 
     - ``observation``, int32, shape ``(site_size + 1 + 2 * sense_slots,)``: the own site, 1 if it
       or its place is one of the module's `goals`, then for each sensed slot what it shows (0 free,
       1 module, 2 occupied obstacle, 3 no place, 4 + label or letter) and 1 if that place, or what
       is on there, is one of its goals;
     - ``action_mask``, int8, shape ``(move_slots + 1,)``: which actions are legal, stay first;
-    - ``notes`` when `note_length` is positive, int32, shape ``(len(reach), note_length)`` padded to
-      the largest
-      reach: what was heard from each place within reach, `SILENT` where nothing was.
+    - ``notes`` when `note_length` is positive, int32, shape ``(reach_slots, note_length)``:
+      the note heard from each place within reach; `SILENT` if none was, and for unused slots.
     """
     place = system.place_of(site)
     numbers = [*system.encode_site(site), int(place in goals or site in goals)]
@@ -129,18 +128,18 @@ def observe(
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """An observation as a rule reads it: by places and moves in place of slots and codes."""
+    """An observation as a rule reads it: by places and moves instead of slots and codes."""
 
     system: System
     site: Site
     place: Site
     occupied: Mapping[Site, int]
-    """Sensed places where a module stands or an occupied obstacle lies, with the code shown."""
+    """Sensed places with a module or an occupied obstacle, and the codes they show."""
     mask: NDArray[np.int8]
     moves: tuple[Move | None, ...]
     """The moves by slot, admissible or not; action ``i`` is ``moves[i - 1]``."""
     notes: Mapping[Site, Note]
-    """What was heard from places within reach."""
+    """The notes heard from places within reach."""
 
     def legal(self) -> list[tuple[int, Move]]:
         """Return the admissible moves with their actions, in slot order."""

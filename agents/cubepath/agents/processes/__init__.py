@@ -1,7 +1,7 @@
 """Module processes and the fleet that starts, paces and ends them.
 
-Room: agents. Here sessions are opened and processes started. It imports `rules`, `local` and the
-protocol. A run and the environment over zenoh have a `Fleet`.
+Room: agents. It opens sessions and starts processes. It imports `rules`, `local` and the protocol.
+A run and the environment over zenoh each use a `Fleet`.
 """
 
 from typing import TYPE_CHECKING

@@ -1,8 +1,8 @@
-"""The fleet: module processes started, paced round by round, and ended; nothing decided for them.
+"""The fleet: it starts, paces and ends module processes, and decides nothing for them.
 
 Room: agents. A fleet opens a router on a free loopback port, starts the processes, and lets each
-phase of a round begin when every process has finished the one before. Whoever wants to know what
-modules say is given every message as it went over the wire.
+phase of a round begin when every process has finished the previous one. A sink, if given, receives
+every message as it was on the wire.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from cubepath.protocol.wire.sessions import (
 
 Phase = Literal["sense", "claim", "settle"]
 Sink = Callable[[str, bytes, int], None]
-"""Is given the topic, the bytes and the wall time in nanoseconds of each message."""
+"""Receives the topic, the bytes and the wall time in nanoseconds of each message."""
 
 _POLL_S = 0.05
 _STDERR = 2
@@ -54,9 +54,9 @@ class ProcessDied(CheckError):  # noqa: N818 - named for what happened
 
 
 class Fleet:
-    """The processes of one run; a context manager that leaves nothing running.
+    """The processes of one run, as a context manager that leaves nothing running.
 
-    Lets go of every process, session and port on exit, whatever happened.
+    On exit it releases every process, session and port, whatever happened.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class Fleet:
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
     ) -> None:
-        """Plan the fleet; `processes` 0 keeps the modules in a thread here, on a session too.
+        """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
 
-        With a `schedule` each module makes its own moves of it, in their rounds, and follows the
-        rule after `end_schedule`.
+        With a `schedule`, each module makes its own moves in their rounds, and follows the rule
+        after `end_schedule`.
 
-        With `sink` None the fleet listens to nothing but `Ready`. `check` is called while waiting
-        and may raise to end the run between two messages.
+        With `sink` None the fleet listens only to `Ready`. `check` is called while waiting and may
+        raise to end the run between two messages.
         """
         count = len(scene.start)
         if processes < 0:
@@ -98,7 +98,7 @@ class Fleet:
         self._joined = False
         self._session: zenoh.Session | None = None
         self.endpoint = ""
-        """Where the router listens, for anyone who wants to join with a session of their own."""
+        """Where the router listens; other sessions can join there."""
         hosts = max(1, self.processes)
         self.modules_of = [list(range(host, count, hosts)) for host in range(hosts)]
         self._children: list[subprocess.Popen[bytes]] = []
@@ -124,7 +124,7 @@ class Fleet:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Tell the processes to stop, end those that do not, close all sessions."""
+        """Tell the processes to stop, kill those that do not, and close all sessions."""
         self._end()
 
     def _start(self) -> None:
@@ -173,19 +173,19 @@ class Fleet:
         complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the rest
         self._resources.callback(complaints.close)
         child = subprocess.Popen(
-            # -P: modules import nothing from the folder that the run was started in.
+            # -P: modules import nothing from the folder in which the run was started.
             [sys.executable, "-P", "-m", "cubepath.agents.processes.host"],
             stdin=subprocess.PIPE,
             stdout=_STDERR,  # what a rule prints is for people
             stderr=complaints,
-            # A terminal's interrupt is for the coordinator, which ends its processes properly.
+            # A terminal's interrupt goes to the coordinator, which ends its processes properly.
             process_group=0,
         )
         self._children.append(child)
         self._complaints.append(complaints)
-        if child.stdin is None:  # it was asked for above
+        if child.stdin is None:  # it was requested above
             raise AssertionError("no pipe to the module process")
-        with contextlib.suppress(BrokenPipeError):  # it died at once: found when waiting
+        with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when waiting
             child.stdin.write(msgspec.json.encode(orders) + b"\n")
             child.stdin.flush()
 
@@ -199,7 +199,7 @@ class Fleet:
         self._wait(0, "join")
 
     def rounds(self, most: int) -> Iterator[int]:
-        """Play up to `most` rounds; yield the number of each when all its messages are in."""
+        """Play up to `most` rounds; yield the number of each once all its messages have arrived."""
         for _ in range(most):
             self.begin_round()
             self._phase("claim")
@@ -207,7 +207,7 @@ class Fleet:
             yield self.round
 
     def end_schedule(self) -> None:
-        """Between two rounds: let all modules follow their rule from the next one on."""
+        """Let all modules follow their rule from the next round on; call it between two rounds."""
         self._say(Go(self.round, "over"))
 
     def begin_round(self) -> None:
@@ -216,11 +216,11 @@ class Fleet:
         self._phase("sense")
 
     def ask(self) -> None:
-        """Let modules that are driven from outside send what they observe; do not wait for it."""
+        """Let modules driven from outside send their observations, without waiting for them."""
         self._say(Go(self.round, "claim"))
 
     def act(self, acts: list[Act]) -> None:
-        """Send the actions of modules driven from outside, and play the round to its end."""
+        """Send the actions of modules driven from outside, and finish the round."""
         for act in acts:
             self._say(act)
         self._wait(self.round, "claim")
@@ -283,7 +283,7 @@ class Fleet:
 
     def _look_for_the_dead(self) -> None:
         if self._check is not None:
-            self._check()  # an interrupt comes before what it may have brought about
+            self._check()  # an interrupt takes precedence over its consequences
         for error in self._thread_error:
             if isinstance(error, CubepathError):
                 raise error
@@ -312,7 +312,7 @@ class Fleet:
     def _end(self) -> None:
         try:
             if self._session is not None:
-                with contextlib.suppress(Exception):  # the rest has to end all the same
+                with contextlib.suppress(Exception):  # the rest must still end
                     self._say(Go(self.round, "stop"))
             deadline = time.monotonic() + (_END_S_MAX if self._joined else _HURRY_S_MAX)
             if self._thread is not None:

@@ -2,8 +2,7 @@
 
 Room: agents. Started as ``python -m cubepath.agents.processes.host`` with one line of JSON
 (`Orders`) on standard input; it ends when it is told to, or when that input closes because its
-parent is gone. Zenoh callbacks only enqueue; all work is done by the loop, in the order of the
-queue.
+parent is gone. Zenoh callbacks only enqueue; the loop does all the work, in the order of the queue.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ from cubepath.protocol.wire.messages import Act, Go, Message, Observed, Ready, R
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 
 OUTSIDE = "outside"
-"""In place of a rule's name: the modules are driven from outside, by `Act` messages."""
+"""Instead of a rule's name: the modules are driven from outside, by `Act` messages."""
 
 
 TOLD = 4
-"""Exit code of a process whose last line on standard error says in full what went wrong."""
+"""Exit code of a process whose last line on standard error fully describes the error."""
 
 
 class Orders(msgspec.Struct, frozen=True):
@@ -59,7 +58,7 @@ class Orders(msgspec.Struct, frozen=True):
 
 
 class Host:
-    """Runs the modules of one process until it is told to stop."""
+    """The modules of one process, which run until it is told to stop."""
 
     def __init__(self, orders: Orders) -> None:
         """Read the scene and the rule; nothing is opened yet."""
@@ -77,7 +76,7 @@ class Host:
         self._acts: dict[int, Act] = {}
 
     def run(self) -> None:
-        """Join the run and serve until `Go` says stop."""
+        """Join the run and serve until `Go` says "stop"."""
         orders = self._orders
         with open_client(orders.endpoint) as session:
             self._session = session
@@ -95,7 +94,7 @@ class Host:
                 subscriber.undeclare()
 
     def _join(self, seed: int) -> None:
-        """Put the modules at their start, with nothing remembered, and say that they are there."""
+        """Put the modules at their start, with no memory, and say that they are ready."""
         orders, scene = self._orders, self._scene
         self._settling = False
         self._acts.clear()
@@ -137,7 +136,7 @@ class Host:
     def _end_schedule(self) -> None:
         """Let every module follow its rule from where it stands."""
         if self._rule is None or self._orders.schedule is None:
-            return  # there is none
+            return  # there is no schedule
         note_length = self._assign(
             self._rule, {module: core.site for module, core in self._cores.items()}
         )
@@ -199,7 +198,7 @@ class Host:
                 pass  # the loop ends
 
     def _choose(self, round_number: int) -> None:
-        """Let actors claim; modules that are driven from outside say what they observe."""
+        """Let actors claim; modules driven from outside send their observations."""
         for module, core in self._cores.items():
             if not self._actors:
                 self._say(_observed(round_number, module, core.observation()))
@@ -225,8 +224,8 @@ class Host:
         for module, core in self._cores.items():
             place = core.place
             report = core.report()
-            # Listen at the new place before saying that the round is done: what is sent in the
-            # next round must find the subscriber there.
+            # Listen at the new place before reporting that the round is done: messages of the next
+            # round must find the subscriber there.
             if core.place != place:
                 self._listen(module, core.place)
             self._say(report)
@@ -245,15 +244,15 @@ def _observed(round_number: int, module: int, seen: Observation) -> Observed:
 
 
 def _end_with_parent() -> None:
-    # Not through sys.stdin: its lock would be held when the interpreter shuts down, which aborts.
+    # Not through sys.stdin: its lock would be held when the interpreter shuts down, and abort it.
     while os.read(0, 1):
         pass
     os._exit(3)
 
 
 def main() -> int:
-    """Read the orders and run; one line on standard error and exit code `TOLD` where it fails."""
-    # The coordinator decides about interrupts; a terminal sends them to every process.
+    """Read the orders and run; on failure print one line on standard error and return `TOLD`."""
+    # The coordinator handles interrupts; a terminal sends them to every process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     orders = msgspec.json.decode(sys.stdin.buffer.readline(), type=Orders)
     threading.Thread(target=_end_with_parent, daemon=True).start()

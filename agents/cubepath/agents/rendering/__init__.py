@@ -1,7 +1,7 @@
 """Scenes drawn as text, pixels and on axes.
 
-Room: agents; of the protocol it imports the core, of the agents nothing. Environments render with
-it, and the coordinator draws runs and complexes.
+Room: agents. It imports the core of the protocol, and no other room of the agents. Environments
+render with it, and the coordinator draws runs and complexes.
 """
 
 from typing import TYPE_CHECKING

@@ -1,7 +1,7 @@
 """Cells in rows: hexagons, squares, and maps of squares, as text and on axes.
 
-Room: agents; draws what it is given and asks nobody. On a map y counts downwards, vehicles are
-discs, and what is no place is a wall.
+Room: agents. It only draws what it is given. On a map y counts downwards, vehicles are discs, and
+cells that are no places are walls.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _MARGIN = 0.6
 
 @dataclass(frozen=True, slots=True)
 class _Rows:
-    """How rows of cells lie: each shifted against the one below, or not; upwards or downwards."""
+    """The layout of rows of cells: shifted against the row below or not, upwards or downwards."""
 
     slant: float
     stretch: float
@@ -48,7 +48,7 @@ class _Rows:
         return x + self.slant * y, self.up * y * self.stretch
 
     def cells(self, system: System, box: Box) -> list[tuple[int, int]]:
-        """Return the cells in a box; where there is no end, one more on each side."""
+        """Return the cells in a box; on an endless lattice, one more on each side."""
         more = 0 if system.bounded else 1
         left, right, low, high = box
         left, right, low, high = left - more, right + more, low - more, high + more
@@ -147,7 +147,7 @@ def _text(scene: Scene, sites: Sequence[Site], *, hexagons: bool, on_map: bool) 
     system = scene.system
     marks = marks_of(scene, sites)
     width = max(len(mark.rstrip("*")) for mark in marks.values())
-    # On an endless lattice, room for one module more on every side of the scene.
+    # On an endless lattice, leave room for one more module on every side of the scene.
     margin = 0 if system.bounded else 1
     rows, columns = set(), set()
     for places, free in ((known_places(scene), margin), (marks, 0)):

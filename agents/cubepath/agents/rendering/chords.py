@@ -1,6 +1,6 @@
 """Chords between points: the diagonals of a triangulation, as text and on axes.
 
-Room: agents; draws what it is given and asks nobody.
+Room: agents. It only draws what it is given.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ from cubepath.protocol.core.system import CLOSED, Scene, System
 
 _MARGIN = 0.6
 _APART = 1.6
-"""In cells: how far points lie from one another, if they are spread evenly."""
+"""The distance between points, in cells, if they are spread evenly."""
 _TABLE_MAX = 40
-"""From more points on, text names the chords in place of a table of all."""
+"""With more points than this, text lists the chords instead of a table."""
 
 
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
-    """Return a table with a row and a column for each point, and a mark where they are joined.
+    """Return a table with a row and a column for each point, and a mark for each chord.
 
-    A module is ``o``, or ``@`` where the goal wants it; where the goal has a chord that is not
-    there is ``+``. A fixed edge is ``#``, and ``.`` a chord that could be. Of many points only the
-    chords are told, a point and what it is joined to in a line.
+    A module is ``o``, or ``@`` if the goal has it; a missing chord of the goal is ``+``. A fixed
+    edge is ``#``, and a possible chord ``.``. With many points, the text lists only the chords: a
+    line for each point, with the points that it is joined to.
     """
     system = scene.system
     goal = scene.goal or frozenset()
@@ -99,8 +99,8 @@ def _draw(
 ) -> None:
     """Draw chords in the colours of their modules, fixed edges dark, and the points on top.
 
-    The goal lies below as pink bands. Where a chord has just flipped its quadrilateral is tinted,
-    and the chord has a dark outline. `words` numbers the points.
+    The goal lies below as pink bands. If a chord has just flipped, its quadrilateral is tinted, and
+    the chord has a dark outline. `words` numbers the points.
     """
     system, written = scene.system, readable(pen, words)
     spots = _spots(system)

@@ -1,6 +1,6 @@
-"""Arms on lattice edges, with the vertices where they are joined, as text and on axes.
+"""Arms on lattice edges, with the vertices where they join, as text and on axes.
 
-Room: agents; draws what it is given and asks nobody.
+Room: agents. It only draws what it is given.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _draw(
     moved: Mapping[int, Site],
     _words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
 ) -> None:
-    """Draw segments on lattice edges, their joints, and the vertices that are marked."""
+    """Draw segments on lattice edges, their joints, and the marked vertices."""
     edges = place_pen(pen, scene.system, _LOOK)
     _ground(edges)
     arms = segments(sites, moved)
@@ -87,7 +87,7 @@ def _draw(
 
 
 def _ground(pen: PlacePen) -> None:
-    """Draw the edges of the lattice pale, and those that are obstacles dark."""
+    """Draw the edges of the lattice pale, and obstacles dark."""
     system = pen.system
     left, right, low, high = pen.box
     edges = [

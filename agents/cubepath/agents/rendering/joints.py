@@ -1,8 +1,8 @@
-"""Arms whose ends are joined at marked vertices: what of them is a segment and what a mark.
+"""Arms whose ends join at marked vertices: segments and marks told apart.
 
-Room: agents; static, asks nobody. A picture of lattice edges may hold vertices too, of which each
-has a letter (`cubepath.protocol.scenes.families.arms`): segments are drawn as ever, a vertex that
-is marked as a mark, and one that is free not at all.
+Room: agents. Pure functions. A picture of lattice edges may also hold vertices, each with a letter
+(`cubepath.protocol.scenes.families.arms`): segments are drawn as usual, a marked vertex as a mark,
+and a free vertex not at all.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _MARKED = "marked"
 class Segments:
     """Sites in a picture of lattice edges, with the vertices taken out.
 
-    `numbers` are those that the segments have among all sites, and `moved` counts as `sites` does;
+    `numbers` are the numbers of the segments among all sites, and `moved` is numbered like `sites`;
     `changed` are the vertices whose letter has just changed.
     """
 
@@ -53,13 +53,13 @@ def segments(sites: Sequence[Site], moved: Mapping[int, Site] | None = None) -> 
 
 
 def marked(sites: Iterable[Site]) -> list[Vertex]:
-    """Return the vertices that are marked."""
+    """Return the marked vertices."""
     found = [vertex_of(site) for site in sites if isinstance(site, tuple) and site[1] == _MARKED]
     return [vertex for vertex in found if vertex is not None]
 
 
 def vertex_of(site: Site) -> Vertex | None:
-    """Return the vertex of a site ``((x, y), letter)``, None for a site that is an edge."""
+    """Return the vertex of a site ``((x, y), letter)``; None if the site is an edge."""
     if isinstance(site, tuple) and len(site) == 2 and isinstance(site[1], str):
         x, y = site[0]
         return int(x), int(y)

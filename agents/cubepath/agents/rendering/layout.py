@@ -1,6 +1,6 @@
-"""Where things lie in a picture, for text and drawings alike.
+"""Positions in a picture, for both text and drawings.
 
-Room: agents; static, asks nobody.
+Room: agents. Pure functions.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
 MODULE_MARK, ARRIVED_MARK, GOAL_MARK = "o", "@", "+"
-"""How an unlabelled module shows in text, off and on a goal cell, and a goal cell without one."""
+"""The text of an unlabelled module, off and on a goal cell, and of a goal cell without one."""
 
 
 def cell_of(place: Site) -> tuple[int, int]:
-    """Return a cell of a lattice in the plane; InputError where a place is something else."""
+    """Return a place as a cell of a lattice in the plane; InputError if it is something else."""
     match place:
         case (int(x), int(y)):
             return x, y
@@ -26,9 +26,9 @@ def cell_of(place: Site) -> tuple[int, int]:
 
 
 def spot_of(system: System, place: Site) -> Spot | None:
-    """Return where the system says that a place lies, None where it does not say.
+    """Return where the system says that a place lies; None if it does not say.
 
-    InputError where that is no point of the plane.
+    Raises InputError if that is no point of the plane.
     """
     position = system.positions.get(place)
     if position is not None and len(position) != 2:
@@ -37,16 +37,16 @@ def spot_of(system: System, place: Site) -> Spot | None:
 
 
 def known_places(scene: Scene) -> list[Site]:
-    """Return the places that a frame holds whatever the modules do."""
+    """Return the places that a frame holds wherever the modules are."""
     system = scene.system
     places = [system.place_of(site) for site in (*scene.start, *(scene.goal or ()))]
     return [*places, *system.places]
 
 
 def tips_of(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the two vertices of a lattice edge; a vertex, as a place, is both of its own.
+    """Return the two vertices of a lattice edge; for a vertex as a place, that vertex twice.
 
-    InputError where it is no edge in the plane.
+    Raises InputError if it is no edge in the plane.
     """
     match edge:
         case (int(x), int(y)):
@@ -60,7 +60,7 @@ def tips_of(edge: Site) -> tuple[tuple[int, int], tuple[int, int]]:
 
 
 def marks_of(scene: Scene, sites: Sequence[Site]) -> dict[Site, str]:
-    """Return what text has at each place that has a module or is of the goal."""
+    """Return the text mark of each place that has a module or belongs to the goal."""
     system, goal = scene.system, scene.goal or frozenset()
     marks = {system.place_of(site): GOAL_MARK for site in goal}
     for site in sites:

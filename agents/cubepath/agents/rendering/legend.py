@@ -1,7 +1,6 @@
-"""The legend of a picture: what the marks that occur in it mean.
+"""The legend of a picture: the meaning of the marks in it.
 
-Room: agents; draws what it is given and asks nobody. matplotlib is imported when something is
-drawn.
+Room: agents. It only draws what it is given. matplotlib is imported when something is drawn.
 """
 
 from __future__ import annotations
@@ -21,25 +20,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SIZE, _ROW = 8.5, 0.19
-"""The size of the words in points, and the height of a row in inches."""
+"""The font size in points, and the height of a row in inches."""
 _LETTER, _SWATCH = 0.067, 0.42
-"""In inches: about how wide a letter is, and a swatch with the room about it."""
+"""In inches: the approximate width of a letter, and of a swatch with its margins."""
 
 
 @dataclass(frozen=True, slots=True)
 class Legend:
-    """The marks of some pictures in rows of so many; `height` is theirs in inches."""
+    """The marks of some pictures, in rows of `columns`."""
 
     marks: tuple[Mark, ...]
     columns: int
 
     @property
     def height(self) -> float:
-        """Return how much room the legend takes, in inches; 0 where there is nothing to say."""
+        """Return the height of the legend, in inches; 0 if it is empty."""
         return _ROW * ceil(len(self.marks) / self.columns)
 
     def put(self, figure: Figure, left: float, top: float) -> None:
-        """Put the legend on a figure; `left` and `top` count in inches from its upper left."""
+        """Put the legend on a figure; `left` and `top` are in inches from its upper left corner."""
         if not self.marks:
             return
         wide, high = figure.get_size_inches()
@@ -59,9 +58,9 @@ class Legend:
 
 
 def legend_of(scene: Scene, shots: Sequence[Shot], box: Box, wide: float) -> Legend:
-    """Return the legend of pictures of these states in this frame, `wide` inches to lie in.
+    """Return the legend for pictures of these states in this frame, for a width of `wide` inches.
 
-    It says of the outlines, traces, rings, bands and dark places that occur what they mean.
+    It explains the outlines, traces, rings, bands and dark places that occur.
     """
     marks = tuple(style_of(scene).marks(scene, shots, box))
     longest = max((len(mark.meaning) for mark in marks), default=0)

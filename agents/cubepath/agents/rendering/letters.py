@@ -1,6 +1,6 @@
 """Letters at fixed places: words and assemblies, as text and on axes.
 
-Room: agents; draws what it is given and asks nobody.
+Room: agents. It only draws what it is given.
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
 _ROW = 40
-"""So many places without positions lie in one row."""
+"""Number of places without positions that lie in one row."""
 _COLUMNS_MAX = 200
 _MARGIN = 0.6
 _SMALL, _READABLE = 0.36, 2
-"""The size of a box for the letter that was, or is to be, and how long it may be to be written."""
+"""The size of a small box, for the previous or the goal letter, and the longest word in it."""
 _NOTHING: tuple[str, ...] = ("_", "open")
-"""Letters that say that nothing is there, and are drawn pale."""
+"""Letters that stand for nothing, and are drawn pale."""
 _PALE: Colour = (0.91, 0.92, 0.93)
 
 
 def _text(scene: Scene, sites: Sequence[Site]) -> str:
-    """Return the letters row by row, each with ``*`` behind it where it is that of the goal."""
+    """Return the letters row by row, each followed by ``*`` if it is the goal's."""
     system = scene.system
     spots = _spots(system)
     goal = scene.goal or frozenset()
@@ -50,7 +50,7 @@ def _text(scene: Scene, sites: Sequence[Site]) -> str:
     unit = min((right - left for left, right in pairwise(columns)), default=1.0)
     unit = max(unit, (columns[-1] - columns[0]) / _COLUMNS_MAX)
     wide = max(len(letter) for letter in system.letters or ("o",)) + 2
-    # Half steps, as of bricks, take half a word.
+    # Half steps, as between bricks, take half a word.
     step = wide if unit >= 1 else (wide + 1) // 2
     rows: dict[float, list[tuple[int, str]]] = {}
     for site in sites:
@@ -73,7 +73,7 @@ def letter_of(system: System, site: Site) -> str:
 
 
 def _spots(system: System) -> dict[Site, Spot]:
-    """Return where the middles of the places lie, in cells."""
+    """Return the middles of the places, in cells."""
     places = [place for place in system.places if place not in system.filled]
     return {
         place: spot_of(system, place) or (float(number % _ROW), -1.2 * (number // _ROW))
@@ -97,9 +97,9 @@ def _draw(
 ) -> None:
     """Draw a box for each place in the colour of its letter, with the letter in it if `words`.
 
-    A box whose letter is that of the goal has a red outline; else the letter that the goal wants
-    is in the lower right corner. Where the letter has just changed the box has a dark outline, and
-    the letter that was is in the upper left corner.
+    A box with the goal's letter has a red outline; otherwise the goal's letter is in the lower
+    right corner. If the letter has just changed, the box has a dark outline, and the previous
+    letter is in the upper left corner.
     """
     system, written = scene.system, readable(pen, words)
     spots = _spots(system)
@@ -160,7 +160,7 @@ def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
 
 
 def _box(size: float, middle: Spot) -> Points:
-    """Return a square with round corners."""
+    """Return a square with rounded corners."""
     half, corner = 0.44 * size, 0.12 * size
     inner = half - corner
     about = [(inner, inner), (-inner, inner), (-inner, -inner), (inner, -inner)]

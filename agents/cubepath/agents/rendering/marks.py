@@ -1,6 +1,6 @@
-"""What the marks of a picture mean, for its legend: outlines, traces, rings, bands, obstacles.
+"""The meaning of marks in a picture, for its legend: outlines, traces, rings, bands, obstacles.
 
-Room: agents; static, asks nobody.
+Room: agents. Pure functions.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from cubepath.agents.rendering.pen import GHOST, INK
 from cubepath.protocol.core.sites import Site
 
 Shot: TypeAlias = tuple[Sequence[Site], Mapping[int, Site]]
-"""A state in a picture: where modules are by number, and those that have just moved from where."""
+"""A state in a picture: the site of each module, and the previous site of each that just moved."""
 
 
 @dataclass(frozen=True, slots=True)

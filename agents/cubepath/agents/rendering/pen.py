@@ -1,7 +1,7 @@
-"""What pictures are drawn with: colours, and a pen for shapes, lines and words on axes.
+"""Drawing tools: colours, and a pen for shapes, lines and words on axes.
 
-Room: agents. matplotlib is imported when something is drawn and no earlier, through its objects
-only: no pyplot, so no window and no global state.
+Room: agents. matplotlib is imported only when something is drawn, and only through its objects: no
+pyplot, so no window and no global state.
 """
 
 from __future__ import annotations
@@ -28,25 +28,26 @@ Box: TypeAlias = tuple[float, float, float, float]
 INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
 PALE_GOAL, LINE, TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
 GHOST = "#d3d3d4"
-"""The trace of a module in a legend, where it is of no module in particular."""
+"""The trace in a legend, which belongs to no particular module."""
 _HUES = (
     *("#332288", "#ee7733", "#44aa99", "#ddcc77", "#0077bb"),
     *("#117733", "#88ccee", "#999933", "#aa4499"),
 )
-"""Told apart by the colour-blind too, and from goals and obstacles (Tol, "muted" and "vibrant")."""
+"""Distinguishable for the colour-blind, and distinct from goals and obstacles (Tol, "muted" and
+"vibrant")."""
 
 
 def palette(count: int) -> list[Colour]:
-    """Return a colour for each module by number, which is the same however many there are.
+    """Return a colour for each module by number, independent of how many there are.
 
-    After the nine hues come lighter and then darker ones; they repeat after 27.
+    The nine hues are followed by lighter and then darker ones; they repeat after 27.
     """
     return [_colour(number % len(_HUES), number // len(_HUES) % 3) for number in range(count)]
 
 
 @lru_cache
 def _colour(hue: int, shade: int) -> Colour:
-    """Return a hue as it is, mixed with white, or mixed with black."""
+    """Return a hue, unmixed, mixed with white or mixed with black."""
     red, green, blue = (part / 255 for part in bytes.fromhex(_HUES[hue][1:]))
     kept, added = ((1.0, 0.0), (0.6, 0.4), (0.62, 0.0))[shade]
     return kept * red + added, kept * green + added, kept * blue + added
@@ -54,9 +55,9 @@ def _colour(hue: int, shade: int) -> Colour:
 
 @dataclass(frozen=True, slots=True)
 class Pen:
-    """Draws on axes; `scale` is how many points a cell is wide.
+    """Draws on axes; `scale` is the width of a cell in points.
 
-    All has one zorder, so that what is drawn later lies above.
+    Everything has the same zorder, so later drawings lie above earlier ones.
     """
 
     axes: Axes
@@ -64,7 +65,7 @@ class Pen:
     scale: float
 
     def line(self, part: float) -> float:
-        """Return a line width in points that is this part of a cell, neither hair nor beam."""
+        """Return a line width in points that is this part of a cell, within limits."""
         return min(max(part * self.scale, 0.4), 2.4)
 
     def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
@@ -82,12 +83,12 @@ class Pen:
             self.axes.add_collection(LineCollection(lines, zorder=1, **style), autolim=False)
 
     def discs(self, points: Iterable[Spot], radius: float, **style: Any) -> None:
-        """Draw discs with a dark outline about these points, such as the joints of an arm."""
+        """Draw discs with a dark outline around these points, such as the joints of an arm."""
         rings = [arcs([(0, 0)], radius) + point for point in dict.fromkeys(points)]
         self.shapes(rings, edgecolors=INK, linewidths=0.05 * self.scale, **style)
 
     def write(self, at: Spot, word: str, on: Colour, *, size: float = 1) -> None:
-        """Write a word on a cell of this colour, as a shape that grows with the cell."""
+        """Write a word on a cell of this colour, as a shape that scales with the cell."""
         from matplotlib.patches import PathPatch  # noqa: PLC0415
         from matplotlib.transforms import Affine2D  # noqa: PLC0415
 
@@ -100,7 +101,7 @@ class Pen:
 
 @lru_cache(maxsize=4096)
 def _glyphs(word: str) -> Path:
-    """Return a word as a path about the origin that fits into a cell."""
+    """Return a word as a path centred at the origin that fits in a cell."""
     from matplotlib.textpath import TextPath  # noqa: PLC0415
     from matplotlib.transforms import Affine2D  # noqa: PLC0415
 
@@ -114,7 +115,7 @@ def _glyphs(word: str) -> Path:
 def arcs(
     middles: Sequence[tuple[float, float]], radius: float, *, corners: int = 36, first: float = 0
 ) -> Points:
-    """Return a convex outline of equal arcs about these points, from the angle `first` on."""
+    """Return a convex outline of equal arcs around these points, from the angle `first` on."""
     count = len(middles)
     steps = corners // count
     return np.array(

@@ -1,7 +1,7 @@
-"""Pictures of where the modules are: pixels, and drawings on matplotlib's axes.
+"""Pictures of the modules: pixels, and drawings on matplotlib's axes.
 
-Room: agents; draws what it is given and asks nobody. matplotlib is imported when something is
-drawn and no earlier, through its objects only: no pyplot, so no window and no global state.
+Room: agents. It only draws what it is given. matplotlib is imported only when something is drawn,
+and only through its objects: no pyplot, so no window and no global state.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ __all__ = ["GOAL", "INK", "WALL", "colours", "draw_on", "draw_pixels", "extent",
 def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> NDArray[np.uint8]:
     """Return a picture as pixels, uint8, shape (height, width, 3).
 
-    The width is even and follows from the scene alone, so that all frames of a film are of one
-    size. Where modules leave the frame of start and goal, the picture shows more and all smaller.
+    The width is even and depends only on the scene, so all frames of a film have the same size. If
+    modules leave the frame of start and goal, the picture shows more, at a smaller scale.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
@@ -37,30 +37,30 @@ def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> ND
     figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     draw_on(figure.add_axes((0, 0, 1, 1)), scene, sites)
-    canvas.draw()  # type: ignore[no-untyped-call]  # so is it in matplotlib
+    canvas.draw()  # type: ignore[no-untyped-call]  # untyped in matplotlib
     pixels = canvas.buffer_rgba()  # type: ignore[no-untyped-call]  # as above
     return np.array(pixels, dtype=np.uint8)[:, :, :3].copy()
 
 
 def frame(scene: Scene, also: Iterable[Site] = ()) -> Box:
-    """Return what a picture shows at least, in cells: the scene, and the sites in `also`.
+    """Return the least frame of a picture, in cells: the scene, and the sites in `also`.
 
-    On an endless lattice there is room for one module more on every side of the scene, so that
-    modules which walk along its edge do not change the frame.
+    On an endless lattice there is room for one more module on every side of the scene, so modules
+    that walk along its edge do not change the frame.
     """
     return style_of(scene).frame(scene, also)
 
 
 def extent(scene: Scene, visited: Iterable[Site]) -> Box:
-    """Return what pictures of a run show, in cells: start, goal, and all sites that modules visit.
+    """Return the frame for pictures of a run, in cells: start, goal, and all visited sites.
 
-    Of a workspace that is much larger the rest is left out.
+    The rest of a much larger workspace is left out.
     """
     return style_of(scene).extent(scene, visited)
 
 
 def colours(scene: Scene, sites: Sequence[Site]) -> Sequence[Colour]:
-    """Return the colour that each module has in a picture when it is at its site."""
+    """Return the colour of each module in a picture when it is at its site."""
     return style_of(scene).colours(scene.system, sites)
 
 
@@ -73,21 +73,22 @@ def draw_on(
     box: Box | None = None,
     numbers: bool | None = None,
 ) -> None:
-    """Draw modules at `sites`, by number, on matplotlib's `axes`, which must have their place.
+    """Draw modules at `sites`, by number, on matplotlib's `axes`, whose position must be final.
 
-    Modules are coloured by number (`palette`). Cells of the goal have a red outline, in labelled
-    systems one in the colour of the module that is to come there; edges of it lie on a pink band.
-    Vertices that are marked are dark discs, with a ring where the mark has just come or gone.
-    `moved` says of modules that have just moved from which site: they get a dark outline and leave
-    a pale trace. The frame is `box`, or holds start, goal and finite workspaces. `numbers`
-    writes each module's label, or its number, on it; left out, where there is room to read it.
+    Modules are coloured by number (`palette`). Cells of the goal have a red outline, or in labelled
+    systems the colour of the module that must come there; edges of the goal lie on a pink band.
+    Marked vertices are dark discs, with a ring if the mark has just appeared or disappeared.
+    `moved` gives the previous sites of the modules that have just moved: they get a dark outline
+    and leave a pale trace. The frame is `box`, or holds start, goal and finite workspaces.
+    `numbers` decides whether to write each module's label, or its number, on it; None means if
+    there is room to read it.
     """
     pen = _pen(axes, scene, frame(scene, sites) if box is None else box)
     style_of(scene).draw(pen, scene, sites, moved or {}, numbers)
 
 
 def _pen(axes: Axes, scene: Scene, box: Box) -> Pen:
-    """Set the axes up to show this frame; an endless lattice fills all of them."""
+    """Set up the axes to show this frame, which an endless lattice fills entirely."""
     left, right, low, high = box
     seen = axes.get_window_extent()
     if not scene.system.bounded:

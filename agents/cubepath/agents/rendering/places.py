@@ -1,6 +1,6 @@
-"""Modules drawn place by place: what lattices, maps and graphs have in common.
+"""Modules drawn place by place, as on lattices, maps and graphs.
 
-Room: agents; draws what it is given and asks nobody.
+Room: agents. It only draws what it is given.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
 FREE_MAX = 8000
-"""So many free cells are drawn one by one, of more none."""
+"""The most free cells that are drawn, one by one; with more, none is drawn."""
 _LARGE = 12
-"""Workspaces of at most so many cells a side are always shown whole."""
+"""Workspaces of at most this many cells per side are always shown whole."""
 
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """Where the middle of a place lies, y upwards, and what shape it has about the origin there.
+    """The middle of a place, y upwards, and the shape of the place around it.
 
-    The shape is that of a kind: "module", "goal" or "cell". `margin` is how much a frame is wider
-    than the middles of its places.
+    The shape depends on the kind: "module", "goal" or "cell". `margin` is the distance from the
+    middles of the places to the edge of a frame.
     """
 
     middle: Callable[[System, Site], Spot]
@@ -57,7 +57,7 @@ class PlacePen(Pen):
     look: Look
 
     def middle(self, place: Site) -> Spot:
-        """Return where the middle of a place lies."""
+        """Return the middle of a place."""
         return self.look.middle(self.system, place)
 
     def draw(self, kind: str, places: Collection[Site], **style: Any) -> None:
@@ -73,15 +73,15 @@ def place_pen(pen: Pen, system: System, look: Look) -> PlacePen:
 
 @cache
 def disc(kind: str) -> Points:
-    """Return the outline of a place that is round."""
+    """Return the outline of a round place."""
     return arcs([(0, 0)], {"module": 0.38, "goal": 0.48, "cell": 0.36}[kind])
 
 
 def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
-    """Return the frame about the places of a scene and some further sites.
+    """Return the frame around the places of a scene and some further sites.
 
-    On an endless lattice there is room for one module more on every side of the scene, so that
-    modules which walk along its edge do not change the frame.
+    On an endless lattice there is room for one more module on every side of the scene, so modules
+    that walk along its edge do not change the frame.
     """
     system = scene.system
     near = look.margin
@@ -94,7 +94,7 @@ def frame_of(look: Look, scene: Scene, also: Iterable[Site]) -> Box:
 
 
 def extent_of(look: Look, scene: Scene, visited: Iterable[Site]) -> Box:
-    """Return the frame about start, goal and the places visited, with a cell to spare.
+    """Return the frame around start, goal and the visited places, with a cell to spare.
 
     A workspace that is not much larger is shown whole.
     """
@@ -122,7 +122,7 @@ def draw_places(
     moved: Mapping[int, Site],
     words: bool | None,  # noqa: FBT001 - as `Style.draw` has it
 ) -> None:
-    """Draw the modules, the goal, and if there is room labels or numbers on the modules."""
+    """Draw the modules, the goal and, if there is room, labels or numbers on the modules."""
     system = scene.system
     colours = palette(len(sites))
     goals = list(scene.goal or ())
@@ -166,7 +166,7 @@ def draw_modules(
 def place_marks(
     scene: Scene, shots: Sequence[Shot], *, discs: bool = False, round_goal: bool = False
 ) -> Iterator[Mark]:
-    """Yield the marks that `draw_places` makes; those of the ground are not among them.
+    """Yield the marks that `draw_places` makes, without those of the ground.
 
     `discs` says that modules are discs, `round_goal` that outlines of the goal are round as well.
     """

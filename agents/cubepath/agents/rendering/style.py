@@ -1,6 +1,6 @@
-"""What a style of pictures is: how a scene of it is written as text, framed and drawn.
+"""Styles of pictures: how a scene is written as text, framed and drawn.
 
-Room: agents; static, asks nobody.
+Room: agents. Pure functions.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ _ROOM = 10.5
 
 @dataclass(frozen=True, slots=True)
 class Style:
-    """A style: `text` and `draw` are given the sites of the modules by number.
+    """A style of pictures; `text` and `draw` take the sites of the modules by number.
 
-    `frame` says what a picture shows at least, of the scene and of some further sites; `extent`
-    what pictures of a run show in which modules came to these sites. `draw` is
-    told of modules that have just moved from which site, and whether to write words: None where
-    that is for the room to decide. `marks` says which marks occur in pictures of some states, drawn
-    in a frame, and what they mean. `colours` has the colour of each module at its site: by its
-    number, where nothing else is said.
+    `frame` returns the least frame of a picture, for the scene and some further sites; `extent` the
+    frame for pictures of a run in which modules visited these sites. `draw` also takes the previous
+    sites of the modules that have just moved, and whether to write words: None means if there is
+    room. `marks` returns the marks that occur in pictures of some states, drawn in a frame, with
+    their meanings. `colours` returns the colour of each module at its site, by default from its
+    number.
     """
 
     text: Text
@@ -45,5 +45,5 @@ class Style:
 
 
 def readable(pen: Pen, words: bool | None) -> bool:  # noqa: FBT001 - as `Style.draw` has it
-    """Tell whether to write words: as asked for, or else where there is room to read them."""
+    """Return whether to write words: as requested, or by default if there is room to read them."""
     return pen.scale >= _ROOM if words is None else words

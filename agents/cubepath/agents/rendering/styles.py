@@ -1,6 +1,6 @@
-"""The styles of pictures by name: what a system may say of how its sites are drawn.
+"""The styles of pictures by name: the values that a system's `drawing` may have.
 
-Room: agents; static, asks nobody.
+Room: agents. Pure functions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ STYLES: Mapping[str, Style] = {
 
 
 def style_of(scene: Scene) -> Style:
-    """Return the style in which a scene is drawn; InputError where its system names none."""
+    """Return the style in which a scene is drawn; InputError if its system names none."""
     found = STYLES.get(scene.system.drawing)
     if found is None:
         raise InputError(

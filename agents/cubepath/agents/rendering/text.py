@@ -1,6 +1,6 @@
-"""Where the modules are, as text: the "ansi" render mode.
+"""Pictures of the modules as text: the "ansi" render mode.
 
-Room: agents; draws what it is given and asks nobody.
+Room: agents. It only draws what it is given.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
 
     A module is ``o``, or ``@`` on a cell of the goal; a free cell of the goal is ``+``, any other
     ``.``, and an occupied obstacle or a hole in a map ``#``. A labelled module shows its label,
-    with ``*`` behind it at its own goal. Hexagons stand in rows offset by half a cell; segments of
-    an arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` where the goal wants them, and
-    ``...`` and ``:`` where the goal is not there yet; a marked vertex is ``*``. A general graph has
-    a line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces,
-    so that pictures of one run line up as long as modules stay in it. Chords and letters are
-    written as `cubepath.agents.rendering.chords` and `letters` say.
+    followed by ``*`` at its own goal. Hexagons stand in rows offset by half a cell. Segments of an
+    arm are ``---`` and ``|`` between vertices, ``===`` and ``H`` on edges of the goal; edges of the
+    goal without a segment are ``...`` and ``:``; a marked vertex is ``*``. A general graph has a
+    line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces, so
+    pictures of one run line up while modules stay in it. For chords and letters see
+    `cubepath.agents.rendering.chords` and `letters`.
     """
     return style_of(scene).text(scene, sites)

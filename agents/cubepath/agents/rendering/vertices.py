@@ -1,7 +1,6 @@
 """Vertices of a graph, joined by lines, as text and on axes.
 
-Room: agents; draws what it is given and asks nobody. Vertices lie where the system says, or on a
-circle.
+Room: agents. It only draws what it is given. Vertices lie where the system says, or on a circle.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 
 _MANY = 40
-"""From so many vertices on a graph of vehicles is told by its modules and goals alone."""
+"""With more vertices, the text of a graph of vehicles lists only modules and goals."""
 
 
 def _middle(system: System, place: Site) -> Spot:
@@ -43,7 +42,7 @@ def _middle(system: System, place: Site) -> Spot:
 
 @lru_cache(maxsize=64)
 def _circle(vertices: tuple[Site, ...]) -> dict[Site, Spot]:
-    """Return the vertices on a circle, clockwise from the top, far enough from one another."""
+    """Return the vertices on a circle, clockwise from the top, far enough apart."""
     radius = max(1.0, len(vertices) * 1.5 / (2 * pi))
     turns = [pi / 2 - 2 * pi * number / len(vertices) for number in range(len(vertices))]
     return {

@@ -33,8 +33,8 @@ def stream(seed: int, module: int, purpose: int) -> np.random.Generator:
 class Actor:
     """Acts for one module: asks its rule for a choice, and may hesitate to claim it.
 
-    With `hesitate` P the module makes no claim in a round with probability P; its rule is asked
-    and its note is sent all the same, as if the claim had been lost.
+    With `hesitate` P the module makes no claim in a round with probability P. Its rule is still
+    asked and its note is still sent, as if the claim had been lost.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class Actor:
         seed: int,
         hesitate: float = 0.0,
     ) -> None:
-        """Make the rule for this module; it is told nothing of the others but their number."""
+        """Make the rule for this module; it learns nothing of the others except their number."""
         knowledge = InitialKnowledge(
             system=system,
             module=module,
@@ -72,7 +72,7 @@ class Actor:
         self._doubt = stream(seed, module, _HESITATE)
 
     def act(self, observation: Observation) -> Choice:
-        """Return the rule's choice, checked; RuleError where it fails or is none to be made."""
+        """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
         with _blamed_on(self._who):
             choice = as_choice(self._rule(view))
@@ -86,7 +86,7 @@ class Actor:
 
 @contextmanager
 def _blamed_on(who: str) -> Generator[None]:
-    """Turn whatever goes wrong in somebody's rule into one line that says whose it is."""
+    """Turn any error in a rule into one line that names the rule and its module."""
     try:
         yield
     except InputError as error:
@@ -105,9 +105,9 @@ def actors_for(
     modules: list[int] | None = None,
     sites: Mapping[int, Site] | None = None,
 ) -> dict[int, Actor]:
-    """Return an actor for each of the modules (all when left out).
+    """Return an actor for each of the modules (by default all).
 
-    `sites` is where they stand, at the start of the scene when left out.
+    `sites` says where they stand; by default at the start of the scene.
     """
     count = len(scene.start)
     return {

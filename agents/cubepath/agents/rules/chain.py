@@ -1,34 +1,35 @@
-"""The chain rule: a straight chain of hexagons becomes another one that begins where it ended.
+"""The chain rule: a straight chain of hexagons becomes another that begins where it ended.
 
 Room: agents. Source: after J. Walter, J. Welch and N. Amato, Distributed reconfiguration of
 metamorphic robot chains (PODC 2000; Distributed Computing 17, 2004). The rule itself is ours.
 
 Words. The goal is g_0 ... g_(n-1), and the start lies on the line s_m = g_0 + m u: it ends at g_0,
-one cell before it, or for short slides further on in the goal. *Static* are the goal cells and
-the cells s_m with m > 0. A module on a goal cell stays for ever, on s_m it waits, elsewhere it is a
-*walker*. Walkers turn in a fixed sense, so they go along the static cells on one side, their
-*track*: a bend has one, round its outer side; a slide has two, one for odd and one for even m.
-A module at A claims the move about B to A' when B is static and
+one cell before it, or for short slides further on in the goal. *Static* are the goal cells and the
+cells s_m with m > 0. A module on a goal cell stays forever, on s_m it waits, elsewhere it is a
+*walker*. Walkers turn in a fixed sense, so they move along the static cells on one side, their
+*track*: a bend has one, around its outer side; a slide has two, one for odd and one for even m. A
+module at A claims the move about B to A' if B is static and
 
 - (wait) from A = s_m: B is s_(m-1), and the cell E behind it (A' reflected in A) is free;
 - (space) no walker is on the cell D' that follows A' in a turn about B, or A' is a goal cell, or
   the catalogue is the second: then walkers may close up, as E and E' are not in the support.
 
-Why it gets there. Let s_t ... s_1 and g_0 ... g_k be the static cells that are on, the *tip* the
-last of them, T the goal cell after the tip. Move by move, these stay true:
+Why the chain reaches its goal. Let s_t ... s_1 and g_0 ... g_k be the static cells that are on, the
+*tip* the last of them, and T the goal cell after the tip. Every move preserves these invariants:
 
 1. There is no gap in them: only the tail s_t peels off, since a move of s_m needs F = s_(m+1) off;
    and walkers, being on the convex side, touch no free goal cell but T.
 2. A walker beside the start row touches an s_j ahead of it that is on: when s_t leaves, the cells
-   that touch only s_t and s_(t+1) are C and E of its move, so nobody is there.
+   that touch only s_t and s_(t+1) are C and E of its move, so they are free.
 3. With catalogue 1 walkers of a track are never side by side. After A' the track goes on either
    straight, to E', which that catalogue wants off, or about B, to D'; walkers ahead only move on.
 
 The rest of a support, E F C F' E', is five cells in a row on the second ring about B. The track is
-on the convex side, so walkers can be on E, just behind, or E', just ahead, only. Thus the first
-walker of a track can go: E is off by 3, or no matter; ahead is nobody but, past A' = T, one of the
-other side, which (space) allows. With no walker, the tail can peel off: s_(t-1) or g_0 is on. So
-short of the goal some claim is made, the highest is executed, and modules go only forward.
+on the convex side, so walkers can only be on E, just behind, or on E', just ahead. Thus the first
+walker of a track can go: E is off by 3, or does not matter; ahead is nobody except, past A' = T, a
+walker of the other side, which (space) allows. If there is no walker, the tail can peel off:
+s_(t-1) or g_0 is on. So until the goal is reached some claim is made, the highest is executed, and
+modules only go forward.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ class _Task:
         return self.is_goal(cell) or _along(self.head, cell)[1] == self.away
 
     def choose(self, view: View) -> int:
-        """Return the move of the module's docstring; there is never more than one."""
+        """Return the action that this file's docstring describes; there is never more than one."""
         here = HEXAGONS.check(view.site)
         if self.is_goal(here):
             return STAY
@@ -106,7 +107,7 @@ class _Task:
         return STAY
 
     def begins(self, beside: list[Cell]) -> bool:
-        """Tell whether these are the neighbours in a straight start."""
+        """Return whether these are the neighbours in a straight start chain."""
         before, after = (_plus(self.head, self.away, self.steps + side) for side in (-1, 1))
         joined = before in beside or (self.steps == 1 and after in beside)  # g_0 may be free
         return joined and {before, after}.issuperset(beside)
@@ -141,7 +142,7 @@ def _tasks(start: Cell, goals: tuple[Cell, ...]) -> list[_Task]:
 
 
 def _check_room(system: System, cells: list[Cell]) -> None:
-    # In the open plane there is room, and n modules need not look at n cells each.
+    # The open plane has room, so n modules need not check n cells each.
     if system.open:
         return
     for near in (near for cell in cells for one in _beside(cell) for near in _beside(one)):
@@ -150,10 +151,10 @@ def _check_room(system: System, cells: list[Cell]) -> None:
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
-    """Return the rule of one module; InputError if it can tell that the goal will not be reached.
+    """Return the rule of one module; InputError if it knows that the goal cannot be reached.
 
-    What no module knows from birth shows in its first view: whether the start is a straight
-    chain, and, if its cell is in line with both ends of the goal, which of them is g_0.
+    The rest shows in the first view: whether the start is a straight chain and, if the module's
+    cell is in line with both ends of the goal, which of them is g_0.
     """
     start, goals = HEXAGONS.check(knowledge.start), _goal_chain(knowledge)
     tasks = [] if start in goals else _tasks(start, goals)
@@ -173,7 +174,7 @@ def _begin(start: Cell, goals: tuple[Cell, ...], tasks: list[_Task], beside: lis
     for task in tasks:
         if task.begins(beside):
             return task.choose
-    # From a goal cell the start goes on along the goal, or it leaves the goal at one of its ends.
+    # From a goal cell the start continues along the goal, or leaves the goal at one of its ends.
     row = _minus(goals[-1], goals[0])
     goes_on = all(not _cross(_minus(cell, start), row) for cell in beside)
     if start in goals and (goes_on or (len(beside) == 1 and start in (goals[0], goals[-1]))):

@@ -1,6 +1,7 @@
 """Distances on the static graph, for the rules of vehicles.
 
-Room: agents. A graph is the same for all, so what is found once serves every vehicle in a process.
+Room: agents. All vehicles in a process share a graph, so each result is computed once for all of
+them.
 """
 
 from __future__ import annotations
@@ -13,25 +14,25 @@ from weakref import WeakKeyDictionary
 from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 _OPEN = -1
-"""In place of a vertex: none is closed."""
+"""Instead of a vertex: none is closed."""
 _TABLE_ENTRIES = 1 << 24
 
 
 class Roads:
     """Distances on a static graph, with vertices by number.
 
-    Shared by the vehicles of a process, of which it says nothing. It keeps no reference to the
-    graph, which can so be collected.
+    The vehicles of a process share it; it holds nothing about them. It keeps no reference to the
+    graph, so the graph can be garbage-collected.
     """
 
     def __init__(self, near: Iterable[Iterable[int]]) -> None:
-        """Take the neighbours of each vertex; kept tables are bounded in all their entries."""
+        """Take the neighbours of each vertex; cached tables are bounded by their total entries."""
         self.near = tuple(tuple(around) for around in near)
         size = max(1, _TABLE_ENTRIES // len(self.near))
         self.distances = lru_cache(maxsize=size)(self._distances)
 
     def _distances(self, goal: int, closed: int = _OPEN) -> array[int]:
-        """Return every vertex's distance to `goal`, -1 where there is no way round `closed`."""
+        """Return every vertex's distance to `goal`; -1 if no way avoids `closed`."""
         found = array("i", [-1]) * len(self.near)
         found[goal] = 0
         rim = [goal]
@@ -46,7 +47,7 @@ class Roads:
         return found
 
     def nearer(self, vertex: int, goal: int) -> list[int]:
-        """Return the neighbours of a vertex that are nearer to the goal, in order of number."""
+        """Return the neighbours of a vertex that are nearer to the goal, by increasing number."""
         distance = self.distances(goal)
         return [other for other in self.near[vertex] if distance[other] == distance[vertex] - 1]
 
@@ -55,7 +56,7 @@ _roads: WeakKeyDictionary[VehicleGraph, Roads] = WeakKeyDictionary()
 
 
 def roads_of(graph: VehicleGraph) -> Roads:
-    """Return the roads of a graph, the same for all the vehicles in this process."""
+    """Return the roads of a graph, shared by all vehicles in this process."""
     found = _roads.get(graph)
     if found is None:
         index = graph.index

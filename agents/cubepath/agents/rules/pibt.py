@@ -1,42 +1,44 @@
-"""The rule `pibt`: labelled vehicles go to their own goals, the stronger pushing the weaker aside.
+"""The rule `pibt`: labelled vehicles go to their own goals; stronger ones push weaker ones aside.
 
 Room: agents. Source: Okumura, Machida, Defago and Tamura, Priority inheritance with backtracking
 for iterative multi-agent path finding (PIBT); made local, and for rounds in which no vehicle enters
-a vertex that another leaves. There, inheritance reserves: the pushed vehicle goes first, the
-pusher waits.
+a vertex that another leaves. In such rounds, inheritance reserves: the pushed vehicle goes first,
+and the pusher waits.
 
-*Priority.* The longer a vehicle has not been at its goal the stronger it is, then the smaller
-number. Its key is the round in which it was last there, and its number: smaller is stronger.
+*Priority.* A vehicle is stronger the longer it has been away from its goal; ties go to the smaller
+number. Its key is the round in which it was last at its goal, and its number: smaller is stronger.
 *Going.* It claims an empty vertex nearer to its goal; if there is none, it stands at p and pushes
-the vehicle at a nearer vertex w, unless that one acts for someone stronger. It says so one round
-ahead where it can foresee it.
-*Inheritance.* A push is (key, p, w). Take p out of the map and call depth the distance from w.
-Who hears a push at a stronger key than its own, from p if it stands on w and else from a vehicle
-one less deep, takes over the key: it claims an empty vertex one deeper, nearest to its own goal,
-ties at random; if there is none, it stays and passes the push on. The vertices that pushes and
-claims are after are closed to the weaker.
+the vehicle at a nearer vertex w, unless that vehicle acts for a stronger one. It announces a push
+one round ahead if it can foresee it.
+*Inheritance.* A push is (key, p, w). Remove p from the map and let depth be the distance from w. A
+vehicle follows a push with a stronger key than its own that it hears from p, if it stands on w, or
+otherwise from a vehicle one less deep. It takes over the key: it claims an empty vertex one deeper,
+nearest to its own goal, ties at random; if there is none, it stays and passes the push on. Vertices
+that pushes and claims aim at are closed to weaker vehicles.
 *Backtracking.* A pushed vehicle is full if all vertices one deeper hold vehicles that said they are
-full at this push, or there are none. If the one on w is full, the pusher gives up w while it
-stands at p; if that leaves nothing nearer, it gives way: it counts as having been at its goal.
+full for this push, or if there are no such vertices. If the vehicle on w is full, the pusher gives
+up w while it stands at p; if no nearer vertex remains, it gives way: it counts as having been at
+its goal.
 
-What is left of PIBT's guarantee. Let v be the strongest vehicle, at p, pushing w, and let K be
-the component of w in the map without p. *If K has an empty vertex, v comes nearer to its goal*,
-with probability one, under hesitation and lost claims. No vehicle that follows this push moves but
-one deeper. So either the vertices of depth 0, 1, 2, ... fill up with vehicles that pass the push
-on, or one of these has an empty vertex one deeper; that is closed to all but such as it, so one of
-them claims it, and the empty vertex is one less deep; at last it is w, which is closed to all but
-v. *If v is told full, K is full*: all vertices of K, by induction on depth, hold vehicles that
-stand still, and K stays full as long as v stays. So where K has at least as many vertices as there
-are vehicles, for every p and w on v's way, v gets to its goal; then it is the weakest, so every
-vehicle gets to its goal at some time. This holds in every graph that stays connected without any
-one vertex (which PIBT asks for in a similar form), if at least one vertex is empty; PIBT itself
-needs no empty vertex, as there a full cycle may turn. As with PIBT nothing promises that all are at
-their goals at one time, and on trees, mazes and crowded maps the rule may fail.
+What remains of PIBT's guarantee. Let v be the strongest vehicle, at p, pushing w, and let K be the
+component of w in the map without p. *If K has an empty vertex, v comes nearer to its goal*, with
+probability one, under hesitation and lost claims. A vehicle that follows this push moves only to a
+vertex one deeper. So either the vertices of depth 0, 1, 2, ... fill up with vehicles that pass the
+push on, or one of these vehicles has an empty vertex one deeper. That vertex is closed to all
+vehicles except such ones, so one of them claims it, and the empty vertex is one less deep; in the
+end it is w, which is closed to all except v. *If v is told full, K is full*: all vertices of K, by
+induction on depth, hold vehicles that stand still, and K stays full as long as v stays. So if K has
+at least as many vertices as there are vehicles, for every p and w on v's way, v reaches its goal;
+then it is the weakest, so every vehicle reaches its goal at some time. This holds in every graph
+that stays connected without any one vertex (which PIBT asks for in a similar form), if at least one
+vertex is empty; PIBT itself needs no empty vertex, since its full cycles may turn. As with PIBT,
+nothing guarantees that all vehicles are at their goals at one time, and on trees, mazes and crowded
+maps the rule may fail.
 
-Failure. A vehicle gives up, in one line, when it has spent more than `patience` rounds away from
-its goal, counted over its life, or in the first round if there is no way to it. In a run that does
-not end somebody is away in every round, so n vehicles give up within n times that, and mostly
-much earlier, since mostly a single one is away throughout.
+Failure. A vehicle gives up, in one line, when it has spent more than `patience` rounds of its life
+away from its goal, or in the first round if there is no way to it. In a run that does not end, some
+vehicle is away in every round, so one of n vehicles gives up within n times that many rounds.
+Usually that happens much earlier, since usually a single vehicle is away throughout.
 """
 
 from __future__ import annotations
@@ -63,17 +65,17 @@ class PushNote(NamedTuple):
     """A vehicle's note; vertices by number."""
 
     key: int
-    """Its own key, or that of the push it follows."""
+    """Its own key, or the key of the push it follows."""
     pusher: int = NOWHERE
     """p of the push that it makes or passes on."""
     pushed: int = NOWHERE
     """w of that push."""
     want: int = NOWHERE
-    """The empty vertex that it claims. Together with a push: what it would push from there."""
+    """The empty vertex that it claims. If it also announces a push, it will push from there."""
     full: int = 0
 
     def pushes(self, at: int) -> bool:
-        """Tell whether it pushes, now that it stands at `at`."""
+        """Return whether it pushes from `at`, where it now stands."""
         return self.pusher != NOWHERE and (self.want == NOWHERE or self.pusher == at)
 
 
@@ -135,7 +137,7 @@ class _Vehicle:
         return self._go(heard, taken)
 
     def _heard_push(self, heard: Mapping[int, PushNote]) -> PushNote | None:
-        """Return the strongest push that this vehicle has to follow, if there is one."""
+        """Return the strongest push that this vehicle must follow, if any."""
         pushes = [
             said
             for at in self._roads.near[self._place]
@@ -147,7 +149,7 @@ class _Vehicle:
         return min(pushes, default=None)
 
     def _below(self, said: PushNote, at: int) -> list[int]:
-        """Return what a vehicle at `at` is after by its push: w, or the vertices one deeper."""
+        """Return the vertices that a vehicle at `at` pushes towards: w, or those one deeper."""
         near = self._roads.near[at]
         if at == said.pusher:
             return [said.pushed]
@@ -187,12 +189,12 @@ class _Vehicle:
         return PushNote(self._key) if self._target == NOWHERE else PushNote(key, here, self._target)
 
     def _weaker(self, ways: Iterable[int], heard: Mapping[int, PushNote]) -> int:
-        """Return the way to push: the one that is being pushed if it may be, else the first."""
+        """Return the way to push: the one being pushed if that is allowed, else the first."""
         may = [way for way in ways if way in heard and heard[way].key >= self._key]
         return min(may, key=lambda way: (way != self._target, way), default=NOWHERE)
 
     def _best(self, free: Collection[int], key: int, heard: Mapping[int, PushNote]) -> int:
-        """Return the best of the empty vertices that are not closed to who acts at this key."""
+        """Return the best of the empty vertices that are not closed to a vehicle with this key."""
         if not free:
             return NOWHERE
         closed: set[int] = set()

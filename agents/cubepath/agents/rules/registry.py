@@ -1,4 +1,4 @@
-"""The rules by name, those that come with the project and those of other distributions.
+"""The rules by name, of the project and of other distributions.
 
 Room: agents.
 """
@@ -29,8 +29,8 @@ BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
 
 @cache
 def rules() -> dict[str, RuleType]:
-    """Return all rules by name; InputError names an entry point that gives none, or one twice."""
-    from importlib.metadata import entry_points  # noqa: PLC0415 - takes long, and is rarely asked
+    """Return all rules by name; InputError names an entry point with none, or with one twice."""
+    from importlib.metadata import entry_points  # noqa: PLC0415 - takes long, and is rarely needed
 
     found = dict(BUILT_IN)
     for entry in entry_points(group=GROUP):
@@ -57,7 +57,7 @@ def _loaded(entry: EntryPoint) -> RuleType:
 
 
 def _by_entry(name: str) -> RuleType | None:
-    """Return the rule of the entry point of this name; what else is installed is left alone."""
+    """Return the rule of the entry point of this name, without loading any others."""
     from importlib.metadata import entry_points  # noqa: PLC0415 - as above
 
     for entry in entry_points(group=GROUP, name=name):
@@ -68,9 +68,9 @@ def _by_entry(name: str) -> RuleType | None:
 
 
 def rule_named(name: str, system: System) -> RuleType:
-    """Return the rule of that name if it is one for this system; InputError otherwise.
+    """Return the rule of that name; InputError if there is none, or it does not fit the system.
 
-    Other distributions are asked for names that are not built in only.
+    Other distributions are searched only for names that are not built in.
     """
     found = BUILT_IN.get(name) or _by_entry(name) or rules().get(name)
     if found is None or not found.fits(system):

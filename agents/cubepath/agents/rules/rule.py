@@ -1,4 +1,4 @@
-"""What a rule is: a plain function from a view to a choice, made for one module at its birth.
+"""Rules: plain functions from a view to a choice, each made for one module at its birth.
 
 Room: agents. Third parties add rules under the entry point group ``cubepath.rules``: each entry
 names a `RuleType`.
@@ -21,8 +21,8 @@ from cubepath.protocol.core.system import System
 class InitialKnowledge:
     """What a module knows from birth: the static map, its own number, place and goals.
 
-    `modules` is how many there are; where the others are it does not know. `random` is its own
-    stream, derived from the seed of the run and its number.
+    `modules` is the number of modules; where the others are is unknown. `random` is the module's
+    own stream, derived from the seed of the run and its number.
     """
 
     system: System
@@ -42,10 +42,10 @@ class InitialKnowledge:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """An action, what to tell the modules within reach, and whether the rule has given up.
+    """An action, a note for the modules within reach, and whether the rule has given up.
 
-    The note is heard by them when they sense the next round, whether or not the move was granted.
-    A rule that finds that it cannot reach its goal says so in `failed`, one line.
+    They hear the note when they sense the next round, whether or not the move was granted. A rule
+    that finds that it cannot reach its goal says so in `failed`, in one line.
     """
 
     action: int = STAY
@@ -58,12 +58,12 @@ def _silent(_modules: int) -> int:
 
 
 Rule: TypeAlias = Callable[[View], "int | Choice"]
-"""What a module asks once a round: from what it sees to an action, alone or with more to say."""
+"""A module calls it once per round: from what it sees to an action, or to a full `Choice`."""
 
 
 @dataclass(frozen=True, slots=True)
 class RuleType:
-    """A rule by name: what it is after, for which systems, and how one is made for a module."""
+    """A rule by name: its source, the systems that it fits, and how to make one for a module."""
 
     name: str
     summary: str
@@ -75,7 +75,7 @@ class RuleType:
 
 
 def as_choice(found: int | Choice) -> Choice:
-    """Return what a rule returned as a choice, its reason for giving up as one line."""
+    """Return a rule's result as a choice, with its reason for giving up as one line."""
     if not isinstance(found, Choice):
         return Choice(int(found))
     if found.failed is None:

@@ -1,9 +1,9 @@
-"""The rule of a module that carries out its part of a schedule: its own moves, each in its round.
+"""The rule of a module that executes its part of a schedule: its own moves, each in its round.
 
-Room: agents. From birth a module knows the moves of which it is the mover, by round, and nothing of
-those of others. In the round of one it finds the move among its admissible ones and claims it; the
-moves of a cube commute, so every claim is granted. Where the move is not admissible, it stays and
-says why from what it senses: that is for whoever paces the rounds, who begins no further one.
+Room: agents. From birth a module knows the moves of which it is the mover, by round, and no others.
+In the round of such a move it finds the move among its admissible ones and claims it; the moves of
+a cube commute, so every claim is granted. If the move is not admissible, the module stays and says
+why, from what it senses, so that no further round of the schedule begins.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def _none_such(generator: str, at: Site, view: View) -> str:
 
 
 def why_not(move: Move, view: View) -> str:
-    """Return what in the support of a move is not as it must be, in one line, as it is sensed."""
+    """Return one line on the first wrong site in the support of a move, as the module senses it."""
     on: set[Site] = {view.site}
     for near, code in view.occupied.items():
         shown = view.system.site_at(near, code)
@@ -88,5 +88,5 @@ def why_not(move: Move, view: View) -> str:
 
 
 def named(generator: str, at: Site) -> str:
-    """Return a move as people read it."""
+    """Return a move as text for people."""
     return f"{generator} at {site_text(at)}"

@@ -4,40 +4,43 @@ Room: agents. Source: Okumura and Defago, Solving simultaneous target assignment
 efficiently with time-independent execution (TSWAP); made local, and for rounds in which no vehicle
 enters a vertex that another leaves.
 
-A vehicle has a goal and, while it stands away from it, one wanted neighbour: a vertex nearer to
-the goal. Its note says the goal and the want, so in every round all vehicles within distance two
-of one another know the same facts, those of the start of the round:
+A vehicle has a goal and, while it is away from it, one wanted neighbour: a vertex nearer to the
+goal. Its note says the goal and the want, so in every round all vehicles within distance two of one
+another know the same facts, as of the start of the round:
 
 1. *Move*: a wanted vertex that is empty is claimed.
-2. *Exchange*: if it holds a vehicle that rests at its goal, the two exchange goals. All who want
-   that vertex are neighbours of it, hear one another, and agree: the highest goal number wins.
+2. *Exchange*: if it holds a vehicle that rests at its goal, the two exchange goals. All vehicles
+   that want that vertex are its neighbours, hear one another, and agree: the highest goal number
+   wins.
 3. *Rotate*: if wants close a cycle of vehicles away from their goals, each takes the goal of the
-   one behind it, all in one round. In cycles of at most five all hear all and rotate at once.
-   Longer ones: a blocked vehicle says a probe (a goal, hops), of its own goal or what the vehicle
-   ahead of it said if that goal is higher; it passes on no probe that set out before it was itself
-   blocked as it is now. Who hears its own goal after k hops is in a cycle of k, and sends a
-   countdown from k forwards round the cycle; who hears a 1 from behind takes the goal from there.
+   one behind it, all in one round. In cycles of at most five, all hear all and rotate at once.
+   In longer ones, a blocked vehicle says a probe (a goal, hops): its own goal, or the probe of the
+   vehicle ahead if that goal is higher. It passes on no probe that set out before it was itself
+   blocked as it is now. A vehicle that hears its own goal after k hops is in a cycle of k, and
+   sends a countdown from k forwards around the cycle; a vehicle that hears a 1 from behind takes
+   the goal from there.
 
-Goals are never lost or doubled: exchanges and cycles are disjoint, as a vehicle wants one vertex,
-and who exchanges wants or is a resting vehicle; both sides of each act on the same notes.
+Goals are never lost or duplicated: exchanges and cycles are disjoint, since a vehicle wants one
+vertex, and a vehicle that exchanges wants or is a resting vehicle; both sides of each act on the
+same notes.
 
-It gets there. Let F be the sum of squares of the distances to the goals. A move lowers one distance
-d by one; an exchange makes d >= 2 and 0 to d - 1 and 1; a rotation lowers every distance in it by
-one: each lowers F. And something happens while a vehicle is not at its goal: if no wanted vertex is
-empty (of claims, the highest ranked one is granted) and no resting vehicle is wanted, following
-wants from vehicle to vehicle runs into a blocked cycle. Nobody in it can move or exchange, and
-probes find it:
+The rule reaches the goal. Let F be the sum of squares of the distances to the goals. A move lowers
+one distance d by one; an exchange turns d >= 2 and 0 into d - 1 and 1; a rotation lowers every
+distance in it by one: each lowers F. And something happens while a vehicle is not at its goal: if
+no wanted vertex is empty (of several claims, the highest ranked is granted) and no resting vehicle
+is wanted, following wants from vehicle to vehicle leads into a blocked cycle. No vehicle in it can
+move or exchange, and probes find it:
 
 - *Sound.* Suppose v hears its own goal after k hops, and has been blocked as it is for k rounds.
-  Who passed the probe on was blocked by the one before, and stays so as long as that one stands
-  and is not at its goal; v did, so by induction along the hops all wants still hold.
-- *Sure.* Probes flow against the wants, so none come in from tails. Those older than the cycle die
-  at the vehicle that closed it, k hops on at the latest; then the highest goal in the cycle is
-  passed on by all, returns, and no other does. So a cycle rotates within 3k rounds.
+  Each vehicle that passed the probe on was blocked by the one before, and stays so as long as that
+  one stands and is not at its goal; v did, so by induction along the hops all wants still hold.
+- *Complete.* Probes flow against the wants, so none come in from tails. Probes older than the cycle
+  end at the vehicle that closed it, after k hops at the latest; then all vehicles pass on the
+  highest goal in the cycle, and only that one returns. So a cycle rotates within 3k rounds.
 
 A vehicle that has passed on no probe may change its want to an empty vertex. Hesitation and lost
-claims only cost time, as wants and goals do not hang on them. Distances are taken on the static
-map; a vehicle that is born with no way to its goal gives up in one line, since it cannot know
+claims only cost time, since wants and goals do not depend on them. Distances are those of the
+static map; a vehicle without a way to its goal at birth gives up in one line, since it cannot know
 which goals in its part of the map are held by vehicles elsewhere.
 """
 
@@ -55,7 +58,7 @@ from cubepath.protocol.core.vehicle_graph import VehicleGraph
 NOBODY = -1
 """In a note: no probe."""
 SEEN_WHOLE = 5
-"""In a cycle of so many vehicles any two are within distance two, so all hear all."""
+"""In a cycle of this many vehicles any two are within distance two, so all hear all."""
 
 
 class ExchangeNote(NamedTuple):
@@ -63,7 +66,7 @@ class ExchangeNote(NamedTuple):
 
     goal: int
     first: int
-    """What it wants where it stood when it said so: the one vertex it may have moved to since."""
+    """What it wanted from where it stood then: the one vertex it may have moved to since."""
     second: int
     """What it wants if it has moved there."""
     probe: int
@@ -71,7 +74,7 @@ class ExchangeNote(NamedTuple):
     countdown: int
 
     def want(self, place: int) -> int:
-        """Return what it wants, now that it stands at `place`; at rest the place itself."""
+        """Return what it wants from `place`, where it now stands; at rest the place itself."""
         return self.second if place == self.first else self.first
 
 
@@ -85,15 +88,15 @@ class _Vehicle:
         self._place = graph.index[knowledge.start]
         self._want = self._next(self._place, ())
         self._second = self._want
-        self._blocked = NOBODY  # rounds blocked by the same vehicle before this one
-        self._passed_on = False  # a probe, since then
+        self._blocked = NOBODY  # earlier rounds blocked by the same vehicle
+        self._passed_on = False  # a probe, since it was blocked
         self._countdown = 0
         self._failed: str | None = None
         if self._roads.distances(self._goal)[self._place] < 0:
             self._failed = f"no way from {knowledge.start!r} to the goal {knowledge.goals[0]!r}"
 
     def _next(self, place: int, taken: Iterable[int]) -> int:
-        """Return a vertex next on the way from `place` to the goal, an empty one if there is."""
+        """Return the next vertex on the way from `place` to the goal, an empty one if possible."""
         ways = self._roads.nearer(place, self._goal)
         return min(ways, key=lambda way: (way in taken, way), default=place)
 
@@ -125,7 +128,7 @@ class _Vehicle:
         self._countdown = 0
 
     def _new_goal(self, heard: Mapping[int, ExchangeNote]) -> int | None:
-        """Return the goal that an exchange or a rotation brings in this round, if one does."""
+        """Return the goal that an exchange or a rotation brings in this round, if any."""
         here, want = self._place, self._want
         behind = {at: said for at, said in heard.items() if said.want(at) == here}
         if self._goal == here:
@@ -148,7 +151,7 @@ class _Vehicle:
         return None
 
     def _wait(self, heard: Mapping[int, ExchangeNote], taken: set[int]) -> tuple[int, int]:
-        """Stand behind a vehicle that is not at its goal; return the probe to say."""
+        """Wait behind a vehicle that is not at its goal; return the probe to say."""
         self._blocked += 1
         self._countdown = max(self._countdown - 1, 0)
         for at, said in heard.items():
@@ -179,7 +182,7 @@ class _Vehicle:
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
-    """Return the rule of one vehicle; its only goal is a vertex that some vehicle is to take."""
+    """Return the rule of one vehicle; its only goal is a vertex that some vehicle must take."""
     graph = knowledge.system.graph
     if graph is None:
         raise InputError("rule 'tswap' is for vehicles on a graph")

@@ -1,4 +1,4 @@
-"""The random rule, for every system: any of the legal actions, stay among them.
+"""The random rule, for every system: any of the legal actions, including stay.
 
 Room: agents.
 """

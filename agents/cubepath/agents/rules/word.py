@@ -2,17 +2,17 @@
 
 Room: agents. Source: own, from the lattice of height functions of a positive arm.
 
-Let h(i) be how many of the first i letters are x: the x-coordinate of the vertex after segment i,
-which segment i reads off its own place. Turning the corner after segment i, or rotating the last
-segment, changes h(i) by one and no other height. So each segment moves towards its own goal height
-H(i), and only when that brings it nearer. It gets there: sum |h - H| falls by one with each move,
-and while h != H some such move is admissible. For take a segment with h(i) < H(i) at which
-H - h is positive and, among those, h is least at the rightmost such i: were its letter x, then
-h(i-1) = h(i) - 1 < H(i) - 1 <= H(i-1) would be such a segment with less height; and were the next
-letter y, then h(i+1) = h(i) < H(i) <= H(i+1) would be one further right; so the letters are y, x
-(or y and the end of the arm) and the corner turns upwards in h. The case h > H mirrors it. A
-segment that lost its claim tries again; the highest claim always wins, so some move is made in
-every round and the word is spelt after at most sum |h - H| rounds.
+Let h(i) be the number of x among the first i letters: the x-coordinate of the vertex after segment
+i, which segment i knows from its own place. Turning the corner after segment i, or rotating the
+last segment, changes h(i) by one and no other height. So each segment moves only when that brings
+it nearer to its own goal height H(i). The arm reaches the goal: sum |h - H| falls by one with each
+move, and while h != H some such move is admissible. To see this, consider the segments with h(i) <
+H(i), and choose the rightmost among those with the least h(i). If its letter were x, then h(i-1) =
+h(i) - 1 < H(i) - 1 <= H(i-1), so segment i-1 would be one with less height. If the next letter were
+y, then h(i+1) = h(i) < H(i) <= H(i+1), so segment i+1 would be one further right. So the letters
+are y, x (or y and the end of the arm), and the corner turns upwards in h. The case h > H is
+symmetric. A segment that lost its claim tries again; the highest claim always wins, so some move is
+made in every round, and the word is spelt after at most sum |h - H| rounds.
 """
 
 from __future__ import annotations

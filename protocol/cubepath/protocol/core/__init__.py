@@ -1,7 +1,8 @@
 """The formal core: sites, actions, what commutes, catalogues, systems and scenes.
 
-Room: protocol. It has the definitions of the paper, and what all readers of files need; it knows no
-kind of system, no form of file and no message. It imports no other room; every room may import it.
+Room: protocol. It holds the definitions of the paper and what every reader of files needs. It knows
+no kind of system, no file format and no message. It imports no other room; every room may import
+it.
 """
 
 from typing import TYPE_CHECKING

@@ -20,10 +20,10 @@ class Action:
     """A placed generator: a support, a trace inside it, an unordered pair of local states.
 
     `ends` holds, for each of the two local states, the sites of the support that are on, in a
-    canonical order that has nothing to do with which was given first. Sites in `free` may be on
-    or off; a pair ``(a, b)`` in `guards` says that if `a` is on then so is `b` (the dot and arrow
-    of the paper's sliding squares). Two actions are equal iff support, trace, local states and
-    these conditions are; `label` is for people.
+    canonical order that does not depend on which was given first. Sites in `free` may be on or off;
+    a pair ``(a, b)`` in `guards` says that if `a` is on then so is `b` (the dot and arrow of the
+    paper's sliding squares). Two actions are equal iff support, trace, local states and these
+    conditions are; `label` is for display only.
     """
 
     __slots__ = ("_hash", "ends", "free", "guards", "label", "reads", "support", "trace")
@@ -47,7 +47,7 @@ class Action:
         guards: Iterable[tuple[Site, Site]] = (),
         label: str = "",
     ) -> None:
-        """Build an action; InputError names what contradicts the definition of a generator."""
+        """Build an action; raise InputError for what contradicts the definition of a generator."""
         self.support = frozenset(support)
         self.trace = frozenset(trace)
         self.reads = self.support - self.trace
@@ -63,7 +63,7 @@ class Action:
         self._hash = hash((self.support, self.trace, self.ends, self.free, self.guards))
 
     def labelled(self, label: str) -> Action:
-        """Return an equal action with this label, without asking again whether it is one."""
+        """Return an equal action with this label, without checking its definition again."""
         found = Action.__new__(Action)
         for name in Action.__slots__:
             setattr(found, name, getattr(self, name))
@@ -139,10 +139,10 @@ def _check(action: Action, before: frozenset[Site], after: frozenset[Site]) -> N
 
 
 def commute(one: Action, other: Action) -> bool:
-    """Tell whether neither action's trace meets the other's support (definition of commuting).
+    """Return whether neither action's trace meets the other's support (definition of commuting).
 
-    The one definition: it decides safety among agents, cubes of the complex, and shortening.
-    An action never commutes with itself.
+    This is the one definition: it decides safety among agents, cubes of the complex, and
+    shortening. An action never commutes with itself.
     """
     return one.trace.isdisjoint(other.support) and other.trace.isdisjoint(one.support)
 
@@ -150,7 +150,7 @@ def commute(one: Action, other: Action) -> bool:
 def end_at(action: Action, state: State) -> int | None:
     """Return which of the action's two local states (0 or 1) `state` shows, or None.
 
-    Costs as much as the support, whatever the size of the state.
+    The cost is that of the support, whatever the size of the state.
     """
     fixed = action.support - action.free if action.free else action.support
     shown = frozenset([site for site in fixed if site in state])
@@ -165,7 +165,7 @@ def end_at(action: Action, state: State) -> int | None:
 
 
 def admissible(action: Action, state: State) -> bool:
-    """Tell whether the action applies at the state: one of its local states is shown there."""
+    """Return whether the action applies at the state: one of its local states is shown there."""
     return end_at(action, state) is not None
 
 
@@ -177,7 +177,7 @@ def apply(action: Action, state: State) -> frozenset[Site]:
 
 
 def apply_in_place(action: Action, state: set[Site]) -> None:
-    """Change `state` by the action at the cost of its support; InputError if not admissible."""
+    """Apply the action in place, at the cost of its support; InputError if not admissible."""
     index = end_at(action, state)
     if index is None:
         raise InputError(why_inadmissible(action, state))
@@ -186,7 +186,7 @@ def apply_in_place(action: Action, state: set[Site]) -> None:
 
 
 def why_inadmissible(action: Action, state: State) -> str:
-    """Say in one line why the action is not admissible at the state, naming the first site."""
+    """Return one line on why the action is not admissible at the state, naming the first site."""
     name = action.label or repr(action)
     wrong = [in_order((end ^ (action.support & state)) - action.free) for end in action.ends]
     sites = min(wrong, key=len)

@@ -1,7 +1,7 @@
 """Lattices, generators, and catalogues of generators placed by translation.
 
-Source: Abrams and Ghrist, definition of catalogue and action; the hexagonal, arm generators as
-their examples describe them. A catalogue is data: it can be written to and read from a file.
+Source: Abrams and Ghrist, definition of catalogue and action; the hexagonal and arm generators
+follow their examples. A catalogue is data: it can be written to and read from a file.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from cubepath.protocol.core.sites import Site
 
 Cell: TypeAlias = tuple[int, ...]
 Place: TypeAlias = Callable[[str, Cell], Action]
-"""Gives the action of a generator, by its name, at a translation."""
+"""Returns the action of a generator, given its name and a translation."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lattice:
     """A lattice whose sites are integer tuples, of which the first `dimension` translate.
 
-    The further entries name the orbit (for lattice edges, the axis). `drawing` says how sites
+    The remaining entries name the orbit (for lattice edges, the axis). `drawing` says how sites
     look: "hexagons", "squares" or "edges".
     """
 
@@ -77,7 +77,7 @@ class Generator:
     """A generator at the origin of a lattice.
 
     `motion` lists where each module of the trace goes, from `before` to `after`; the first is the
-    mover, the module that proposes. Read the other way round it serves the reverse.
+    mover, the module that proposes. Read backwards, it is the motion of the reverse.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Generator:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """What a module can propose: an action, which generator it is of, and where modules go."""
+    """What a module can propose: an action, its generator and place, and where modules go."""
 
     action: Action
     generator: str
@@ -138,9 +138,9 @@ class Move:
         return self.motion[0][1]
 
     def possible(self, state: State) -> bool:
-        """Tell whether the action is admissible and its modules are where the move takes them from.
+        """Return whether the action is admissible and its modules stand where the move begins.
 
-        The mover alone does not say that: in a run of squares that slides by one, most places are
+        The mover alone does not decide this: when a run of squares slides by one, most places are
         taken before and after.
         """
         end = end_at(self.action, state)
@@ -171,9 +171,9 @@ class _Template:
 
 @dataclass(frozen=True)
 class Catalogue:
-    """A finite set of generators on a lattice, with what follows from it for neighbourhoods.
+    """A finite set of generators on a lattice, indexed by name and by the orbit of the mover.
 
-    All offsets are computed from the generators once: nothing about radii is typed in by hand.
+    All neighbourhoods are derived from the generators; no radius is entered by hand.
     """
 
     lattice: Lattice
@@ -212,7 +212,7 @@ class Catalogue:
     def proposals(self, cell: Cell, place: Place | None = None) -> tuple[Move, ...]:
         """Return all moves whose mover stands at `cell`, in the order of the catalogue.
 
-        `place` gives their actions, for whoever remembers them; `Catalogue.place` when left out.
+        `place` returns their actions, so a caller can cache them; the default is `Catalogue.place`.
         """
         lattice, found = self.lattice, []
         place = place or self.place

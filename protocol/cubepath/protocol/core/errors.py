@@ -2,7 +2,7 @@
 
 
 class CubepathError(Exception):
-    """Base of all errors that are raised on purpose; its text is one line for a person."""
+    """Base of all errors raised on purpose; the message is one line for the user."""
 
 
 class InputError(CubepathError):
@@ -12,12 +12,12 @@ class InputError(CubepathError):
 class ExcludedError(InputError):
     """The generator is known, but there is no such action at that place.
 
-    An obstacle is in the way, or the workspace ends, or no such edge or move is there.
+    An obstacle is in the way, the workspace ends, or there is no such edge or move.
     """
 
 
 class RuleError(CubepathError):
-    """A rule did what a rule may not do, or failed itself; the text names it and its module."""
+    """A rule did what no rule may do, or failed; the message names it and its module."""
 
 
 class CheckError(CubepathError):

@@ -1,8 +1,8 @@
-"""Input files: each opened once, looked at to tell what it is, and read from its start.
+"""Input files: each opened once, inspected to tell its format, and read from its start.
 
-Every reader takes a path, or a file that somebody has opened to see what it is: so a command opens
-each of its inputs one time, and what it tells is of one moment. What has no start to go back to,
-such as a pipe, is read into memory. It touches the files that it is told to.
+Every reader takes a path, or a file that is already open because its format was inspected. So a
+command opens each of its inputs once, and all that it reports concerns one moment. Input that
+cannot be rewound, such as a pipe, is read into memory. Only the files that are given are touched.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from cubepath.protocol.core.errors import InputError
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 STANDARD_INPUT = Path("/dev/stdin")
-"""The path that readers take for standard input; command lines call it ``-``."""
+"""The path that readers take for standard input; on the command line it is ``-``."""
 _NAME = Path("standard input")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InputFile:
-    """A file that is open for reading; each question goes back to its start.
+    """A file that is open for reading; each method goes back to its start.
 
-    What cannot be read is an InputError with the path and the system's reason.
+    A failure to read raises InputError with the path and the system's reason.
     """
 
     path: Path
@@ -53,7 +53,7 @@ class InputFile:
             return stream.read()
 
     def text(self) -> str:
-        """Return all as UTF-8 text, line endings made one and a byte order mark taken off."""
+        """Return the UTF-8 text, with line endings normalized and a byte order mark removed."""
         stream = io.TextIOWrapper(io.BytesIO(self.whole()), encoding="utf-8-sig")
         try:
             return stream.read()
@@ -61,9 +61,9 @@ class InputFile:
             raise InputError(f"{self.path}: not UTF-8 text (byte {error.start})") from None
 
     def numbered_lines(self) -> Iterator[tuple[int, bytes]]:
-        """Yield the lines that are not empty, each with its number from 1 and without its ending.
+        """Yield the lines that are not blank, each with its number from 1.
 
-        CRLF and a byte order mark are taken off.
+        White space around a line, its ending included, and a byte order mark are removed.
         """
         stream = self.from_start()
         with readable(self.path):
@@ -74,12 +74,12 @@ class InputFile:
 
 
 Source: TypeAlias = Path | InputFile
-"""What readers take: where a file is, or the file itself, open."""
+"""What readers take: the path of a file, or the open file itself."""
 
 
 @contextlib.contextmanager
 def readable(path: Path) -> Generator[None]:
-    """Turn what the system says against reading a file into an InputError."""
+    """Turn an OSError from reading a file into an InputError."""
     try:
         yield
     except OSError as error:
@@ -88,9 +88,9 @@ def readable(path: Path) -> Generator[None]:
 
 @contextlib.contextmanager
 def opened(source: Source) -> Generator[InputFile]:
-    """Open a file for as long as it is read, or take one that is open, which then stays so.
+    """Open a file for the length of the block; one that is already open stays open.
 
-    InputError where it cannot be opened.
+    Raises InputError if it cannot be opened.
     """
     if isinstance(source, InputFile):
         yield source
@@ -107,13 +107,13 @@ def opened(source: Source) -> Generator[InputFile]:
 def _stream(source: Path) -> BinaryIO:
     if source != STANDARD_INPUT:
         return source.open("rb")
-    stdin: object = sys.stdin  # None where it was closed when Python began, whatever its type says
+    stdin: object = sys.stdin  # None if it was closed when Python began, whatever its type says
     if stdin is None:
         raise InputError(f"{_NAME}: closed, expected what to read")
     return os.fdopen(os.dup(0), "rb")
 
 
 def read_text(source: Source) -> str:
-    """Return the text of an input file; InputError in one line where it cannot be read."""
+    """Return the text of an input file; InputError if it cannot be read."""
     with opened(source) as file:
         return file.text()

@@ -1,7 +1,7 @@
-"""Keys that stand twice in one JSON object: parsers take the last and say nothing.
+"""Duplicate keys in a JSON object: parsers silently take the last one.
 
-It costs little: a text that has been decoded says how many keys it must have, and where there are
-no more colons than that, no key stands twice.
+The check is cheap: the decoded value tells how many keys the text must have, and if it has no more
+colons than that, no key is a duplicate.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ class _TwiceError(Exception):
 
 
 def check_keys(text: bytes, least: int = 1, *, where: str | None = None) -> None:
-    """Raise InputError where a key stands twice in one object of a valid JSON text.
+    """Raise InputError if a key stands twice in one object of a valid JSON text.
 
-    `least` is how many keys there are at least, whatever stands twice. `where` is what the error
-    tells before the line, as ``FILE:``; without it the key alone is named.
+    `least` is the number of keys that the text has at least, without duplicates. `where` precedes
+    the line number in the error, as ``FILE:``; without it only the key is named.
     """
     if text.count(b":") <= least or len(_COLON.findall(text)) <= least:
         return
     try:
-        # Numbers are not looked at: a long one need not be read.
+        # Numbers are not parsed, however long they are.
         json.loads(
             text.decode("utf-8-sig"),
             object_pairs_hook=_distinct,
@@ -49,7 +49,7 @@ def _distinct(pairs: Sequence[tuple[str, object]]) -> None:
 
 
 def _first_twice(text: bytes) -> tuple[int, str]:
-    """Return the first key that stands twice, as JSON, and the line of its second place."""
+    """Return the first key that stands twice, as JSON, and the line where it stands again."""
     open_objects: list[set[str]] = []
     for found in _KEY_OR_BRACE.finditer(text):
         match found[0][:1]:

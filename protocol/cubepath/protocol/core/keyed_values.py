@@ -1,4 +1,4 @@
-"""Names with keys, `name:key=value,...`: how scenes, and formats of plans, are told on one line."""
+"""Names with keys, `name:key=value,...`: how scenes and plan formats are written on one line."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ Keys = Mapping[str, tuple[str, str]]
 
 
 def given_values(text: str, keys: Keys, where: str) -> dict[str, str]:
-    """Return what stands behind the colon of a name, by key and in its order.
+    """Return the values after the colon of a name, by key, in the order given.
 
-    InputError, with `where`, for what is no KEY=VALUE with one of the keys, or stands twice.
+    Raises InputError, beginning with `where`, for a part that is not KEY=VALUE with one of the
+    keys, and for a key that stands twice.
     """
     given: dict[str, str] = {}
     for part in text.split(",") if text else []:
@@ -30,5 +31,5 @@ def given_values(text: str, keys: Keys, where: str) -> dict[str, str]:
 
 
 def all_values(given: Mapping[str, str], keys: Keys) -> dict[str, str]:
-    """Return the values of all keys, in their order: those that were given, else the defaults."""
+    """Return the values of all keys, in the order of `keys`: the given ones, or the defaults."""
     return {key: given.get(key, default) for key, (default, _) in keys.items()}

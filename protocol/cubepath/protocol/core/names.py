@@ -1,7 +1,7 @@
-"""How a move is named from outside: by its generator and where that is placed.
+"""How a move is named outside a process: by its generator and where that is placed.
 
-So it stands in messages, in files and in schedules. `at` is a site as decoded from JSON, in which
-lists stand for tuples; `cubepath.protocol.core.sites.site_from_json` makes it a site.
+Messages, files and schedules use this form. `at` is a site as decoded from JSON, in which lists
+stand for tuples; `cubepath.protocol.core.sites.site_from_json` makes it a site.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class GeneratorPlacement(msgspec.Struct, frozen=True):
 
 
 def schema_with_definitions(kind: type[msgspec.Struct]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the JSON Schema (2020-12) of an object, and those that it refers to by name.
+    """Return the JSON Schema (2020-12) of an object, and by name the schemas that it refers to.
 
     A `GeneratorPlacement` is "Placed" there, as in all schemas since the first version.
     """

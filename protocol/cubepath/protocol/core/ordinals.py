@@ -1,4 +1,4 @@
-"""Numbers for things in the order in which they are met: how sites become integers and bits."""
+"""Numbers for things in order of first use: how sites become integers and bits."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ Thing = TypeVar("Thing", bound=Hashable)
 
 
 class Ordinals(dict[Thing, int]):
-    """The numbers of things, from 0 in the order in which they are first asked for.
+    """The numbers of things, from 0 in the order in which they are first looked up.
 
-    Equal things have one number. To ask by `get` or `in` gives no number to what has none.
+    Equal things share a number. `get` and `in` assign no numbers.
 
     >>> numbers = Ordinals[str]()
     >>> numbers["b"], numbers["a"], numbers["b"], list(numbers), "c" in numbers
@@ -19,6 +19,6 @@ class Ordinals(dict[Thing, int]):
     """
 
     def __missing__(self, thing: Thing) -> int:
-        """Give the next number to a thing."""
+        """Assign the next number to a thing."""
         number = self[thing] = len(self)
         return number

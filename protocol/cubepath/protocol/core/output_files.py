@@ -1,6 +1,6 @@
-"""Output files: each written whole or not at all, and looked at before long work begins.
+"""Output files: each written whole or not at all, and checked before long work begins.
 
-What is no regular file, such as standard output, a pipe or a device, is written in place.
+Anything but a regular file, such as standard output, a pipe or a device, is written in place.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from typing import BinaryIO
 from cubepath.protocol.core.errors import CheckError, InputError
 
 STANDARD_OUTPUT = Path("/dev/stdout")
-"""The path that writers take for standard output; command lines call it ``-``."""
+"""The path that writers take for standard output; on the command line it is ``-``."""
 _NAME_MAX = 100
 
 
 @contextlib.contextmanager
 def written_whole(path: Path) -> Generator[BinaryIO]:
-    """Open a file for writing that is complete afterwards, or as it was before.
+    """Open a file for writing that is complete afterwards, or unchanged.
 
-    A file that is replaced keeps its permissions, and links to it lead to the new one. InputError
-    where it cannot be written, for standard output CheckError; BrokenPipeError where nobody reads
-    it any more. Errors of the body go through.
+    A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
+    it cannot be written, CheckError if that is standard output, and BrokenPipeError if it has no
+    reader any more. An OSError of the body, and except for standard output a RuntimeError, counts
+    as a failure to write; other errors of the body propagate.
     """
     if path == STANDARD_OUTPUT:
         with _standard_output() as stream:
@@ -58,7 +59,8 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
 def _standard_output() -> Generator[BinaryIO]:
     try:
         sys.stdout.flush()
-        # By its number: by its path a file would be truncated and written from its start.
+        # By its descriptor: opened by its path, a file would be truncated and written from its
+        # start.
         with os.fdopen(os.dup(1), "wb") as stream:
             yield stream
     except BrokenPipeError:
@@ -68,7 +70,7 @@ def _standard_output() -> Generator[BinaryIO]:
 
 
 def is_special(path: Path) -> bool:
-    """Tell whether a path is there and is neither a regular file nor a folder."""
+    """Return whether a path exists and is neither a regular file nor a folder."""
     try:
         mode = path.stat().st_mode
     except (OSError, RuntimeError):
@@ -77,9 +79,9 @@ def is_special(path: Path) -> bool:
 
 
 def same_file(one: Path, other: Path) -> bool:
-    """Tell whether two paths lead to one file, there already or to be made; never a special one.
+    """Return whether two paths lead to the same file, existing or not; False for special files.
 
-    Links, hard and soft, and other spellings lead to the same file.
+    Hard links, symbolic links and other spellings of a path lead to the same file.
     """
     if is_special(one) or is_special(other):
         return False
@@ -90,7 +92,7 @@ def same_file(one: Path, other: Path) -> bool:
 
 
 def check_output(path: Path) -> None:
-    """See that a file can be written; InputError says why not. No folder is made for it."""
+    """Check that a file can be written; InputError says why not. No folder is created."""
     if path == STANDARD_OUTPUT or is_special(path):
         return
     if path.is_dir():

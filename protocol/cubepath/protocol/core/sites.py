@@ -22,11 +22,11 @@ _encode = msgspec.json.Encoder().encode
 
 
 DEPTH_MAX = 64
-"""How deep the lists of a site may be nested: far fewer than Python's calls may be."""
+"""How deeply the lists of a site may be nested: far below Python's recursion limit."""
 
 
 def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
-    """Return the site that a JSON value stands for: lists become tuples, `deep` levels of them.
+    """Return the site that a JSON value stands for: lists become tuples, up to `deep` levels.
 
     Raises InputError for objects and null, which name no place, and for lists nested deeper.
     """
@@ -52,7 +52,7 @@ def pairs_from_json(values: Iterable[tuple[object, object]]) -> tuple[tuple[Site
 
 
 def to_json(value: object) -> Any:
-    """Return a site, or tuples of sites at any depth, as JSON has them: tuples become lists."""
+    """Return a site, or nested tuples of sites, in JSON form: tuples become lists."""
     if isinstance(value, tuple):
         return [to_json(item) for item in value]
     return value
@@ -69,7 +69,7 @@ def in_order(sites: Iterable[Site]) -> tuple[Site, ...]:
 
 
 def _order(site: Site) -> tuple[object, ...]:
-    # Numbers as numbers, so that a lattice reads row by row and not as text ("10" < "9").
+    # Numbers sort as numbers, so a lattice is in order row by row, not as text ("10" < "9").
     if isinstance(site, tuple):
         return (2, tuple(_order(item) for item in site))
     if isinstance(site, str):
@@ -81,8 +81,8 @@ def _order(site: Site) -> tuple[object, ...]:
 def site_chunk(place: Site) -> str:
     """Return the chunk that names a place in a zenoh key expression.
 
-    No chunk may be empty or hold ``/ * $ ? #``; integers of a tuple are joined by ``,``
-    and everything else is percent-encoded.
+    No chunk may be empty or contain ``/ * $ ? #``; integers of a tuple are joined by ``,`` and
+    everything else is percent-encoded.
     """
     if isinstance(place, tuple) and place and all(type(item) is int for item in place):
         return ",".join(str(item) for item in place)

@@ -1,4 +1,4 @@
-"""What a name that is not known was meant to be: the one that is nearest to it, if one is near."""
+"""Suggestions for unknown names: the nearest known one, if any is near."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return a remark on a name that is not known, to stand behind it; empty if none is near.
+    """Return a hint to append to an unknown name; empty if no known name is near.
 
     >>> did_you_mean("hexx", ["agv", "hex"])
     " (did you mean 'hex'?)"

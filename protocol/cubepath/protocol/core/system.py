@@ -1,12 +1,12 @@
 """Systems: the static world of a robot, and scenes: a system with a start and a goal.
 
-A system answers, for one place, what a module there could do, what it must see for that, and
-who could be in its way; the cost is that of the neighbourhood. It knows nothing of where modules
-are, so that handing a system to a rule hands it no more than the static map.
+For one place, a system says what a module there could do, what it must sense to do so, and which
+modules could be in its way, at the cost of the neighbourhood. It does not know where modules are,
+so a rule that is given a system gets only the static map.
 
-All that others may want to know of a system, its class says itself: how it is written and read,
-how its sites are drawn, where modules can go, what is known of paths in it. Whoever asks for a
-class or a name instead works with the systems of today only; so nobody does.
+The class of a system answers every question about it: how it is written and read, how its sites are
+drawn, where modules can go, what is known of its paths. Code that asks for a class or a name
+instead would work only with the systems of today, so there is none.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from cubepath.protocol.core.vehicle_graph import VehicleGraph
 EMPTY, MODULE, FILLED, CLOSED = 0, 1, 2, 3
 """What a sensed place shows: free, a module, an occupied obstacle, or no place for a module."""
 KEPT = 1 << 16
-"""Places whose moves and neighbourhoods are remembered."""
+"""Number of places whose moves and neighbourhoods are cached."""
 FIRST_LABEL = 4
 """A labelled module with label ``i`` shows as ``FIRST_LABEL + i``."""
 
 
 class Ways(NamedTuple):
-    """From which site a module can come to which by some move, whatever else stands there."""
+    """Where one move can take a module from a site, whatever other modules stand around."""
 
     near: Callable[[Site], Iterable[Site]]
     """The sites that are one move away from a site, each once."""
     one_to_one: bool
-    """Whether every move takes its modules to as many sites, no two to one."""
+    """Whether every move takes distinct modules to distinct sites."""
 
 
 def one_to_one(motions: Iterable[Sequence[tuple[Site, Site]]]) -> bool:
-    """Tell whether each of these motions takes its modules to as many sites, no two to one."""
+    """Return whether each motion takes distinct sites to distinct sites."""
     return all(
         len({source for source, _ in motion})
         == len({target for _, target in motion})
@@ -64,32 +64,32 @@ class System(ABC):
     A *site* is what can be on; a *place* is where a module stands. They differ only in labelled
     systems, whose sites are ``(place, label)``.
 
-    A class of another distribution defines what is abstract here, and whatever else it can say;
-    what it leaves out is not known of it, and does no harm. It is offered to others by a `Family`
-    of scenes, under the entry point group ``cubepath.systems``.
+    A class of another distribution defines the abstract members, and overrides any others that it
+    can answer. The default of each says that nothing is known, and does no harm. A `Family` of
+    scenes offers the class, under the entry point group ``cubepath.systems``.
     """
 
     table: ClassVar[str]
     """The name of the TOML table that systems of this class are written as and read from."""
     filled: frozenset[Site]
-    """Obstacles that are on: they count for supports, never move, never become free."""
+    """Obstacles that are on: they count in supports, never move and are never freed."""
     empty: frozenset[Site] = frozenset()
     """Obstacles that are off."""
     drawing: str
-    """How places look: a style that pictures know: "hexagons", "squares", "map", "edges", "graph",
+    """How places look, as a style of pictures: "hexagons", "squares", "map", "edges", "graph",
     "chords" or "letters"."""
     places: tuple[Site, ...] = ()
-    """The places that a picture shows whatever the modules do: of a finite system all."""
+    """The places that a picture shows wherever the modules are: all places of a finite system."""
     positions: Mapping[Site, tuple[float, float]] = MappingProxyType({})
     """Where places, or the points that a chord joins, lie in a picture, y upwards."""
     letters: tuple[str, ...] = ()
     """The letters of a system whose sites are ``(place, letter)``."""
     catalogue: Catalogue | None = None
-    """The generators that are placed by translation, where all moves come from such."""
+    """The generators that are placed by translation, if all moves come from such generators."""
     graph: VehicleGraph | None = None
-    """The graph, where modules are vehicles."""
+    """The graph, if modules are vehicles."""
     bounded: bool = True
-    """False where modules can wander off for ever: the workspace is a whole lattice."""
+    """False if modules can move away without limit: the workspace is a whole lattice."""
     site_size: int
     """How many integers `encode_site` returns."""
     move_slots: int
@@ -103,42 +103,44 @@ class System(ABC):
     codes: int = 4
     """Every code that a place shows is below this."""
     local = True
-    """False where a rule for the whole aggregate decides too (`legal`): such a system has a
-    complex, but no environment, no runs and no shortening."""
+    """False if a rule for the whole aggregate also decides (`legal`): such a system has a complex,
+    but no environment, no runs and no shortening."""
 
     @abstractmethod
     def to_table(self) -> dict[str, Any]:
-        """Return what the TOML table of this system holds: plain lists, texts and numbers."""
+        """Return the content of this system's TOML table: plain lists, strings and numbers."""
 
     @classmethod
     @abstractmethod
     def from_table(cls, table: Mapping[str, Any]) -> Self:
-        """Return the system that a TOML table holds; of `to_table`, an equal one.
+        """Return the system of a TOML table; for the table of `to_table`, an equal system.
 
-        InputError, or msgspec's ValidationError, for a table that holds none.
+        Raises InputError, or msgspec's ValidationError, if the table describes no system.
         """
 
     @abstractmethod
     def moves(self, site: Site) -> tuple[Move | None, ...]:
         """Return the moves whose mover is a module at `site`; None pads and marks excluded ones.
 
-        Each takes every module of its trace to a site of it, one to one: none comes or goes.
+        Each move takes the modules of its trace one to one to sites of the trace, so none appears
+        or disappears.
         """
 
     def moves_at(self, site: Site) -> Iterable[Move]:
-        """Return the moves of `moves` that there are, in their order, without slots.
+        """Return the moves of `moves` in the same order, without empty slots.
 
-        A system that lists its moves only for runs and environments finds them here.
+        A system that lists its moves only for runs and environments finds them here without the
+        list.
         """
         return (move for move in self.moves(site) if move is not None)
 
     def discovery(self) -> Callable[[Site], Iterable[Move]] | None:
-        """Return what finds moves for a search that visits few of very many sites.
+        """Return a function that finds moves for a search that visits few of very many sites.
 
-        A function that is told once of each site that is on in some state, in any order. When it
-        was told of all that are on in a state, it has returned every move that is admissible
-        there, with the mover that is on; it may have returned others. None where `moves_at` of the
-        sites does for that.
+        The search calls it once for each site that is on in some state, in any order. Once it was
+        called for all the sites that are on in a state, it has returned every move that is
+        admissible there, with the mover that is on; it may have returned others. None if calling
+        `moves_at` for each site does the same.
         """
         return None
 
@@ -146,13 +148,13 @@ class System(ABC):
     def action(self, generator: str, at: Site) -> Action:
         """Return the action of the named generator at the given place; InputError if unknown.
 
-        The same object each time, and that of `moves`, as long as so many are remembered (`KEPT`).
+        It is the same object each time, and the one in `moves`, while it is cached (`KEPT`).
         """
 
     def move_named(self, site: Site, generator: str, at: Site) -> Move | None:
         """Return the move of this generator and place whose mover is a module at `site`.
 
-        None where there is none: that it is no move at all, or nobody's at `site`.
+        None if there is no such move, or none whose mover is at `site`.
         """
         for move in self.moves_at(site):
             if move.generator == generator and move.at == at:
@@ -162,8 +164,8 @@ class System(ABC):
     def moves_of(self, action: Action) -> tuple[Move, ...]:
         """Return the moves that make an action, in either direction, from each mover's site.
 
-        By the site of the mover in canonical order, then by slot. An equal action may be listed
-        under several names; where it is none of the system's there is no move.
+        They are ordered by the site of the mover in canonical order, then by slot. An equal action
+        may be listed under several names. An action that is not the system's has no moves.
         """
         return tuple(
             move
@@ -183,10 +185,10 @@ class System(ABC):
 
     @abstractmethod
     def reach(self, place: Site) -> tuple[Site, ...]:
-        """Return the places where a module could stand whose moves do not commute with one's own.
+        """Return the places where moves may not commute with those of a module at `place`.
 
-        Modules that one's own moves take along are among them.
-        Claims and notes go there and no further.
+        The places of modules that its moves take along are among them. Claims and notes go there
+        and no further.
         """
 
     @abstractmethod
@@ -198,37 +200,37 @@ class System(ABC):
 
     @abstractmethod
     def decode_site(self, numbers: Sequence[int], label: int | None) -> Site:
-        """Return the site that `encode_site` made these integers of."""
+        """Return the site that `encode_site` encodes as these integers."""
 
     @abstractmethod
     def has_place(self, place: Site) -> bool:
-        """Tell whether a module could ever stand at `place`."""
+        """Return whether a module could ever stand at `place`."""
 
     def check_place(self, place: Site) -> None:
-        """Raise InputError where no module could ever stand at `place`."""
+        """Raise InputError if no module could ever stand at `place`."""
         if not self.has_place(place):
             raise InputError("an obstacle or no place")
 
     def modules_among(self, sites: Iterable[Site]) -> tuple[Site, ...]:
-        """Return the sites of modules that a file means by these, in their order.
+        """Return the sites of the modules that these sites of a file stand for, in their order.
 
-        They are the same, unless a file may say more than where modules are. InputError where
-        these cannot be meant.
+        They are the same, unless files of the system may list more than modules. Raises InputError
+        for sites that stand for no modules.
         """
         return tuple(sites)
 
     def legal(self, state: AbstractSet[Site]) -> bool:
-        """Tell whether the rule for the whole aggregate, if there is one, allows the state."""
+        """Return whether the rule for the whole aggregate, if there is one, allows the state."""
         del state
         return True
 
     def check_state(self, sites: Iterable[Site]) -> None:
-        """Raise InputError where modules cannot be at these sites together; Scene checks places."""
+        """Raise InputError if modules cannot be at these sites together; Scene checks places."""
         del sites
 
     @property
     def open(self) -> bool:
-        """Tell whether a whole lattice is free: no end of the workspace, and no obstacle."""
+        """Return whether the system is a whole lattice without obstacles."""
         return not (self.bounded or self.filled or self.empty)
 
     def lines(self) -> Iterable[tuple[Site, Site]]:
@@ -236,43 +238,43 @@ class System(ABC):
         return ()
 
     def label_of(self, site: Site) -> int | None:
-        """Return the label of a site of a labelled system, None of another."""
+        """Return the label of a site, or None if the system has no labels."""
         if self.labels is None or not isinstance(site, tuple):
             return None
         return int(site[1])
 
     def with_labels(self, count: int) -> System:
-        """Return the same system with `count` labels, which modules keep; sites get them behind.
+        """Return the same system with `count` labels; modules keep them, sites end with them.
 
-        InputError where modules cannot be told apart by labels.
+        Raises InputError if labels cannot tell its modules apart.
         """
         raise InputError(f"labels for {count} modules: this system has none to give them")
 
     def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
         """Return a system that has the moves of these generators at these places, if it can.
 
-        As far as is known what would be there if nothing were in the way: no obstacle, no end of
-        the workspace. InputError where such moves contradict the system.
+        As far as it is known, that is the system without obstacles and without an end of the
+        workspace. Raises InputError if such moves contradict the system.
         """
         del placed
         return self
 
     def ways(self) -> Ways | None:
-        """Return where modules can go by some move, None where that is not known."""
+        """Return where modules can go by some move, or None if that is not known."""
         return None
 
     def bounds(self, start: State, goal: State) -> Iterable[Bound]:
-        """Return what is known of how many cubes every path between two states has at least.
+        """Return known lower bounds on the number of cubes of every path between two states.
 
-        The states differ. The proof stands beside the code.
+        The two states differ. The proof stands beside the code.
         """
         del start, goal
         return ()
 
     def potential(self, goal: State) -> Callable[[Site], int] | None:
-        """Return how far a site that is on is from the goal, to lead a search; None if not known.
+        """Return how far each site that is on is from the goal, to guide a search; None if unknown.
 
-        0 for sites of the goal; the sum over the sites of a state is 0 at the goal alone.
+        It is 0 for sites of the goal; its sum over the sites of a state is 0 only at the goal.
         """
         del goal
         return None
@@ -305,7 +307,7 @@ class System(ABC):
 
 
 _REGION_SIZE = 8
-"""Side of a region in cells: some reaches wide, so a module hears from few regions."""
+"""Side of a region in cells: a few reaches wide, so a module hears from few regions."""
 
 
 def region_of(coordinates: Iterable[int]) -> str:
@@ -315,11 +317,11 @@ def region_of(coordinates: Iterable[int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A system with where its modules start, and where they are to go.
+    """A system with the start of its modules and, if they have one, their goal.
 
-    `start` lists the site of module 0, 1, ...; `goal` the sites that are on at the end, or None;
-    `goals` what each module knows of it from birth (for vehicles one vertex, for a chain of
-    hexagons all its cells in order).
+    `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is
+    None; `goals` lists what each module knows of it from birth (for vehicles one vertex, for a
+    chain of hexagons all its cells in order).
     """
 
     spec: str
@@ -330,7 +332,7 @@ class Scene:
     goals: tuple[tuple[Site, ...], ...] = field(default=())
 
     def __post_init__(self) -> None:
-        """Check that modules start on free places of their own and the goal is possible."""
+        """Check that modules start on distinct free places and that the goal is possible."""
         if not self.start:
             raise InputError(f"{self.spec}: no module to start with")
         self._check_sites("start", "module starts", self.start)
@@ -403,12 +405,12 @@ class Scene:
         return frozenset(self.start) | self.system.filled
 
     def reached(self, sites: Iterable[Site]) -> bool:
-        """Tell whether modules at these sites are at the goal; False when there is none."""
+        """Return whether modules at these sites are at the goal; False if there is none."""
         return self.goal is not None and frozenset(sites) == self.goal
 
 
 def local_only(scene: Scene, what: str) -> Scene:
-    """Return the scene; InputError where its system is not local, and so has no `what`."""
+    """Return the scene; InputError if its system is not local, and so has no `what`."""
     if not scene.system.local:
         raise InputError(
             f"{scene.spec}: not a local system (a rule for the whole aggregate decides too), so it"

@@ -1,4 +1,4 @@
-"""The graph that vehicles move on, as a system says it: vertices, edges, and who is beside whom."""
+"""The graph that vehicles move on: vertices, edges and neighbours."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from cubepath.protocol.core.sites import Site
 
 @dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class VehicleGraph:
-    """A graph each of whose moves takes one vehicle along one edge, between two vertices.
+    """A graph on which each move takes one vehicle along one edge, between two vertices.
 
-    A system that says so promises that its places are the vertices, that the support of a move is
-    both ends of its edge (with every label), and that the move is named ``edge`` and placed at the
-    two ends in canonical order, with the label behind them where vehicles have labels.
+    A system with such a graph promises that its places are the vertices, that the support of a move
+    is both ends of its edge (with every label), and that the move is named ``edge`` and placed at
+    the two ends in canonical order, followed by the label if vehicles have labels.
 
     `vertices` are in canonical order, `index` has the number of each, `near` its neighbours in
     canonical order, and `edges` each edge once, in canonical order.

@@ -1,8 +1,8 @@
 """Files that hold paths: moves, cubes, schedules, durations, timetables and certificates.
 
-Room: protocol. It reads and writes forms and checks them as far as a form can be checked; what a
-path is worth is for the coordinator. It imports `core` alone. Messages carry some of these forms,
-and whoever takes a path from a file reads it here.
+Room: protocol. It reads, writes and checks file formats; judging a path is up to the coordinator.
+It imports only `core`. Messages carry some of these formats, and all code that takes a path from a
+file reads it here.
 """
 
 from typing import TYPE_CHECKING

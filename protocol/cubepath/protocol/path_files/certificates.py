@@ -1,7 +1,7 @@
-"""Certificates: what lets anyone check that a schedule is a shortest one of its path's class.
+"""Certificates: proofs that a schedule is a shortest one in the class of its path.
 
-Room: protocol. This is the form, as a file and in recordings; see docs/certificates.md. It is built
-and checked in the coordinator's room, by modules that share nothing but this.
+Room: protocol. This is the format, in files and in recordings; see docs/certificates.md.
+Certificates are built and checked in the coordinator, by modules that share only this one.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cubepath.protocol.path_files.jsonl import line_schema, write_lines
 
 FORMAT = "cubepath-certificate-1"
 SUFFIX = ".certificate.json"
-"""Where a cubes file ``NAME.jsonl`` has a certificate beside it, that is ``NAME`` and this."""
+"""The certificate of a cubes file ``NAME.jsonl`` lies beside it, as ``NAME`` with this suffix."""
 
 
 class Certificate(
@@ -48,7 +48,7 @@ _decode = msgspec.json.Decoder(Certificate).decode
 
 
 def certificate_from_json(text: bytes) -> Certificate:
-    """Return the certificate in a JSON text; InputError says what in it is none, and where."""
+    """Return the certificate in a JSON text; InputError says what is wrong in it, and where."""
     try:
         found = _decode(text)
         check_keys(text, 5 + (found.end is not None), where="line ")
@@ -58,7 +58,7 @@ def certificate_from_json(text: bytes) -> Certificate:
 
 
 def read_certificate(source: Source) -> Certificate:
-    """Read a certificate; InputError, with the file, where it cannot be read or is none."""
+    """Read a certificate; InputError, with the file, if it cannot be read or is none."""
     with opened(source) as file:
         text = file.whole()
     try:
@@ -68,9 +68,9 @@ def read_certificate(source: Source) -> Certificate:
 
 
 def write_certificate(path: Path, certificate: Certificate) -> None:
-    """Write a certificate, as one line; the file is complete or as it was before.
+    """Write a certificate, as one line; the file is complete afterwards, or unchanged.
 
-    InputError where it cannot be written.
+    Raises InputError if it cannot be written.
     """
     write_lines(path, [certificate])
 

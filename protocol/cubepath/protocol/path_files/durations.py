@@ -1,9 +1,9 @@
-"""Durations of moves as they come in: from a file, or in words; see docs/certificates.md.
+"""Durations of moves as input: from a file, or as ``NAME=TIME``; see docs/certificates.md.
 
-All times are exact: whole numbers and fractions. What has a decimal point is read as it is written,
-never as a binary floating-point number.
+All times are exact: integers and fractions. A decimal number is read as written, never as a binary
+floating-point number.
 
-Room: protocol. It touches the files that it is told to, and knows nothing of scheduling.
+Room: protocol. It touches only the files it is given, and knows nothing of scheduling.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from cubepath.protocol.path_files.moves import MoveName
 FORMAT = "cubepath-durations-1"
 
 Number: TypeAlias = int | str
-"""A time in a file: a whole number, or text: ``"3/2"``, ``"1.5"``."""
+"""A time in a file: an integer, or text such as ``"3/2"`` or ``"1.5"``."""
 
 _NUMBER = re.compile(r"(\d{1,18})(?:/(\d{1,18})|\.(\d{1,18}))?", re.ASCII)
 
 
 @dataclass(frozen=True, slots=True)
 class Durations:
-    """How long moves take: each by its place, else by its generator or its id, else `default`.
+    """How long moves take: looked up by place, then by generator or id, then `default`.
 
-    `named` goes by generators and by the text of ids, `placed` by generator and place.
+    The keys of `named` are generators and ids as text; those of `placed` are generator and place.
     """
 
     default: Fraction = Fraction(1)
@@ -46,14 +46,14 @@ class Durations:
     )
 
     def of(self, name: MoveName) -> Fraction:
-        """Return how long a move takes that is written so."""
+        """Return the duration of the move with this name."""
         if not isinstance(name, GeneratorPlacement):
             return self.named.get(str(name), self.default)
         by_name = self.named.get(name.generator, self.default)
         return self.placed.get(_place(name), by_name) if self.placed else by_name
 
     def is_placed(self, name: MoveName) -> bool:
-        """Tell whether a duration is given for a move by its place."""
+        """Return whether a move has a duration by its place."""
         return (
             bool(self.placed)
             and isinstance(name, GeneratorPlacement)
@@ -61,7 +61,7 @@ class Durations:
         )
 
     def unused(self, names: Iterable[MoveName]) -> str | None:
-        """Return the first duration that is of none of these moves, in words, else None."""
+        """Return a text on the first duration that none of these moves has, or None."""
         known = list(names)
         used = {
             name.generator if isinstance(name, GeneratorPlacement) else str(name) for name in known
@@ -80,7 +80,7 @@ class Durations:
         return None
 
     def with_named(self, named: Mapping[str, Fraction]) -> Durations:
-        """Return these with other durations for some generators and ids."""
+        """Return these durations with others for some generators and ids."""
         return replace(self, named={**self.named, **named})
 
 
@@ -89,7 +89,7 @@ def _place(name: GeneratorPlacement) -> tuple[str, Site]:
 
 
 def time_from(value: Number) -> Fraction:
-    """Return a time from a whole number or text; InputError where it is none.
+    """Return a time from an integer or text; InputError if it is none.
 
     >>> time_from(2), time_from("3/2"), time_from("0.25")
     (Fraction(2, 1), Fraction(3, 2), Fraction(1, 4))
@@ -102,7 +102,7 @@ def time_from(value: Number) -> Fraction:
 
 
 def time_text(time: Fraction) -> Number:
-    """Return a time as files and answers have it: a whole number, or as text ``p/q``.
+    """Return a time as files and answers write it: an integer, or a text ``p/q``.
 
     >>> time_text(Fraction(4, 2)), time_text(Fraction(3, 2))
     (2, '3/2')
@@ -111,7 +111,7 @@ def time_text(time: Fraction) -> Number:
 
 
 def duration_from(value: Number) -> Fraction:
-    """Return a duration; InputError where it is no time, or not above 0."""
+    """Return a duration; InputError if it is no time, or not above 0."""
     found = time_from(value)
     if not found:
         raise InputError("found the duration 0, expected more than 0")
@@ -119,7 +119,7 @@ def duration_from(value: Number) -> Fraction:
 
 
 def durations_in_words(texts: Iterable[str]) -> dict[str, Fraction]:
-    """Return durations by name from texts ``NAME=TIME``; InputError says which is none, and why.
+    """Return durations by name from texts ``NAME=TIME``; InputError says which is wrong, and why.
 
     >>> durations_in_words(["slide=3/2", "7=2"])
     {'slide': Fraction(3, 2), '7': Fraction(2, 1)}
@@ -139,15 +139,15 @@ def durations_in_words(texts: Iterable[str]) -> dict[str, Fraction]:
 
 
 class _Decimal(str):
-    """A number with a decimal point or an exponent, as it is written."""
+    """A number with a decimal point or an exponent, as written."""
 
     __slots__ = ()
 
 
 def read_durations(source: Source) -> Durations:
-    """Read durations from a TOML file, or a JSON file if its name ends so.
+    """Read durations from a TOML file, or from JSON if the file's name ends in ``.json``.
 
-    InputError, with the file and the key in it, where it cannot be read or something in it is no
+    Raises InputError, with the file and the key in it, if it cannot be read or a value is no
     duration.
     """
     with opened(source) as file:
@@ -219,7 +219,7 @@ def _placed(found: Mapping[str, object]) -> dict[tuple[str, Site], Fraction]:
 
 
 def _table(found: object, where: str, keys: tuple[str, ...] | None = None) -> dict[str, object]:
-    """Return what is a table, with none but these keys if some are given."""
+    """Return `found` as a table; with `keys`, it may have no others."""
     if not isinstance(found, dict):
         at = f"{where}: " if where else ""
         raise InputError(f"{at}found {_shown(found)}, expected a table")
@@ -243,14 +243,14 @@ def _duration(value: object, where: str) -> Fraction:
 
 
 def _exact(value: object) -> object:
-    """Return a place with its decimals as numbers."""
+    """Return a place with its decimals as floats."""
     if isinstance(value, list):
         return [_exact(each) for each in cast("list[object]", value)]
     return float(value) if isinstance(value, _Decimal) else value
 
 
 def _shown(value: object) -> str:
-    """Say what was found: a table or a list as such, all else as it is written."""
+    """Return a text for what was found: a table or a list as such, all else as written."""
     if isinstance(value, dict):
         return "a table"
     if isinstance(value, list):

@@ -1,6 +1,6 @@
-"""JSON Lines: what a line says, and files of lines.
+"""JSON Lines: decoding a line, and files of lines.
 
-Room: protocol. It touches the files that it is told to, and knows nothing of what is in them.
+Room: protocol. It touches only the files it is given, and knows nothing of their content.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ def decode_line(
     keys: str,
     least: Callable[[_Line], int] = lambda _: 1,
 ) -> _Line:
-    """Return what `decode` makes of a line; InputError says what was found and the keys.
+    """Return a decoded line; InputError says what was found and the expected `keys`.
 
-    `least` says how many keys a line with this content must have, see `check_keys`.
+    `least` returns how many keys a line with this content has at least, see `check_keys`.
     """
     try:
         found = decode(line)
@@ -47,9 +47,10 @@ def line_schema(line: type[msgspec.Struct]) -> dict[str, Any]:
 
 
 def write_lines(path: Path, lines: Iterable[object]) -> None:
-    """Write one JSON document a line; afterwards the file is complete, or as it was before.
+    """Write one JSON document per line; afterwards the file is complete, or unchanged.
 
-    InputError where it cannot be written; errors of `lines` itself go through.
+    Raises InputError if it cannot be written; other errors of `lines` propagate, see
+    `written_whole`.
     """
     with written_whole(path) as stream:
         for line in lines:

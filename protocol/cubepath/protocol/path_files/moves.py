@@ -1,11 +1,11 @@
-"""Moves files and cubes files: how another planner's path comes in, and how its cubes go out.
+"""Moves files and cubes files: the path of another planner as input, and its cubes as output.
 
-Both are JSON Lines, read as a stream and refused with file, line and reason; see docs/files.md.
-A moves file has one move a line, all of one of two forms: ``{"generator", "at"}`` against a system,
-or self-contained ``{"id", "support", "trace", "before", "after"}``. A cubes file has one cube a
+Both are JSON Lines, read as a stream and refused with file, line and reason; see docs/files.md. A
+moves file has one move per line, all in one of two forms: ``{"generator", "at"}`` for a system, or
+self-contained ``{"id", "support", "trace", "before", "after"}``. A cubes file has one cube per
 line, ``{"moves": [...]}``.
 
-Room: protocol. It touches the files that it is told to, and knows nothing of shortening.
+Room: protocol. It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ CubeName: TypeAlias = MoveName | NumberedId
 """
 
 _encode = msgspec.json.Encoder().encode
-# The name of a move of which only support and trace are known, as one more site that it writes.
-# No file has a reason to name a site so; if one did, moves would wait for each other, no more.
+# Part of the extra site that stands for the name of a move of which only support and trace are
+# known. No file has a reason to name a site like this; if one did, some moves would merely not
+# commute.
 _NAME = "\0id"
 
 
@@ -78,10 +79,10 @@ class CubeLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class PathMove:
-    """One move of a path: its action, how it is written, and the local state that it was made at.
+    """One move of a path: its action, its name, and the local state that it was made from.
 
-    `before` holds the sites of the support that were on, or is None where the file does not say.
-    An id is also the label of the action, as JSON text.
+    `before` holds the sites of the support that were on, or is None if the file does not say. An id
+    is also the label of the action, as JSON text.
     """
 
     action: Action
@@ -90,7 +91,7 @@ class PathMove:
 
 
 def id_of(action: Action) -> str | int:
-    """Return the id of an action of a `PathMove`, from its label; InputError where it has none."""
+    """Return the id of an action of a `PathMove`, from its label; InputError if it has none."""
     try:
         return _id(action.label)
     except msgspec.DecodeError:
@@ -100,18 +101,18 @@ def id_of(action: Action) -> str | int:
 def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]:
     """Yield the moves of a moves file in order, each as soon as its line is read and checked.
 
-    Checked as far as can be: every move must be admissible (one of its two local states shown) at
-    what is known of the state. With a scene that is all, from its start on; without one, a site
-    is what the first move that has it in its support says `before`. After a move without `before`
-    and `after` its trace is unknown again.
+    Moves are checked as far as possible: each must be admissible (one of its two local states
+    shown) at the known part of the state. With a scene, that is the whole state, from its start on;
+    without one, the first move with a site in its support tells, by `before`, whether the site is
+    on. After a move without `before` and `after`, its trace is unknown again.
 
-    Such a move becomes an action with its id as one more site, in support and trace, which is
-    turned on and off. So it equals its like and nothing else, and commutes as support and trace
-    say; its local states mean nothing.
+    Such a move becomes an action with its id as an extra site in support and trace, which the move
+    turns on or off. So it equals only moves with the same id, support and trace, and commutes as
+    support and trace imply; its local states mean nothing.
 
-    InputError, as ``FILE:LINE: what was found, what was expected``, at the first line that is no
-    move, or no admissible one. Empty lines, CRLF and a byte order mark are no errors, and an
-    empty file is a path of no moves.
+    Raises InputError, as ``FILE:LINE: what was found, what was expected``, at the first line that
+    is no move, or no admissible one. Empty lines, CRLF and a byte order mark are accepted, and an
+    empty file is a path without moves.
     """
     reader = _Reader(scene)
     with opened(source) as file:
@@ -127,10 +128,10 @@ def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]
 
 
 def write_moves(path: Path, moves: Iterable[PathMove]) -> None:
-    """Write a moves file that `read_moves` reads back; the file is complete or as it was before.
+    """Write a moves file that `read_moves` reads back; it is complete afterwards, or unchanged.
 
-    InputError where it cannot be written, or an action has free sites or guards and is to be
-    written by its contents with local states, which cannot say that.
+    Raises InputError if it cannot be written, or if an action with free sites or guards would have
+    to be written by its contents with local states, which cannot express them.
     """
     write_lines(path, (_move_line(move) for move in moves))
 
@@ -161,9 +162,9 @@ def known_of_named(name: MoveName, sites: Iterable[Site]) -> frozenset[Site]:
 
 
 def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
-    """Yield the cubes of a cubes file, each as the names of its moves; InputError as `read_moves`.
+    """Yield the cubes of a cubes file, each as the names of its moves; errors as in `read_moves`.
 
-    Whether they are cubes is not asked: names alone do not tell.
+    Whether their moves commute is not checked: names alone do not tell.
     """
     with opened(source) as file:
         for number, line in file.numbered_lines():
@@ -174,12 +175,12 @@ def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
 
 
 def write_cubes(path: Path, cubes: Iterable[Iterable[CubeName]]) -> None:
-    """Write a cubes file; it is complete or as it was before. InputError where it cannot be."""
+    """Write a cubes file, complete or not at all; InputError if it cannot be written."""
     write_lines(path, (CubeLine(list(cube)) for cube in cubes))
 
 
 def move_schemas() -> dict[str, dict[str, Any]]:
-    """Return the JSON Schemas (2020-12) of the two forms of a line of a moves file, by name."""
+    """Return the JSON Schemas (2020-12) of the two forms of a line in a moves file, by name."""
     contents = line_schema(ContentsLine)
     contents["dependentRequired"] = {"before": ["after"], "after": ["before"]}
     return {"generator": line_schema(GeneratorLine), "contents": contents}
@@ -191,7 +192,7 @@ def cube_schema() -> dict[str, Any]:
 
 
 class _Form(NamedTuple):
-    """A kind of line: what decodes it, and how it is told to people."""
+    """A kind of line: its decoder, and its keys for error messages."""
 
     decode: Callable[[bytes], GeneratorPlacement | ContentsLine]
     keys: str
@@ -201,9 +202,9 @@ _generator = msgspec.json.Decoder(GeneratorLine).decode
 
 
 def placement_in(line: bytes) -> GeneratorPlacement:
-    """Return the move that a line names by its generator; msgspec's errors where it does not.
+    """Return the move that a line names by its generator; msgspec's errors if it does not.
 
-    A line of a moves file has no other key, as it may in messages and cubes.
+    In a moves file other keys are refused; messages and cubes may have them.
     """
     found = _generator(line)
     return GeneratorPlacement(found.generator, found.at)
@@ -219,7 +220,7 @@ _cube = msgspec.json.Decoder(CubeLine).decode
 
 
 def keys_of_cube(line: CubeLine) -> int:
-    """Return how many keys a line with this cube has at least."""
+    """Return the least number of keys of a line with this cube."""
     return 1 + 2 * sum(isinstance(move, GeneratorPlacement) for move in line.moves)
 
 
@@ -230,7 +231,7 @@ def _keys_of(line: GeneratorPlacement | ContentsLine) -> int:
 
 
 def _form_of(line: bytes) -> _Form | None:
-    """Return the form that the keys of a line speak for, None where it is no object."""
+    """Return the form that the keys of a line suggest; None if it is no object."""
     try:
         found = msgspec.json.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
@@ -241,7 +242,7 @@ def _form_of(line: bytes) -> _Form | None:
 
 
 class _Reader:
-    """What reading one file remembers: its form, its ids, its sites, and the state so far."""
+    """The memory of reading one file: its form, its ids, its sites, and the state so far."""
 
     def __init__(self, scene: Scene | None) -> None:
         self._scene = scene
@@ -249,9 +250,9 @@ class _Reader:
         self._known = _Known(None if scene is None else scene.start_state)
         self._sites = _Sites()
         self._placed: dict[tuple[str, Site], Action] = {}
-        # By the sites as they stand in a line: to build an action costs more than all the rest.
+        # By the sites as a line lists them: building an action costs more than everything else.
         self._contents: dict[tuple[tuple[Site, ...], ...], Action] = {}
-        # By id: the line where it came first, and the action where the id names one.
+        # By id: the line where it came first, and the action if the id names one.
         self._first: dict[str | int, int] = {}
         self._named: dict[str | int, Action] = {}
 
@@ -271,7 +272,7 @@ class _Reader:
 
     def _read(self, line: bytes) -> GeneratorPlacement | ContentsLine:
         if self._form is None:
-            # The first line decides. One that is no object is told what both forms are.
+            # The first line decides. If it is no object, the error describes both forms.
             self._form = _form_of(line)
         if self._form is None:
             return decode_line(_CONTENTS.decode, line, f"{_GENERATOR.keys}, or {_CONTENTS.keys}")
@@ -343,7 +344,8 @@ class _Reader:
         state = self._known.on
         end = end_at(action, state)
         if end is None:
-            # Told from the local state that the line starts from, as a planner reads it.
+            # Described relative to the local state that the line starts from, as a planner reads
+            # it.
             site = in_order((action.support & state) ^ shown)[0]
             found, expected = ("on", "off") if site in state else ("off", "on")
             text = _encode(site).decode()
@@ -355,16 +357,16 @@ class _Reader:
 
 
 class _Known:
-    """What is known of a state: all of it from a start on, or what moves have told."""
+    """What is known of a state: all of it from a start on, or what moves have shown."""
 
     def __init__(self, start: Iterable[Site] | None) -> None:
         self.on: set[Site] = set(start or ())
         self._whole = start is not None
-        # The sites that are not as the rest: unknown where the whole is known, and known otherwise.
+        # The exceptions: unknown sites if the whole state was known at the start, else known sites.
         self._odd: set[Site] = set()
 
     def learn(self, support: Iterable[Site], shown: Collection[Site]) -> None:
-        """Take over those sites of a support that are not known yet; `shown` are on."""
+        """Learn the sites of a support that are not known yet; those in `shown` are on."""
         if self._whole and not self._odd:
             return
         for site in support:
@@ -373,7 +375,7 @@ class _Known:
                 (self.on.add if site in shown else self.on.discard)(site)
 
     def forget(self, sites: Iterable[Site]) -> None:
-        """Know nothing of these sites from here on."""
+        """Forget the state of these sites."""
         if self._whole:
             self._odd.update(sites)
         else:
@@ -381,22 +383,22 @@ class _Known:
 
 
 class _Sites:
-    """The sites of a file, each kept once; in Python true equals 1, in JSON it does not."""
+    """The sites of a file, each kept once; in Python True equals 1, in JSON it does not."""
 
     def __init__(self) -> None:
         self._kept: dict[Site, Site] = {}
         self._booleans = False
 
     def watch(self, line: bytes) -> None:
-        """Look out for booleans from the first line on that may have one."""
+        """Check for booleans from the first line on that may have one."""
         self._booleans = self._booleans or b"true" in line or b"false" in line
 
     def read(self, values: Iterable[Json]) -> list[Site]:
-        """Return the sites; InputError where one is none, or is another only in Python's eyes."""
+        """Return the sites; InputError if one is invalid, or equals another only in Python."""
         return [self._seen(value) or self._new(value) for value in values]
 
     def _seen(self, value: Json) -> Site | None:
-        # Most sites come again and again, and most are flat: then this is all that they cost.
+        # Most sites recur, and most are flat: then this is their whole cost.
         if self._booleans:
             return None
         try:
@@ -416,7 +418,7 @@ class _Sites:
 
 
 def _alike(one: Site, other: Site) -> bool:
-    """Tell whether equal sites have their booleans in the same places."""
+    """Return whether equal sites have their booleans in the same places."""
     if isinstance(one, tuple) and isinstance(other, tuple):
         return all(_alike(a, b) for a, b in zip(one, other, strict=True))
     return isinstance(one, bool) is isinstance(other, bool)

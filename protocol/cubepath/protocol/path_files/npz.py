@@ -1,9 +1,9 @@
 """The binary form of moves and cubes: a table of actions and numbers into it, as one .npz file.
 
-What each array holds is told in docs/files.md. Nothing in such a file is code: it is read without
-pickles, and what it says is checked before it is used.
+docs/files.md describes each array. Nothing in such a file is code: it is read without pickles, and
+its content is checked before it is used.
 
-Room: protocol. It touches the files that it is told to, and knows nothing of shortening.
+Room: protocol. It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NumberedCubes:
-    """A cube path in numbers: which moves of a path are left, cube by cube.
+    """A cube path in numbers: the moves of a path that remain, cube by cube.
 
     `starts` has shape (cubes + 1,) and `moves` (reduced moves,), both int64: cube i has the moves
     ``moves[starts[i]:starts[i + 1]]``, as places in the path from 0.
@@ -54,18 +54,18 @@ class NumberedCubes:
 
 
 def write_moves_npz(target: Path, path: NumberedPath) -> None:
-    """Write a path; the file is complete or as it was before. InputError where it cannot be."""
+    """Write a path; the file is complete or unchanged. InputError if it cannot be written."""
     _write(target, _path_arrays(_MOVES, path))
 
 
 def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> None:
-    """Write the cubes of a path, with the moves that are left; as `write_moves_npz`."""
+    """Write the cubes of a path, with the moves that remain; as `write_moves_npz`."""
     left = NumberedPath(
         path.actions,
         path.action_names,
         path.stated,
         path.numbers[cubes.moves],
-        # A cube's move is not always made from the state that it was made at in the path.
+        # In a cube a move is not always made from the same local state as in the path.
         np.full(len(cubes.moves), -1, dtype=np.int8),
         None if path.names is None else [path.names[move] for move in cubes.moves.tolist()],
     )
@@ -74,15 +74,15 @@ def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> N
 
 
 def is_npz(file: InputFile) -> bool:
-    """Tell whether a file begins as every .npz does."""
+    """Return whether a file begins like an .npz file."""
     return file.head(len(_MAGIC)) == _MAGIC
 
 
 def read_moves_npz(source: Source) -> NumberedPath:
-    """Return the path in a file; whether its moves are admissible is not asked.
+    """Return the path in a file; whether its moves are admissible is not checked.
 
-    InputError, as ``FILE: ARRAY: what was found, what was expected``, where the file is damaged or
-    its arrays do not fit together.
+    Raises InputError, as ``FILE: ARRAY: what was found, what was expected``, if the file is damaged
+    or its arrays do not fit together.
     """
     with opened(source) as file:
         arrays = _read(file, _MOVES)
@@ -90,7 +90,7 @@ def read_moves_npz(source: Source) -> NumberedPath:
 
 
 def read_cubes_npz(source: Source) -> tuple[tuple[CubeName, ...], ...]:
-    """Return the cubes in a file as the names of their moves; InputError as `read_moves_npz`."""
+    """Return the cubes in a file as the names of their moves; errors as in `read_moves_npz`."""
     with opened(source) as file:
         arrays = _read(file, _CUBES)
 
@@ -106,14 +106,14 @@ def read_cubes_npz(source: Source) -> tuple[tuple[CubeName, ...], ...]:
 
 
 def holds_cubes(source: Source) -> bool:
-    """Tell whether a file has cubes rather than moves; InputError where it does not say."""
+    """Return whether a file has cubes rather than moves; InputError if it does not say."""
     with opened(source) as file:
         return _format(file, _load(file, ["format"])) == _CUBES
 
 
 def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
     sites = Ordinals[Site]()
-    # By the order of `parts` sites are met in supports, in which all others lie.
+    # Sites are numbered in the order of the supports, which hold the sites of all other parts.
     parts: dict[str, list[list[int]]] = {
         part: [] for part in ("support", "trace", "before", "after", "free", "guard")
     }
@@ -171,7 +171,7 @@ def _write(target: Path, arrays: Arrays) -> None:
 
 
 def _load(file: InputFile, only: Collection[str] | None = None) -> Arrays:
-    """Return the arrays of a file, or only those of these names that are there."""
+    """Return the arrays of a file, or only those with these names, if present."""
     try:
         with np.load(file.from_start(), allow_pickle=False) as found:
             return {name: found[name] for name in found.files if only is None or name in only}

@@ -1,9 +1,10 @@
 """A path as numbers: each distinct action once, and for every move the number of its action.
 
-How a path of a million moves comes in and goes out: a line that was seen before costs a look into
-a dict, and a new line in the self-contained form one decoding, whatever its sites are.
+This is how a path of a million moves is read and written. A line by generator that was seen before
+costs one lookup in a dict. A self-contained line costs one decoding, which leaves its sites as
+text, and one lookup.
 
-Room: protocol. It touches the files that it is told to, and knows nothing of shortening.
+Room: protocol. It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations
@@ -39,10 +40,10 @@ from cubepath.protocol.path_files.moves import (
 )
 
 Progress = Callable[[int], object]
-"""Called now and then with how many moves have come in since the last call."""
+"""Called from time to time with the number of moves read since the last call."""
 
 PORTION = 1000
-"""Moves that are read, and written, at a time."""
+"""Number of moves that are read, or written, at a time."""
 
 _KEPT = 1 << 20
 _encode = msgspec.json.Encoder().encode
@@ -53,11 +54,10 @@ class NumberedPath:
     """A path of moves whose actions are numbers.
 
     `numbers` has shape (moves,), int32: for each move its place in `actions`, which are distinct.
-    `action_names` says how each of these is written; where `names` is given, it says so for each
-    move. `ends` has shape (moves,), int8: which of its two local states the move says that it
-    starts from, 0 or 1, and -1 where it does not say. `stated` tells for each action whether its
-    local states are known; where not, only support and trace are, and it is a
-    `cubepath.protocol.path_files.moves.named_action`.
+    `action_names` holds the name of each of these; `names`, if given, the name of each move. `ends`
+    has shape (moves,), int8: the local state, 0 or 1, that the file says the move starts from, and
+    -1 if it does not say. `stated` tells for each action whether its local states are known; if
+    not, only support and trace are, and it is a `cubepath.protocol.path_files.moves.named_action`.
     """
 
     actions: list[Action]
@@ -68,7 +68,7 @@ class NumberedPath:
     names: list[MoveName] | None = None
 
     def name(self, move: int) -> MoveName:
-        """Return how a move is written."""
+        """Return the name of a move."""
         if self.names is not None:
             return self.names[move]
         return self.action_names[int(self.numbers[move])]
@@ -76,10 +76,10 @@ class NumberedPath:
     def cube_names(
         self, moves: NDArray[np.int64], places: NDArray[np.int64] | None = None
     ) -> list[CubeName]:
-        """Return how these moves are written in a cubes file, so that each is told from all others.
+        """Return the names of these moves for a cubes file, which tell different contents apart.
 
-        That is the name, with the number of the move in its input where moves with other contents
-        have the same id. `places` are the places in the input, where this is not all of it.
+        If moves with different contents share an id, the name includes the number of the move in
+        its input. `places` are the places in the input, if this path is only part of it.
         """
         names: list[CubeName] = [self.name(move) for move in moves.tolist()]
         shared = self._shared_ids()
@@ -91,7 +91,7 @@ class NumberedPath:
         return names
 
     def _shared_ids(self) -> set[str | int]:
-        """Return the ids that moves with different contents have."""
+        """Return the ids that moves with different contents share."""
         if self.names is None:
             pairs = list(zip(self.action_names, range(len(self.actions)), strict=True))
         else:
@@ -118,9 +118,9 @@ class NumberedPath:
         return PathMove(action, name, action.ends[end] if end >= 0 else None)
 
     def told_start(self) -> frozenset[Site] | None:
-        """Return what is on at the start: each site is as the first move that has it found it.
+        """Return what is on at the start, as the first move with each site in its support found it.
 
-        None where a move does not say what it starts from.
+        None if some move does not say what it starts from.
         """
         if (self.ends < 0).any():
             return None
@@ -134,24 +134,24 @@ class NumberedPath:
 
 
 class IrregularError(CubepathError):
-    """The path is not as `read_path` can take it in; `read_moves` can, or says what is wrong."""
+    """`read_path` cannot read the path; `read_moves` can, or says what is wrong."""
 
 
 def read_path(
     source: Source, scene: Scene | None = None, progress: Progress | None = None
 ) -> NumberedPath:
-    """Return the path in a moves file; what `moves.read_moves` gives, in numbers.
+    """Return the path in a moves file: the moves that `moves.read_moves` yields, in numbers.
 
-    Whether the moves are admissible one after another is not asked. IrregularError where a line is
-    not as it should be, or could only be understood with the ones before: then `read_moves`
-    reads the file, and says what is wrong if anything is.
+    Whether the moves are admissible one after another is not checked. Raises IrregularError if a
+    line is invalid, or can only be understood together with the lines before it: then `read_moves`
+    reads the file, or says what is wrong.
     """
     with opened(source) as file:
         return _Numberer(scene).read(file, progress)
 
 
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
-    """Return the path of moves that come one by one."""
+    """Return the path of an iterable of moves."""
     kept = _Kept()
     names: list[MoveName] = []
     rest = iter(moves)
@@ -172,9 +172,9 @@ def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) ->
 
 
 def write_path(target: Path, path: NumberedPath) -> None:
-    """Write a moves file that `read_path` reads back; the file is complete or as it was before.
+    """Write a moves file that `read_path` reads back; it is complete afterwards, or unchanged.
 
-    Every action is put into words once for each of its two directions. InputError as
+    Every action is encoded once for each of its two directions. Raises InputError like
     `cubepath.protocol.path_files.moves.write_moves`.
     """
     with written_whole(target) as stream:
@@ -203,7 +203,7 @@ def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
 
 
 def _tail(path: NumberedPath, number: int, end: int) -> bytes:
-    """Return the line of a move by its generator, or what follows on its id."""
+    """Return the line of a move by its generator, or the part of its line after the id."""
     action, name = path.actions[number], path.action_names[number]
     if isinstance(name, GeneratorPlacement):
         return _encode(name) + b"\n"
@@ -234,7 +234,7 @@ _contents = msgspec.json.Decoder(ContentsLine).decode
 
 @dataclass(slots=True)
 class _Kept:
-    """What is known of a path so far."""
+    """The part of a path that was read so far."""
 
     actions: list[Action] = field(default_factory=list)
     names: list[MoveName] = field(default_factory=list)
@@ -264,7 +264,7 @@ class _Kept:
 
 
 class _Numberer:
-    """What reading one file remembers: its texts and what they stand for."""
+    """The memory of reading one file: its texts and what they stand for."""
 
     def __init__(self, scene: Scene | None) -> None:
         self._scene = scene
@@ -356,7 +356,8 @@ class _Numberer:
         return names
 
     def _by_contents(self, line: bytes, *, named: bool) -> tuple[int, int]:
-        # In Python true equals 1, in JSON it does not: who is who, the whole file decides.
+        # In Python True equals 1, in JSON it does not: only the whole file can decide which is
+        # meant.
         if b"true" in line or b"false" in line:
             raise IrregularError("booleans")
         found = _contents(line)
@@ -380,7 +381,7 @@ class _Numberer:
 
 
 def _portions(stream: BinaryIO) -> Iterator[list[bytes]]:
-    """Yield the lines that are not empty, some at a time."""
+    """Yield the lines that are not blank, some at a time."""
     while lines := list(islice(stream, PORTION)):
         filled = [line for line in lines if not line.isspace()]
         if filled:

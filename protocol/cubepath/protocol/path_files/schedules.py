@@ -1,7 +1,7 @@
-"""Schedules: cubes to be carried out one a round, each move by its generator and its place.
+"""Schedules: cubes to be executed one per round, each move by its generator and its place.
 
-Room: protocol. As text a schedule has the form of a cubes file, see docs/files.md; so it stands in
-the recording of a run that carried it out.
+Room: protocol. As text, a schedule has the format of a cubes file, see docs/files.md. The recording
+of a run that executed it holds it in this form.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.path_files.moves import CubeLine, CubeName
 
 Cubes: TypeAlias = tuple[tuple[GeneratorPlacement, ...], ...]
-"""The cubes of a schedule; the first is that of round 1."""
+"""The cubes of a schedule; the first is for round 1."""
 OwnMoves: TypeAlias = Mapping[int, GeneratorPlacement]
 """A module's own part of a schedule: by round, the move of which it is the mover."""
 
@@ -27,12 +27,12 @@ _decoder = msgspec.json.Decoder(CubeLine)
 
 
 def schedule_to_jsonl(cubes: Iterable[Iterable[GeneratorPlacement]]) -> bytes:
-    """Return a schedule as text, a cube a line."""
+    """Return a schedule as text, one cube per line."""
     return _encoder.encode_lines(CubeLine(list(cube)) for cube in cubes)
 
 
 def schedule_from_jsonl(text: bytes) -> Cubes:
-    """Read a schedule from text; InputError where a line is no cube of moves by generator."""
+    """Read a schedule from text; InputError if a line is no cube of moves by generator."""
     try:
         lines = _decoder.decode_lines(text)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -46,9 +46,9 @@ def schedule_from_jsonl(text: bytes) -> Cubes:
 
 
 def by_generator(number: int, moves: Iterable[CubeName]) -> tuple[GeneratorPlacement, ...]:
-    """Return the moves of a cube; InputError where one is named by an id, or is at no site.
+    """Return the moves of a cube; InputError if one is named by an id, or is at no site.
 
-    `number` is that of the cube, for the error.
+    `number` is the number of the cube, for the error.
     """
     found: list[GeneratorPlacement] = []
     for move in moves:

@@ -1,6 +1,6 @@
-"""Timetables: when each move begins and how long it takes, a move a line.
+"""Timetables: when each move begins and how long it takes, one move per line.
 
-Room: protocol. It touches the files that it is told to, and knows nothing of scheduling.
+Room: protocol. It touches only the files it is given, and knows nothing of scheduling.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _line = msgspec.json.Decoder(TimedLine).decode
 
 
 def read_timetable(source: Source) -> Iterator[TimedLine]:
-    """Yield the lines of a timetable; InputError with file and line where one is none."""
+    """Yield the lines of a timetable; InputError, with file and line, at the first invalid one."""
     with opened(source) as file:
         for number, line in file.numbered_lines():
             try:
@@ -43,7 +43,7 @@ def read_timetable(source: Source) -> Iterator[TimedLine]:
 
 
 def write_timetable(path: Path, lines: Iterable[TimedLine]) -> None:
-    """Write a timetable; it is complete or as it was before. InputError where it cannot be."""
+    """Write a timetable, complete or not at all; InputError if it cannot be written."""
     write_lines(path, lines)
 
 

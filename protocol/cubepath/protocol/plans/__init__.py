@@ -1,7 +1,7 @@
 """Plans of other planners, read as moves of the systems here.
 
-Room: protocol. One file a format; `read_plan` finds out which it is. It imports `path_files`,
-`scenes`, `systems` and `core`. Shortening takes such plans, and nobody else.
+Room: protocol. There is one module per format; `read_plan` detects the format. It imports
+`path_files`, `scenes`, `systems` and `core`. Only shortening takes such plans.
 """
 
 from typing import TYPE_CHECKING

@@ -6,11 +6,12 @@ Source: the competition's own reader and validator, package cgshop2021-pyutils 0
     {"name": "demo", "obstacles": [[1, 1]], "starts": [[0, 0], [1, 0]], "targets": [[1, 0], [2, 0]]}
     {"instance": "demo", "steps": [{"0": "E", "1": "E"}]}
 
-A step is an object from the numbers of robots, as text, to N (0, 1), E (1, 0), S (0, -1) or
-W (-1, 0); robots that are not named wait. There a robot may enter a cell in the step in which
+A step is an object from robot numbers, as text, to N (0, 1), E (1, 0), S (0, -1) or W (-1, 0).
+Robots that are not named wait. In the competition a robot may enter a cell in the step in which
 another leaves it, in the same direction. Here the moves are made one after the other (see
-`cubepath.protocol.plans.vehicles`), and the two directions may differ. The plane is not
-bounded there: the workspace here is the box of all that is named or visited, and one cell more.
+`cubepath.protocol.plans.vehicles`), and the two directions may differ. The competition's plane is
+unbounded: the workspace here is the bounding box of all named and visited cells, one cell larger on
+each side.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ _MIRRORED = {
     "N and S exchanged, y downwards": {**_DIRECTIONS, "N": (0, -1), "S": (0, 1)},
     "x and y exchanged": {letter: (y, x) for letter, (x, y) in _DIRECTIONS.items()},
 }
-"""Other readings of the directions, which a plan may have been written with."""
+"""Other readings of the directions that a plan may have been written with."""
 
 
 class _Instance(msgspec.Struct):
@@ -56,12 +57,12 @@ class _Solution(msgspec.Struct):
 
 
 def looks_like_cgshop2021(head: bytes) -> bool:
-    """Tell whether a JSON object has the keys of a solution."""
+    """Return whether a JSON object has the keys of a solution."""
     return b'"steps"' in head and b'"instance"' in head
 
 
 def read_cgshop2021(request: Request) -> Imported:
-    """Read a solution, with its instance beside it; InputError as `Imported` says."""
+    """Read a solution, with its instance in a second file; errors as `Imported` says."""
     path = request.path
     no_system(request, "a CG:SHOP 2021 solution, whose instance says what the system is")
     companion = only(request, "instance")
@@ -102,7 +103,7 @@ def read_cgshop2021(request: Request) -> Imported:
 
 
 def _pair(request: Request, companion: Path) -> tuple[_Instance, _Solution]:
-    """Return instance and solution; InputError where they do not belong together."""
+    """Return instance and solution; InputError if they do not belong together."""
     path = request.path
     instance = decode_file(companion, _Instance)
     solution = decode_file(request.file, _Solution)
@@ -118,7 +119,7 @@ def _pair(request: Request, companion: Path) -> tuple[_Instance, _Solution]:
 
 
 def _mirrored(instance: _Instance, solution: _Solution, is_free: Callable[[Cell], bool]) -> str:
-    """Return with which directions a plan would solve its instance, for the end of a line."""
+    """Return which directions would make a plan solve its instance, for the end of a line."""
     for how, directions in _MIRRORED.items():
 
         def rounds(
@@ -134,7 +135,7 @@ def _mirrored(instance: _Instance, solution: _Solution, is_free: Callable[[Cell]
 def _targets(
     step: Mapping[str, str], at: Sequence[Cell], directions: Mapping[str, Cell] = _DIRECTIONS
 ) -> dict[int, Cell]:
-    """Return where the robots of a step go, by number; `at` is where each of them is."""
+    """Return where the robots of a step go, by number; `at` is where each robot is."""
     found: dict[int, Cell] = {}
     for name, letter in step.items():
         if not (_NUMBER.fullmatch(name) and int(name) < len(at)):

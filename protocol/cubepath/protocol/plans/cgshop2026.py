@@ -8,15 +8,15 @@ GitHub (`schemas/instance.py`, `schemas/solution.py`, `verify.py`, `geometry/fli
     {"content_type": "CGSHOP2026_Solution", "instance_uid": "demo-square",
      "flips": [[[[0, 3]]], []], "meta": {"author": "you"}}
 
-Coordinates are whole numbers; a triangulation is a list of edges, from which those of the hull may
-be left out. For each triangulation `flips` has a list of rounds, and a round is a list of edges
-that are all flipped at one time: each is in the triangulation before the round, with a triangle
-on either side that make a strictly convex quadrilateral, and no two of them are of one triangle.
-All that holds here too, for two flips commute iff they share no triangle (two quadrilaterals that
-share a side do commute). Each triangulation has a path of its own; the key `triangulation` chooses.
+Coordinates are integers; a triangulation is a list of edges, which may leave out the edges of the
+hull. For each triangulation, `flips` has a list of rounds, and a round is a list of edges that are
+all flipped at one time. Each edge is in the triangulation before the round, the triangles on its
+two sides form a strictly convex quadrilateral, and no two edges belong to one triangle. All this
+holds here too, since two flips commute iff they share no triangle (two quadrilaterals that share a
+side do commute). Each triangulation has its own path; the key `triangulation` chooses.
 
-The actions are those of `cubepath.protocol.systems.flips`, made from the triangles at hand, so that
-the number of points is not bounded as there.
+The actions are those of `cubepath.protocol.systems.flips`. They are built from the current
+triangles, so the number of points is not limited as it is there.
 """
 
 from __future__ import annotations
@@ -61,12 +61,12 @@ class _Solution(msgspec.Struct):
 
 
 def looks_like_cgshop2026(head: bytes) -> bool:
-    """Tell whether a JSON object has the keys of a solution."""
+    """Return whether a JSON object has the keys of a solution."""
     return b'"flips"' in head and b'"instance_uid"' in head
 
 
 def read_cgshop2026(request: Request) -> Imported:
-    """Read the flips of one triangulation, with the instance beside; InputError as `Imported`."""
+    """Read the flips of one triangulation, with a second file; errors as `Imported` says."""
     path = request.path
     no_system(request, "a CG:SHOP 2026 solution, whose instance says what the system is")
     companion = only(request, "instance")
@@ -123,7 +123,7 @@ def _apart(
     number: int,
     end: frozenset[Edge],
 ) -> str | None:
-    """Return why a triangulation's own flips do not take it to this end, None if they do."""
+    """Return why a triangulation's own flips do not take it to this end; None if they do."""
     try:
         triangles = Triangles(points, distinct_edges(instance.triangulations[number], len(points)))
         for flips in solution.flips[number]:
@@ -140,7 +140,7 @@ def _apart(
 def _check_pair(
     request: Request, companion: Path, instance: _Instance, solution: _Solution
 ) -> None:
-    """Check that both files are what they say, and of one instance."""
+    """Check that both files are of the expected types, and belong to one instance."""
     path = request.path
     for where, found, expected in (
         (companion, instance.content_type, _INSTANCE),
@@ -186,7 +186,7 @@ def _chosen(path: Path, value: str, count: int) -> int:
 
 
 def _round(triangles: Triangles, flips: Sequence[Edge]) -> list[PathMove]:
-    """Flip the edges of a round; InputError names the first that cannot, and nothing is flipped."""
+    """Flip the edges of a round, or none; InputError names the first that cannot flip."""
     found: list[PathMove] = []
     quadrilaterals: list[tuple[int, int, int, int]] = []
     taken: dict[tuple[int, ...], Edge] = {}

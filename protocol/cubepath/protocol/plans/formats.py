@@ -1,4 +1,4 @@
-"""The formats of plans that can be read: by name, or by what a file looks like.
+"""The formats of plans that can be read: by name, or detected from a file's content.
 
 Room: protocol.
 """
@@ -30,7 +30,7 @@ from cubepath.protocol.plans.plain import looks_like_plain, read_plain
 
 @dataclass(frozen=True, slots=True)
 class PlanHints:
-    """What a user says of a plan: `name` or `name:key=value,...`, and the files it is about."""
+    """What a user says of a plan: `name` or `name:key=value,...`, and its companion files."""
 
     format: str | None = None
     companions: tuple[Path, ...] = ()
@@ -38,7 +38,7 @@ class PlanHints:
 
 NO_HINTS = PlanHints()
 _HEAD = 1 << 16
-"""Bytes that are looked at to tell what a file is."""
+"""Number of bytes that are inspected to detect a format."""
 _OURS = re.compile(rb'\s*\{\s*"(generator|at|id|support|trace|before|after)"\s*:')
 _INSTANCES = re.compile(rb'"(points_x|targets)"\s*:')
 
@@ -114,10 +114,10 @@ def read_plan(
     companions: Sequence[Path] = (),
     system: str | None = None,
 ) -> Imported | None:
-    """Read a plan; what it is says `spec`, `name` or `name:key=value,...`, or else its content.
+    """Read a plan; `spec`, as `name` or `name:key=value,...`, or else its content gives the format.
 
-    None where nothing is said and the content is none of these; InputError as `Imported` says, and
-    where `spec` is wrong.
+    None if there is no `spec` and the content has no known format. Raises InputError as `Imported`
+    says, and if `spec` is invalid.
     """
     with opened(source) as file:
         told = _looks(file) if spec is None else spec
@@ -128,7 +128,7 @@ def read_plan(
 
 
 def _chosen(told: str) -> tuple[Format, dict[str, str]]:
-    """Return the format that is told, and the values of its keys."""
+    """Return the format of a spec, and the values of its keys."""
     name, _, rest = told.partition(":")
     known = FORMATS.get(name)
     if known is None:
@@ -139,9 +139,9 @@ def _chosen(told: str) -> tuple[Format, dict[str, str]]:
 
 
 def _looks(file: InputFile) -> str | None:
-    """Return the name of the format that a file's content speaks for, None if it is none of them.
+    """Return the name of the format that a file's content suggests, or None.
 
-    InputError for an instance, which has no moves.
+    Raises InputError for an instance, which has no moves.
     """
     head = file.head(_HEAD).removeprefix(BYTE_ORDER_MARK)
     if _OURS.match(head):

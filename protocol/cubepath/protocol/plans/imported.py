@@ -1,4 +1,4 @@
-"""What is read from another program's plan: its moves one after another, and where it plays.
+"""What is read from another program's plan: its moves one after another, and its scene.
 
 Room: protocol. Moves are checked as they are made, from the start on; nothing is shortened here.
 """
@@ -28,7 +28,7 @@ def _solved() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """What a reader is asked for: a plan, the files it is about, and the values of its keys."""
+    """A request to a reader: a plan, its companion files, and the values of the format's keys."""
 
     file: InputFile
     companions: Sequence[Path] = ()
@@ -37,7 +37,7 @@ class Request:
 
     @property
     def path(self) -> Path:
-        """Return where the plan is."""
+        """Return the path of the plan."""
         return self.file.path
 
 
@@ -45,12 +45,12 @@ class Request:
 class Imported:
     """A path that another program has planned.
 
-    `moves` yields each move as soon as it is checked, and raises InputError at the first that is
-    not as it must be. `rounds` is how many rounds the planner has counted itself, None where the
-    file does not say. `scene` builds the system with the start, which can take long; its vehicles
-    have `labelled_goals` where they bear no labels but each is to end where it does. `unsolved`,
-    asked once all moves have come, says in a line where the plan does not end as its instance asks,
-    None where it does or nothing is asked.
+    `moves` yields each move as soon as it is checked, and raises InputError at the first invalid
+    one. `rounds` is the planner's own count of rounds, None if the file does not say. `scene`
+    builds the system with the start, which can take long. `labelled_goals` is true if its vehicles
+    have no labels, but each has its own goal. `unsolved` may be called after the last move: it
+    returns a line on where the plan does not end as its instance requires, None if it does or
+    nothing is required.
     """
 
     moves: Iterator[PathMove]
@@ -75,7 +75,7 @@ def decode_file(source: Source, type_: type[_T]) -> _T:
 
 
 def only(request: Request, what: str) -> Path:
-    """Return the one file that the plan is about; InputError where there is none, or are more."""
+    """Return the one companion file of the plan; InputError if there is none or several."""
     if not request.companions:
         raise InputError(f"{request.path}: says nothing of its {what}: expected --with FILE")
     if len(request.companions) > 1:
@@ -87,7 +87,7 @@ def only(request: Request, what: str) -> Path:
 
 
 def none_beside(request: Request) -> None:
-    """Raise InputError where files are given that the format has no use for."""
+    """Raise InputError if there are companion files, which the format does not use."""
     if request.companions:
         raise InputError(
             f"{request.companions[0]}: {request.path} says all itself, expected no --with"
@@ -95,11 +95,11 @@ def none_beside(request: Request) -> None:
 
 
 def no_system(request: Request, what: str) -> None:
-    """Raise InputError where a system is named beside a plan that says itself what it is."""
+    """Raise InputError if a system is given for a plan that defines its own."""
     if request.system is not None:
         raise InputError(f"{request.path}: {what}, expected no --system")
 
 
 def text(site: Site) -> str:
-    """Return a site as people read it in a file."""
+    """Return a site as it is written in a file."""
     return msgspec.json.encode(site).decode()

@@ -1,9 +1,10 @@
-"""Plans of multi-agent path finding on movingai maps, in the forms that planners write.
+"""Plans of multi-agent path finding on movingai maps, in the formats that planners write.
 
-A plan says where each agent is at each timestep 0, 1, ...; the map is a file beside it, and so can
-be the benchmark's scenario (`.scen`), whose starts are then compared with the plan's. Three forms:
+A plan says where each agent is at each timestep 0, 1, ...; the map is a second file. The
+benchmark's scenario (`.scen`) may be a third; its starts are then compared with the plan's. Three
+formats:
 
-`mapf-log`, a timestep a line; of pibt2 (`pibt2/src/solver.cpp`, `makeLogSolution`) and LaCAM
+`mapf-log`, one timestep per line; of pibt2 (`pibt2/src/solver.cpp`, `makeLogSolution`) and LaCAM
 (`lacam/src/post_processing.cpp`, `make_log`), both in repositories of Kei18 on GitHub::
 
     agents=2
@@ -14,7 +15,7 @@ be the benchmark's scenario (`.scen`), whose starts are then compared with the p
     0:(0,0),(2,0),
     1:(1,0),(2,1),
 
-`mapf-agents`, an agent a line; of EECBS (`src/CBS.cpp`, `CBS::savePaths`) and MAPF-LNS2
+`mapf-agents`, one agent per line; of EECBS (`src/CBS.cpp`, `CBS::savePaths`) and MAPF-LNS2
 (`src/Instance.cpp`, `Instance::savePaths`), both in repositories of Jiaoyang-Li on GitHub::
 
     Agent 0: (0,0)->(1,0)->
@@ -26,9 +27,10 @@ each timestep::
     [[[0, 0], [1, 0]], [[2, 0], [2, 1]]]
 
 A cell is (x, y), column x of row y counted from the top left, or (row, column): logs have the first
-order, EECBS the second, MAPF-LNS2 the first for benchmark scenarios and the second for its own.
-The key `order` says which; where it is left out for `mapf-agents` it is what the scenario or else
-the map allows, and where both allow both it has to be said. An agent whose path has ended stays.
+order, EECBS the second, MAPF-LNS2 the first for benchmark scenarios and the second for its own. The
+key `order` says which. Without it, `mapf-agents` takes the order that the scenario, or else the
+map, allows; if both orders are possible, the key is required. An agent whose path has ended stays
+in place.
 
 Planners let an agent follow another into a cell; see `cubepath.protocol.plans.vehicles`.
 """
@@ -64,9 +66,9 @@ _ORDERS = {"xy": "(x, y)", "rc": "(row, column)"}
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Where the agents are: a path for each, as written; and where in the file a timestep is.
+    """The path of each agent, as written, and the line of each timestep in the file.
 
-    `lines` holds for each timestep the number of its line, and is empty where lines are of agents.
+    `lines` holds the line number of each timestep; it is empty if the file has none per timestep.
     """
 
     paths: Sequence[Sequence[Cell]]
@@ -76,11 +78,11 @@ class _Plan:
 
     @property
     def steps(self) -> int:
-        """Return how many rounds the planner counts: up to the last that is planned."""
+        """Return the planner's number of rounds, up to the end of the longest path."""
         return max((len(path) for path in self.paths), default=1) - 1
 
     def rounds(self) -> Iterator[dict[int, Cell]]:
-        """Yield for each timestep from 1 on where the agents go whose paths have not ended."""
+        """Yield, for each timestep from 1 on, where the agents go whose paths have not ended."""
         for step in range(1, self.steps + 1):
             yield {
                 who: planned[step] for who, planned in enumerate(self.paths) if step < len(planned)
@@ -101,17 +103,17 @@ class _Plan:
 
 
 def looks_like_log(head: bytes) -> bool:
-    """Tell whether a text has the section of a log that holds the solution."""
+    """Return whether a text has the section of a log that holds the solution."""
     return re.search(rb"^solution=", head, re.MULTILINE) is not None
 
 
 def looks_like_agents(head: bytes) -> bool:
-    """Tell whether a text begins with the path of an agent."""
+    """Return whether a text begins with the path of an agent."""
     return re.match(rb"\s*[Aa]gent\s+[0-9]+\s*:", head) is not None
 
 
 def looks_like_lists(head: bytes) -> bool:
-    """Tell whether a text begins as a list of lists does, or is an empty list."""
+    """Return whether a text begins like a list of lists, or is an empty list."""
     return re.match(rb"\s*\[\s*(\[|\]\s*$)", head) is not None and b"->" not in head
 
 
@@ -170,7 +172,7 @@ def _log(file: InputFile) -> _Plan:
 
 
 def _timesteps(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[list[list[Cell]], list[int]]:
-    """Return where the agents are at each timestep, and the number of its line."""
+    """Return where the agents are at each timestep, and the line number of each timestep."""
     steps: list[list[Cell]] = []
     numbers: list[int] = []
     for number, line in lines:
@@ -233,11 +235,11 @@ def _short(words: str) -> str:
 
 
 def _imported(request: Request, plan: _Plan, order: str) -> Imported:
-    """Check a plan's cells against the files beside it, and make it moves."""
+    """Check a plan's cells against its companion files, and turn it into moves."""
     path = request.path
     no_system(request, "a plan on a map")
     graph, starts, goals = _beside(request, plan)
-    free = cast("frozenset[Cell]", frozenset(graph.vertices))  # of a map, so cells
+    free = cast("frozenset[Cell]", frozenset(graph.vertices))  # vertices of a map are cells
     as_written = plan
     plan = _in_order(request, plan, order, free, starts)
 
@@ -291,7 +293,7 @@ def _mirrored(
     if _fits(plan.turned(), free, starts, goals):
         return f"; it fits with x and y exchanged, order={other}"
     rows = {y for _, y in free}
-    # A border of obstacles is as thick on both sides, or there is none below the last free row.
+    # A border of obstacles is equally thick on both sides, or is missing below the last free row.
     for height in sorted({min(rows) + max(rows), max(rows)}):
         if _fits(plan.flipped(height), free, starts, goals):
             return "; it fits with y counted from the bottom of the map"
@@ -304,7 +306,7 @@ def _fits(
     starts: Sequence[Cell] | None,
     goals: Sequence[Cell] | None,
 ) -> bool:
-    """Tell whether a plan is legal on a map, and of the scenario if there is one."""
+    """Return whether a plan is legal on a map and agrees with the scenario, if there is one."""
     first = [planned[0] for planned in plan.paths]
     if starts is not None and first != list(starts[: len(first)]):
         return False
@@ -315,7 +317,7 @@ def _fits(
 def _beside(
     request: Request, plan: _Plan
 ) -> tuple[Graph, Sequence[Cell] | None, Sequence[Cell] | None]:
-    """Return the map, and starts and goals of the scenario if one is given."""
+    """Return the map, and the starts and goals of the scenario if there is one."""
     graph: Graph | None = None
     scenario: tuple[list[Cell], list[Cell]] | None = None
     for companion in request.companions:
@@ -341,10 +343,11 @@ def _beside(
 
 
 def _scenario(file: InputFile) -> tuple[list[Cell], list[Cell]]:
-    """Read a scenario of the movingai benchmarks: starts and goals, of which a plan has the first.
+    """Read the starts and goals of a movingai scenario; a plan uses the first ones.
 
-    Its lines hold bucket, map, width and height of it, start x and y, goal x and y, and a length
-    (Sturtevant, Benchmarks for Grid-Based Pathfinding; movingai.com/benchmarks/formats.html).
+    Its lines hold bucket, map, the map's width and height, start x and y, goal x and y, and a
+    length (Sturtevant, Benchmarks for Grid-Based Pathfinding;
+    movingai.com/benchmarks/formats.html).
     """
     starts, goals = [], []
     for number, line in list(_lines(file))[1:]:
@@ -367,9 +370,9 @@ def _in_order(
     free: AbstractSet[Cell],
     starts: Sequence[Cell] | None,
 ) -> _Plan:
-    """Return the plan with its cells as (x, y); InputError where nothing says which order it has.
+    """Return the plan with its cells as (x, y); InputError if nothing decides their order.
 
-    Where neither order is allowed by what there is, (x, y) is taken, and refused by who checks it.
+    If neither order fits, (x, y) is taken, and refused by a later check.
     """
     order = request.values["order"] or order
     if order not in (*_ORDERS, ""):

@@ -1,4 +1,4 @@
-"""Plain lists of moves as people write them down: `SITE -> SITE`, one a line, for any system.
+"""Plain lists of moves, as written by hand: `SITE -> SITE`, one per line, for any system.
 
 ::
 
@@ -6,12 +6,12 @@
     (0,0) -> (1,-1) about (1,0)
     (2,0) -> (2,1)          # only one pivot is possible here
 
-Own format. A site is written as in JSON, with round or square brackets; a word that is no JSON is a
-string. The move is that of the system named beside the file which is admissible at the present
-state and takes a module from the first site to the second. A run of squares that slides by one is
-named by any of its modules, or by the cell that gets free and the cell that gets taken. `about`
-names a site that has to be on before and after and that the move only reads, as a pivot's. Where
-more than one move does all that, the line is refused and names them.
+This is the project's own format. A site is written as in JSON, with round or square brackets; a
+word that is no JSON is a string. The move is the one of the given system that is admissible at the
+present state and takes a module from the first site to the second. A run of squares that slides by
+one is named by any of its modules, or by the cell that becomes free and the cell that becomes
+occupied. `about` names a site that is on before and after and that the move only reads, such as the
+one a module pivots about. If several moves fit, the line is refused and the error names them.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 _LINE = re.compile(r"(.+?)\s*->\s*(.+?)(?:\s+about\s+(.+?))?\s*")
 _EXAMPLE = "'(0,0) -> (1,0)', maybe with 'about (0,1)'"
 _TOLD = 3
-"""Candidates that a refusal names."""
+"""Number of candidates that an error names."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """What a line says."""
+    """The content of a line."""
 
     source: Site
     target: Site
@@ -51,7 +51,7 @@ class _Line:
         return f"{text(self.source)} -> {text(self.target)}{about}"
 
     def names(self, move: Move) -> bool:
-        """Tell whether a move takes a module, or a whole run, from the one site to the other."""
+        """Return whether a move takes a module, or a whole run, from one site to the other."""
         if (self.source, self.target) not in move.motion:
             sources = {source for source, _ in move.motion}
             targets = {target for _, target in move.motion}
@@ -64,7 +64,7 @@ class _Line:
 
 
 def looks_like_plain(head: bytes) -> bool:
-    """Tell whether the first line that is no comment has an arrow between two sites."""
+    """Return whether the first line that is not a comment has an arrow between two sites."""
     for line in head.splitlines():
         words = line.partition(b"#")[0].strip()
         if words:
@@ -73,7 +73,7 @@ def looks_like_plain(head: bytes) -> bool:
 
 
 def read_plain(request: Request) -> Imported:
-    """Read a list of moves of the system that is named; InputError as `Imported` says."""
+    """Read a list of moves of the given system; errors as `Imported` says."""
     path = request.path
     none_beside(request)
     if request.system is None:
@@ -117,7 +117,7 @@ def _site(words: str) -> Site:
 
 
 def _resolved(line: _Line, system: System, state: set[Site]) -> Move:
-    """Return the move that a line means at a state; InputError says why there is none, or two."""
+    """Return the move that a line means at a state; InputError if there is none, or several."""
     if line.source not in state:
         raise InputError(f"{line}: site {text(line.source)} is off, expected on")
     named = _named(line, system, state, (line.source,))
@@ -142,7 +142,7 @@ def _resolved(line: _Line, system: System, state: set[Site]) -> Move:
 
 
 def _named(line: _Line, system: System, state: set[Site], sites: Iterable[Site]) -> list[Move]:
-    """Return the moves that a line could mean, of the modules at these sites."""
+    """Return the moves of the modules at these sites that a line could mean."""
     return [
         move
         for site in sites

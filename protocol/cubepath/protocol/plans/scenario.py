@@ -1,7 +1,7 @@
-"""Scenarios: a grid with the starts, the goals and, where a planner has been at it, the moves.
+"""Scenarios: a grid with starts, goals and, once a planner has run, moves.
 
-The JSON files of the project's own sample data, an object with "starts"; see docs/files.md. A
-vehicle enters a cell that is empty, so the moves are one path as they stand.
+These are the JSON files of the project's own sample data, an object with "starts"; see
+docs/files.md. A vehicle enters only an empty cell, so the moves as listed are one path.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ _STARTS = re.compile(rb'"starts"\s*:')
 
 
 def is_scenario(file: InputFile) -> bool:
-    """Tell whether a file is an object with "starts", on one line or on many."""
+    """Return whether a file is an object with "starts", on one line or on many."""
     stream = file.from_start()
     with readable(file.path):
         first = next((line for line in stream if line.strip()), b"")
         if _STARTS.search(first):
             return True
-        # An object over many lines is no moves file, but may be a scenario.
+        # An object over several lines is no moves file, but may be a scenario.
         if first.lstrip().startswith(b"{") and not _is_json(first):
             return _STARTS.search(stream.read()) is not None
     return False
@@ -60,9 +60,9 @@ def read_scenario(file: InputFile) -> Imported:
 
 
 def _unsolved(scenario: Scenario) -> str | None:
-    """Say where the moves do not end; the goals are of all vehicles together, as for `agv`.
+    """Return how the moves miss the goals, which belong to all vehicles together, as for `agv`.
 
-    A scenario without moves is a place to start from, and no plan.
+    A scenario without moves is a starting point, not a plan.
     """
     if not scenario.moves:
         return None
@@ -82,7 +82,7 @@ def _unsolved(scenario: Scenario) -> str | None:
 
 
 def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
-    """Yield the moves of a scenario's vehicles, each checked on the grid from the starts on."""
+    """Yield the moves of a scenario's vehicles, each checked on the grid, from the starts on."""
     taken, free = set(scenario.starts), set(scenario.graph.vertices)
     edges = set(scenario.graph.edges)
     actions: dict[tuple[Site, ...], Action] = {}
@@ -100,7 +100,7 @@ def _moves(path: Path, scenario: Scenario) -> Iterator[PathMove]:
         taken.remove(source)
         taken.add(target)
         ends = in_order((source, target))
-        # The system of one edge says what its action is; that of a large grid takes long to make.
+        # The system of a single edge defines the action; a large grid's would take long to build.
         action = actions.get(ends) or GraphSystem(ends, [(source, target)]).action("edge", ends)
         actions[ends] = action
         yield PathMove(action, GeneratorPlacement("edge", ends), frozenset({source}))

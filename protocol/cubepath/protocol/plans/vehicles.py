@@ -1,12 +1,13 @@
 """Vehicles on the cells of a grid whose planner moves many of them in one round.
 
 Other planners let a vehicle enter a cell in the round in which another leaves it. Here a cell is
-empty before it is entered, so such moves do not commute and are made one after the other: of a
-row of followers the first goes first. What has no such order is refused: vehicles that swap, and
-vehicles that rotate on a cycle of cells, for on those cells alone nobody can begin.
+empty before it is entered, so such moves do not commute and are made one after the other: in a row
+of followers the first goes first. Moves without such an order are refused: vehicles that swap, and
+vehicles that rotate on a cycle of cells, since none of them can begin.
 
-No labels are needed to keep the vehicles apart. Where two moves along an edge cancel, nothing has
-moved at either end between them, so both are moves of one vehicle; each ends where its plan ends.
+No labels are needed to tell the vehicles apart. If two moves along an edge cancel, nothing has
+moved at either end between them, so both are moves of the same vehicle, and each vehicle ends where
+its plan ends.
 """
 
 from __future__ import annotations
@@ -27,12 +28,12 @@ Cell = tuple[int, int]
 
 
 class Vehicles:
-    """Vehicles 0, 1, ... on cells (x, y) of their own; `called` is what their planner calls one."""
+    """Vehicles 0, 1, ... on distinct cells (x, y); `called` is the planner's word for one."""
 
     def __init__(
         self, starts: Sequence[Cell], is_free: Callable[[Cell], bool], *, called: str
     ) -> None:
-        """Put every vehicle on its start; InputError where two share one or it is not free."""
+        """Put every vehicle on its start; InputError if two share one or it is not free."""
         self.at = list(starts)
         self._is_free = is_free
         self._called = called
@@ -49,10 +50,10 @@ class Vehicles:
                 raise InputError(f"{called} {other} and {called} {number} start at {text(cell)}")
 
     def go(self, targets: Mapping[int, Cell]) -> list[PathMove]:
-        """Take these vehicles to their cells in one round; return the moves in an order that works.
+        """Take these vehicles to their cells in one round; return the moves in an admissible order.
 
-        The order is by number, each vehicle followed by those who follow it. InputError names the
-        first vehicle whose move is none, and why; then nothing has moved.
+        The order is by number, each vehicle followed by its followers. InputError names the first
+        vehicle whose move is impossible, and why; then no vehicle has moved.
         """
         movers = {who: cell for who, cell in targets.items() if cell != self.at[who]}
         into: dict[Cell, int] = {}
@@ -117,7 +118,8 @@ class Vehicles:
         made = self._made.get((source, cell))
         if made is None:
             ends = in_order((source, cell))
-            # The system of one edge says what its action is; a large one takes long to make.
+            # The system of a single edge defines the action; a large system would take long to
+            # build.
             action = self._actions.get(ends) or GraphSystem(ends, [(source, cell)]).action(
                 "edge", ends
             )
@@ -128,7 +130,7 @@ class Vehicles:
 
 
 def off_targets(at: Sequence[Cell], targets: Sequence[Cell], called: str) -> str | None:
-    """Return how many vehicles end off their targets, and which is the first; None if none does."""
+    """Return how many vehicles end off their targets, and the first of them; None if none."""
     off = [who for who, ends in enumerate(zip(at, targets, strict=True)) if ends[0] != ends[1]]
     if not off:
         return None
@@ -146,9 +148,9 @@ def fits(
     rounds: Callable[[Vehicles], Iterable[Mapping[int, Cell]]],
     targets: Sequence[Cell] | None,
 ) -> bool:
-    """Tell whether all rounds are legal and end at the targets, if there are any.
+    """Return whether all rounds are legal and end at the targets, if there are any.
 
-    `rounds` is given the vehicles, and gives each round once the one before has been made.
+    `rounds` is called with the vehicles, and yields each round after the previous one was made.
     """
     try:
         vehicles = Vehicles(starts, is_free, called="vehicle")
@@ -162,7 +164,7 @@ def fits(
 def vehicles_scene(
     spec: str, graph: Graph, starts: Sequence[Site], goals: Sequence[Site] | None
 ) -> Scene:
-    """Return the scene of unlabelled vehicles on a graph; `goals` None where none are known."""
+    """Return the scene of unlabelled vehicles on a graph; `goals` is None if none are known."""
     return Scene(
         spec=spec,
         family="agv",

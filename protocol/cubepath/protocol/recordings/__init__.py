@@ -1,7 +1,7 @@
 """The recording format in MCAP: writing, reading and salvaging it.
 
-Room: protocol. It imports `wire` for the messages, `scenes` for the scene that stands in a
-recording, and `core`. The coordinator writes and reads recordings; modules know nothing of them.
+Room: protocol. It imports `wire` for the messages, `scenes` for the scene in a recording, and
+`core`. The coordinator writes and reads recordings; modules know nothing of them.
 """
 
 from typing import TYPE_CHECKING

@@ -1,11 +1,11 @@
-"""Recordings: one MCAP file a run, written as it goes and read back with everything checked.
+"""Recordings: one MCAP file per run, written during the run and checked when read back.
 
-Every message stands in it with the very bytes that were on the wire, on the topic KIND/SENDER,
-with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds,
+A recording holds every message as the exact bytes that were on the wire, on the topic KIND/SENDER,
+with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds, and
 sequence the order of writing. The parameters and versions of the run are a metadata record, the
-scene is the attachment `scene.toml`, a schedule that was carried out `schedule.jsonl`. Chunks
-carry CRCs and are flushed every few messages, so a process that is killed loses at most those
-since the last flush.
+scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
+CRCs and are flushed every few messages, so a killed process loses at most the messages since the
+last flush.
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ FORMAT = "cubepath-recording-1"
 SCENE = "scene.toml"
 SCHEDULE = "schedule.jsonl"
 FLUSH_EVERY = 50
-"""Messages between two flushes: a kill loses fewer than this, and what was still in a queue."""
+"""Messages between two flushes: a kill loses fewer than this, and those still in a queue."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 _METADATA = "cubepath"
 
 
-class RecordingFull(CheckError):  # noqa: N818 - named for what is the case
-    """The recording cannot be written any further; what was flushed can be read.
+class RecordingFull(CheckError):  # noqa: N818 - named for a state
+    """The recording cannot be continued; what was flushed can be read.
 
-    Unless its file was removed, which is another reason.
+    If the file was removed, which is another cause, nothing can be read.
     """
 
 
@@ -59,17 +59,17 @@ class RecordingWriter:
         parameters: Mapping[str, str],
         schedule: bytes | None = None,
     ) -> None:
-        """Create the file with the scene and the parameters; InputError where it cannot be.
+        """Create the file with the scene and the parameters; InputError if it cannot be created.
 
-        `schedule` is the text of the schedule that the run carries out.
+        `schedule` is the text of the schedule that the run executes.
         """
         self.path = path
         self.messages = 0
-        text = scene_to_toml(scene)  # before the file is made: not every scene can be written
+        text = scene_to_toml(scene)  # before the file is created: not every scene can be written
         try:
             with contextlib.suppress(FileExistsError):  # opening it gives the reason
                 path.parent.mkdir(parents=True, exist_ok=True)
-            # What was recorded before is never written over; a device may be written to.
+            # Earlier recordings are never overwritten; a device may be written to.
             new = path.is_file() or not path.exists()
             self._stream: IO[bytes] = path.open("xb" if new else "wb")
         except FileExistsError:
@@ -114,9 +114,9 @@ class RecordingWriter:
             ) from None
 
     def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
-        """Append a message as it was on the wire.
+        """Append a message with the bytes that were on the wire.
 
-        RecordingFull where the disk takes no more, or the file was removed or moved.
+        Raises RecordingFull if the disk is full, or the file was removed or moved.
         """
         self._guard(lambda: self._add(topic, data, round_number, wall_ns))
 
@@ -149,7 +149,7 @@ class RecordingWriter:
             self._check_place()
 
     def _check_place(self) -> None:
-        """See that the path still leads to the file: what is written elsewhere nobody finds."""
+        """Check that the path still leads to the file; otherwise it would be lost."""
         found = os.fstat(self._stream.fileno())
         if not stat.S_ISREG(found.st_mode):
             return
@@ -171,7 +171,7 @@ class RecordingWriter:
         self._check_place()
 
     def close(self) -> None:
-        """Finish the file; after a full disk, leave what was flushed as it is."""
+        """Finish the file; after a failure to write, leave what was flushed as it is."""
         if self._stream.closed:
             return
         try:
@@ -209,7 +209,7 @@ class Record:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What could be read of a recording; `problems` is empty when that is all of it."""
+    """What could be read of a recording; `problems` is empty if that is everything."""
 
     path: Path
     parameters: Mapping[str, str]
@@ -217,9 +217,9 @@ class Recording:
     records: tuple[Record, ...]
     problems: tuple[str, ...]
     schedule: bytes | None = None
-    """The text of the schedule that was carried out, if one was."""
+    """The text of the schedule that was executed, if any."""
     size: int = 0
-    """How many bytes were read."""
+    """Number of bytes read."""
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
         """Yield the messages of these kinds in order."""
@@ -227,17 +227,17 @@ class Recording:
 
 
 def is_recording(file: InputFile) -> bool:
-    """Tell whether a file begins as a recording does, or is what is left of its first bytes."""
+    """Return whether a file begins like a recording, or is cut off within its first bytes."""
     head = file.head(len(MAGIC))
     return bool(head) and MAGIC.startswith(head)
 
 
 def read_recording(source: Source) -> Recording:
-    """Read a recording with every check on; what is wrong is named in `problems`.
+    """Read a recording with all checks; `problems` lists what is wrong.
 
-    A truncated file gives all whole chunks, a corrupt chunk is left out by itself; no message is
-    given that no CRC vouches for. InputError where the file is no recording, or has lost its
-    parameters or its scene.
+    A truncated file yields all its whole chunks, and only a corrupt chunk itself is left out. No
+    message is returned without a valid CRC. Raises InputError if the file is no recording, or has
+    lost its parameters or its scene.
     """
     with opened(source) as file:
         path, data = file.path, file.whole()
@@ -258,7 +258,7 @@ def read_recording(source: Source) -> Recording:
 
 
 def read_undamaged(source: Source) -> Recording:
-    """Read a recording from which nothing is lost; InputError names the damage and a way out."""
+    """Read an undamaged recording; InputError names the damage and how to recover the rest."""
     recording = read_recording(source)
     if recording.problems:
         path = recording.path
@@ -285,7 +285,7 @@ def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, st
 
 
 def _checksum(parameters: Mapping[str, str]) -> str:
-    # A metadata record has no CRC, and that of the data section comes with the end of the file.
+    # A metadata record has no CRC, and the CRC of the data section comes at the end of the file.
     return sha256(msgspec.json.encode(sorted(parameters.items()))).hexdigest()
 
 
@@ -302,7 +302,7 @@ def _scene(path: Path, found: Salvage) -> Scene:
 
 
 def _records(found: Salvage) -> tuple[tuple[Record, ...], int]:
-    """Return the messages with their topics, and how many have lost theirs."""
+    """Return the messages with their topics, and the number of messages whose topic is lost."""
     records, lost = [], 0
     for message in found.messages:
         topic = found.topics.get(message.channel_id) or _topic_said(message.data)
@@ -322,7 +322,7 @@ def _records(found: Salvage) -> tuple[tuple[Record, ...], int]:
 
 
 def _topic_said(data: bytes) -> str | None:
-    # A killed writer leaves no summary, so a channel can go with the chunk that named it.
+    # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
     try:
         return topic_of(decode(data))
     except InputError:
@@ -330,7 +330,7 @@ def _topic_said(data: bytes) -> str | None:
 
 
 def _gap(records: Iterable[Record]) -> Iterator[str]:
-    """Yield what is wrong with the order of writing, if anything."""
+    """Yield the first error in the order of writing, if any."""
     for expected, record in enumerate(records):
         if record.sequence != expected:
             yield f"message {record.sequence} stands where message {expected} should be"
@@ -338,10 +338,10 @@ def _gap(records: Iterable[Record]) -> Iterator[str]:
 
 
 def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
-    """Write what could be read as a proper recording; return the number of messages.
+    """Write what could be read as a complete recording; return the number of messages.
 
-    `notes` are parameters to add. InputError where `out` is the recording itself or cannot be
-    written, RecordingFull where the disk takes no more.
+    `notes` are parameters to add. Raises InputError if `out` is the recording itself or cannot be
+    written, and RecordingFull if the disk is full.
     """
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")

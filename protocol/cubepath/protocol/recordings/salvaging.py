@@ -1,10 +1,10 @@
-"""What an MCAP file still holds: every record is checked, and what is damaged is named.
+"""Salvaging MCAP files: every record is checked, and damage is reported.
 
-Room: protocol. Readers of mcap stop at the first damaged record, or raise what their parsers
-happen to raise. Here records are cut out one by one, so that a damaged one is left out by itself:
-a chunk has a CRC, an attachment too, the data section and the summary have one each. Where a
-length is damaged and the records after it cannot be found, the index in the summary tells where
-to go on. Only what a CRC vouches for is handed out.
+Room: protocol. The readers of the mcap package stop at the first damaged record, or raise whatever
+their parsers happen to raise. Here records are split one by one, so only a damaged record itself is
+left out: each chunk and attachment has a CRC, and so do the data section and the summary. If a
+length is damaged and the records after it cannot be found, the index in the summary tells where to
+continue. Messages and attachments are returned only if a CRC covers them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _FOOTER_BYTES = 20
 
 @dataclass(slots=True)
 class Salvage:
-    """What was found: `problems` is empty when that is all there ever was.
+    """What was found: `problems` is empty if nothing is missing.
 
     `topics` maps channels to topics; messages keep the order of the file.
     """
@@ -53,7 +53,7 @@ class Salvage:
 
 
 def salvage(data: bytes) -> Salvage:
-    """Return what can be read of the bytes of an MCAP file, whatever they are; raises nothing."""
+    """Return what can be read of the bytes of an MCAP file; never raises, whatever they are."""
     scan = _Scan(data)
     scan.run()
     return scan.found
@@ -61,7 +61,7 @@ def salvage(data: bytes) -> Salvage:
 
 @dataclass(frozen=True, slots=True)
 class _End:
-    """The summary of a finished file, when its CRC holds: where records begin."""
+    """The summary of a finished file, if its CRC holds: where records begin."""
 
     summary_start: int
     offsets: list[int]
@@ -103,7 +103,7 @@ class _Scan:
             found.problems.append(self._tail(offset))
 
     def _record(self, offset: int, end: _End | None) -> int | None:
-        """Take in the record at `offset`; return where the next one begins, None if nowhere."""
+        """Read the record at `offset`; return where the next one begins, None if nowhere."""
         data = self._data
         if offset + _HEAD.size > len(data):
             return None
@@ -121,7 +121,7 @@ class _Scan:
         body = data[start:after]
         try:
             self._take(opcode, body, offset)
-        except Exception as error:  # noqa: BLE001 - parsers and decompressors raise all sorts
+        except Exception as error:  # noqa: BLE001 - parsers and decompressors raise many kinds
             self.found.problems.append(f"corrupt at byte {offset}: {self._what(opcode, error)}")
         return after
 
@@ -138,7 +138,7 @@ class _Scan:
                 self._span = ""
                 self._take_chunk(Chunk.read(stream))
             case Opcode.ATTACHMENT:
-                # mcap's own reader does not look at this one.
+                # mcap's own reader does not check this CRC.
                 _expect_crc(body[: -_CRC.size], _CRC.unpack(body[-_CRC.size :])[0])
                 self.found.attachments.append(Attachment.read(stream))
             case Opcode.METADATA:
@@ -155,7 +155,7 @@ class _Scan:
                 pass
 
     def _take_chunk(self, chunk: Chunk) -> None:
-        # Its head has no CRC of its own: this is only for people, to know what may be lost.
+        # Its head has no CRC of its own: this only tells users what may be lost.
         self._span = f" (log times {chunk.message_start_time} to {chunk.message_end_time})"
         if chunk.uncompressed_size > _CHUNK_BYTES_MAX:
             raise ValueError(f"it claims to hold {chunk.uncompressed_size} bytes")
@@ -175,7 +175,7 @@ class _Scan:
 
     def _take_end(self, crc: int, offset: int) -> None:
         found = self.found
-        # By the specification, 0 says that there is none.
+        # By the specification, 0 means that there is no CRC.
         holds = not crc or zlib.crc32(self._data[:offset]) == crc
         if not holds and not found.problems:
             found.problems.append("corrupt: the CRC of the data section does not hold")
@@ -187,7 +187,7 @@ class _Scan:
             )
 
     def _tail(self, offset: int) -> str:
-        """Say what is wrong after the data section, where all messages have been read."""
+        """Return what is wrong after the data section, once all messages have been read."""
         size = len(self._data)
         closing = self._data.find(MAGIC, offset)
         if closing < 0:
@@ -200,7 +200,7 @@ class _Scan:
 
     def _stop(self, offset: int) -> str:
         data = self._data
-        # A file that ends as it should, or goes on with what is no record, has not been cut off.
+        # A file that ends properly, or continues with something that is no record, was not cut off.
         cut = not data.endswith(MAGIC) and (
             offset + _HEAD.size > len(data) or _plausible(data[offset])
         )
@@ -219,7 +219,7 @@ def _plausible(opcode: int) -> bool:
 
 
 def _next(end: _End | None, offset: int) -> int | None:
-    """Return where the index says that the next record after `offset` begins."""
+    """Return where the next record after `offset` begins, according to the index."""
     if end is None:
         return None
     place = bisect_right(end.offsets, offset)
@@ -233,7 +233,7 @@ def _expect_crc(data: bytes, expected: int) -> None:
 
 
 def _end_of(data: bytes) -> _End | None:
-    """Return the end of a finished file; None where it is missing or its CRC does not hold."""
+    """Return the end of a finished file; None if it is missing or its CRC does not hold."""
     footer_at = len(data) - len(MAGIC) - _FOOTER_BYTES - _HEAD.size
     if footer_at < len(MAGIC) or not data.endswith(MAGIC):
         return None
@@ -245,7 +245,7 @@ def _end_of(data: bytes) -> _End | None:
         if footer.summary_crc:
             _expect_crc(data[start : -len(MAGIC) - _CRC.size], footer.summary_crc)
         return _summary(data, start, footer_at)
-    except Exception:  # noqa: BLE001 - whatever is wrong, there is no summary to go by
+    except Exception:  # noqa: BLE001 - whatever is wrong, there is no usable summary
         return None
 
 

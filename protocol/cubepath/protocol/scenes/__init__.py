@@ -1,8 +1,8 @@
 """Scenes by name or from TOML files, and the families of scenes.
 
-Room: protocol. `scene_from_spec` is the one way from a text to a scene. Families come in by entry
-points, those that stand here too. It imports `systems` and `core`; whoever is told a scene by a
-person, a file or a recording asks here.
+Room: protocol. `scene_from_spec` is the one way from a text to a scene. Families are found by entry
+points, including those defined here. It imports `systems` and `core`. All code that gets a scene
+from a user, a file or a recording asks here.
 """
 
 from typing import TYPE_CHECKING

@@ -1,4 +1,4 @@
-"""Families of scenes: what `name:key=value,...` may say, and how its values are read."""
+"""Families of scenes: the keys of `name:key=value,...`, and how their values are read."""
 
 from __future__ import annotations
 
@@ -23,24 +23,23 @@ def _not_known(_system: System, _start: State) -> bool:
 class Family:
     """A family of scenes: its keys with their defaults and one line on each.
 
-    Families are found by the entry points of the group ``cubepath.systems``, those that come with
-    the project and those of other distributions alike: an entry names a `Family`, or several in a
-    tuple.
+    Families are found by the entry points of the group ``cubepath.systems``, both the project's own
+    and those of other distributions. An entry names a `Family`, or a tuple of several.
     """
 
     name: str
     summary: str
     keys: Keys
     build: Callable[[str, Values], Scene]
-    """Make the scene of a name and the values of all keys."""
+    """Make the scene for a name and the values of all keys."""
     system: type[System]
-    """The class of its systems, which says what their TOML table is called and how it is read."""
+    """The class of its systems, which defines the name and the reading of their TOML table."""
     rule: str = "random"
-    """The rule that reaches the default goal; random where there is none, empty without runs."""
+    """The rule that reaches the default goal; random if there is none, empty without runs."""
     one_class: Callable[[System, State], bool] = _not_known
-    """Tell whether it is known that all paths between two states which the given one reaches are
-    homotopic, by an argument that stands beside it. It is asked of every system of the class, so it
-    looks at what the system is, not at how it is called."""
+    """Return whether all paths between two states reachable from the given one are known to be
+    homotopic; the proof stands beside the function. It is called for every system of the class, so
+    it looks at what the system is, not at its name."""
 
 
 def whole(values: Values, key: str, *, least: int, most: int = MODULES_MAX) -> int:

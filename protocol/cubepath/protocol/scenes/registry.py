@@ -1,8 +1,8 @@
-"""The families of scenes by name: those of the project, and those of other distributions.
+"""The families of scenes by name, of the project and of other distributions.
 
-All come in by the entry points of one group and are held to the same. Those of the project are at
-hand besides: to ask what is installed takes longer than all else at the start of a process, and a
-distribution that is broken must not be in the way of who asks for something else.
+All are found by the entry points of one group and held to the same rules. The project's own are
+also imported directly: listing what is installed takes longer than anything else at the start of a
+process, and a broken distribution must not affect users of other families.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 GROUP = "cubepath.systems"
 SCENE_KEYS = ("format", "start", "name", "family", "goal", "goals")
-"""The keys of a scene's file that are no table of a system."""
+"""The keys of a scene's file that are not tables of systems."""
 _OWN = "cubepath"
 _OWN_FAMILIES = {family.name: family for family in FAMILIES}
 OWN_KINDS: Mapping[str, type[System]] = {family.system.table: family.system for family in FAMILIES}
@@ -38,7 +38,7 @@ def _entries() -> list[EntryPoint]:
         by = entry.dist.name if entry.dist is not None else ""
         return by != _OWN, by, entry.name
 
-    # One that is found twice, since a folder is on the path twice, is one.
+    # An entry is found twice if its folder is on the path twice; it counts once.
     return sorted(set(entry_points(group=GROUP)), key=order)
 
 
@@ -61,10 +61,10 @@ def _loaded(entry: EntryPoint) -> tuple[Family, ...]:
 
 
 def _flaw(found: object) -> str | None:
-    """Return what keeps an entry from being a family of systems, None where nothing does."""
+    """Return what keeps an entry from being a family of systems; None if nothing does."""
     if not isinstance(found, Family):
         return f"{found!r} is no Family"
-    # An annotation binds nobody elsewhere.
+    # Other distributions need not follow the annotations.
     name, keys = cast("object", found.name), cast("object", found.keys)
     system = cast("object", found.system)
     if not isinstance(name, str) or not name or ":" in name or name.endswith(".toml"):
@@ -90,9 +90,9 @@ def _flaw_of_class(name: str, system: object) -> str | None:
 
 @cache
 def all_families() -> dict[str, Family]:
-    """Return all families by name; InputError names an entry point that gives none, or one twice.
+    """Return all families by name; InputError names an entry point with none, or with one twice.
 
-    Those of the project come first, the others by distribution and entry point.
+    The project's own come first, the others by distribution and entry point.
     """
     found: dict[str, Family] = {}
     tables: dict[str, type[System]] = {}
@@ -113,7 +113,7 @@ def all_families() -> dict[str, Family]:
 
 @cache
 def _sound_families() -> dict[str, Family]:
-    """Return the families that can be loaded, by name; of two of one name the first."""
+    """Return the families that can be loaded, by name; the first of several with one name."""
     found: dict[str, Family] = {}
     for family in _sound():
         found.setdefault(family.name, family)
@@ -127,17 +127,17 @@ def _sound() -> Iterator[Family]:
 
 
 def sound_family(name: str) -> Family | None:
-    """Return the family of that name, None where there is none that can be loaded."""
+    """Return the family of that name; None if there is none that can be loaded."""
     if name in _OWN_FAMILIES or not name:
         return _OWN_FAMILIES.get(name)
     return _sound_families().get(name)
 
 
 def family_named(name: str) -> Family:
-    """Return the family of that name; a broken entry point hurts only who asks for what it has.
+    """Return the family of that name; a broken entry point affects only its own families.
 
-    InputError where there is none, or where there is none but an entry point cannot be loaded,
-    which may be the one that has it.
+    Raises InputError if there is none. If an entry point cannot be loaded, the error names that one
+    instead, since it may be the one with the family.
     """
     found = sound_family(name) or all_families().get(name)
     if found is None:
@@ -150,8 +150,8 @@ def family_named(name: str) -> Family:
 def families_of(system: System) -> list[Family]:
     """Return the families whose systems are of this very class.
 
-    Of the project's own classes those of the project, so that what another distribution says is
-    believed of its own systems alone.
+    For the project's own classes, only the project's families count: other distributions are
+    trusted only about their own systems.
     """
     own = type(system) in OWN_KINDS.values()
     known = _OWN_FAMILIES if own else _sound_families()
@@ -159,7 +159,7 @@ def families_of(system: System) -> list[Family]:
 
 
 def contradiction(family: Family, system: System) -> str | None:
-    """Return what keeps a system that a family has made from being read back, None if nothing."""
+    """Return what keeps a system that a family has made from being read back; None if nothing."""
     made = type(system)
     if made is not family.system:
         return f"its system is of {made.__name__}, {family.name!r} says {family.system.__name__}"
@@ -172,7 +172,7 @@ def contradiction(family: Family, system: System) -> str | None:
 
 @cache
 def kinds() -> dict[str, type[System]]:
-    """Return all classes of systems by the name of their TOML table; of two the first."""
+    """Return all classes of systems by the name of their TOML table; the first of several."""
     found = dict(OWN_KINDS)
     for family in _sound_families().values():
         found.setdefault(family.system.table, family.system)

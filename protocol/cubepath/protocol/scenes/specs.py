@@ -1,4 +1,4 @@
-"""Scenes by name: what `name:key=value,...` or the path of a TOML file stands for."""
+"""Scenes by name: `name:key=value,...`, or the path of a TOML file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cubepath.protocol.scenes.toml import read_scene
 def scene_from_spec(spec: str) -> Scene:
     """Return the scene that `spec` names; InputError says what is wrong with it."""
     name, _, rest = spec.partition(":")
-    # The file may also be a pipe, as /dev/fd/63 for what a shell substitutes.
+    # The file may also be a pipe, such as /dev/fd/63 from a shell's process substitution.
     if (spec.endswith(".toml") or "/" in name) and sound_family(name) is None:
         return read_scene(Path(spec))
     family = family_named(name)
@@ -29,7 +29,7 @@ def scene_from_spec(spec: str) -> Scene:
 
 
 def _built(spec: str, family: Family, values: Mapping[str, str]) -> Scene:
-    """Build a scene; whatever goes wrong in somebody's family is one line that names it."""
+    """Build a scene; any failure of a family becomes one line that names it."""
     try:
         scene = cast("object", family.build(family.name, values))
     except CubepathError:

@@ -1,7 +1,7 @@
 """Scenes as TOML: every system can be written as one file and read back to the same system.
 
-Sites are written as JSON would write them. The format is `cubepath-system-1`; see docs/files.md.
-What stands in the table of a system is for its own class to say.
+Sites are written as in JSON. The format is `cubepath-system-1`; see docs/files.md. The content of a
+system's table is defined by its class.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def _system(kind: type[System], table: object) -> System:
     try:
         return kind.from_table(msgspec.convert(table, dict[str, Any]))
     except msgspec.ValidationError as error:
-        # What was found is told by its place in the whole file.
+        # The error gives the place in the whole file.
         what, at, place = str(error).rpartition(" - at `$")
         if not at:
             what, place = str(error), "`"

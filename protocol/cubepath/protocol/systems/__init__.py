@@ -1,9 +1,9 @@
 """Kinds of systems: on a lattice, on a graph, move by move, and flips of diagonals.
 
-Room: protocol. Each class says all of itself: its moves, what a module senses, how it is written,
-drawn and bounded. Graphs and point sets are what two of them are built of. It imports `core` alone.
-Scenes are made of these, and plans of other planners are read as their moves; others take a
-`System` and ask for no class.
+Room: protocol. Each class describes itself completely: its moves, what a module senses, how it is
+written, drawn and bounded. Two of them are built on graphs and point sets. It imports only `core`.
+Scenes are made of these classes, and plans of other planners are read as their moves; all other
+code takes a `System` and asks for no class.
 """
 
 from typing import TYPE_CHECKING

@@ -39,23 +39,23 @@ class FlipSystem(System):
     edges of the hull and any others that are in every triangulation. All triangulations of the
     points can be reached from one (Lawson 1972).
 
-    Flips are found where they are needed, so there may be many thousand points. What needs the
-    whole list, since it numbers all that could ever happen (a module's slots, the places that it
-    senses), builds it when it is first asked for: `whole`, with its bounds.
+    Flips are found where they are needed, so there may be many thousand points. Some answers number
+    all that could ever happen (a module's slots, the places that it senses). They need the whole
+    list, which is built on first use and is limited in size: `whole`.
     """
 
     table: ClassVar[str] = "triangulation"
     drawing = "chords"
 
     def __init__(self, points: Iterable[Point]) -> None:
-        """Check the points; InputError says what is wrong with them."""
+        """Check the points; raise InputError for what is wrong with them."""
         self.plane = PointSet(points)
         self.positions = {
             number: (float(x), float(y)) for number, (x, y) in enumerate(self.plane.points)
         }
         self.site_size = 1
         self.kept = _kept(self.plane)
-        """The edges that no other can cross: they are in every triangulation."""
+        """The edges that no other edge can cross: they are in every triangulation."""
         self.filled = self.kept
         self._flips: dict[tuple[int, ...], Move] = {}
 
@@ -72,14 +72,14 @@ class FlipSystem(System):
         return cls(msgspec.convert(table, _PointsTable).points)
 
     def bounds(self, start: State, goal: State) -> Iterable[Bound]:
-        """Return the bounds by crossings, and by the triangles that there are."""
+        """Return the bounds by crossings and by the number of triangles."""
         yield Bound(crossing_bound(self, start, goal), "an edge's crossings halve")
         yield Bound(flip_bound(self, start, goal), "flips at one time")
 
     def potential(self, goal: State) -> Callable[[Site], int]:
         """Return how many edges of the goal an edge crosses.
 
-        Some flip lessens the sum as long as there is any (Hanke, Ottmann and Schuierer 1996).
+        While the sum is positive, some flip decreases it (Hanke, Ottmann and Schuierer 1996).
         """
         edges = _rows(_edges(goal))
         return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
@@ -87,7 +87,7 @@ class FlipSystem(System):
     def modules_among(self, sites: Iterable[Site]) -> tuple[Edge, ...]:
         """Return the diagonals among the edges of a triangulation, in their order.
 
-        A file says all edges, or leaves out those that are in every triangulation; either end of
+        A file lists all edges, or leaves out those that are in every triangulation; either end of
         an edge may come first.
         """
         edges = distinct_edges(sites, len(self.plane.points))
@@ -97,12 +97,12 @@ class FlipSystem(System):
         """Return the edges of a triangulation that are modules, in order."""
         return tuple(sorted(edge for edge in edges if edge not in self.kept))
 
-    # What is asked of one edge or one flip is found from the points around it.
+    # Answers about one edge or one flip are found from the points around it.
 
     def action(self, generator: str, at: Site) -> Action:
         """Return the flip in the quadrilateral with the corners `at`, in any order.
 
-        InputError where there is none: which point is in it, or why it is not convex.
+        Raises InputError if there is none: it names the point inside, or says why it is not convex.
         """
         if generator != "flip":
             raise InputError(f"unknown generator {generator!r}, expected one of flip")
@@ -115,7 +115,7 @@ class FlipSystem(System):
         return self._flips[corners].action
 
     def _flip(self, each: Quadrilateral) -> Move:
-        """Return the flip in a quadrilateral, the same object as long as it is remembered."""
+        """Return the flip in a quadrilateral, the same object while it is cached."""
         found = self._flips.get(each.corners)
         if found is None:
             if len(self._flips) >= FLIPS_MAX:
@@ -137,22 +137,22 @@ class FlipSystem(System):
         return Move(move.action, move.generator, move.at, ((move.target, move.source),))
 
     def discovery(self) -> Callable[[Site], Iterable[Move]]:
-        """Return what finds the flips among the edges that it was told of, and no others."""
+        """Return a function that finds just the flips among the edges it was called with."""
         return _Discovery(self.plane, self._from).meet
 
     def has_place(self, place: Site) -> bool:
-        """Tell whether an edge is in some triangulations and not in all of them."""
+        """Return whether an edge is in some triangulations and not in all of them."""
         match place:
             case (int(one), int(other)) if 0 <= one < other < len(self.plane.points):
                 return (one, other) not in self.kept and not self.plane.on_the_way(one, other)
             case _:
                 return False
 
-    # What numbers all that could ever happen needs the whole list.
+    # Answers that number all that could ever happen need the whole list.
 
     @cached_property
     def whole(self) -> TabledSystem:
-        """Return the system with its flips listed; InputError where there are too many."""
+        """Return the system with its flips listed; InputError if there are too many."""
         return TabledSystem(
             map(self._flip, all_quadrilaterals(self.plane)),
             fixed=self.filled,
@@ -167,12 +167,12 @@ class FlipSystem(System):
 
     @cached_property
     def places(self) -> tuple[Site, ...]:  # type: ignore[override]
-        """Return all edges that some flip concerns."""
+        """Return all edges that are in the support of some flip."""
         return self.whole.places
 
     @cached_property
     def move_slots(self) -> int:  # type: ignore[override]
-        """Return the most flips that one diagonal has."""
+        """Return the greatest number of flips of one diagonal."""
         return self.whole.move_slots
 
     @cached_property
@@ -210,7 +210,7 @@ class FlipSystem(System):
         return self.whole.decode_site(numbers, label)
 
     def lines(self) -> Iterable[tuple[Site, Site]]:
-        """Return which edges a flip exchanges."""
+        """Return the pairs of edges that a flip exchanges."""
         return self.whole.lines()
 
     def _corners(self, at: Site) -> tuple[int, int, int, int]:
@@ -224,7 +224,7 @@ class FlipSystem(System):
         return a, b, c, d
 
     def check_state(self, sites: Iterable[Site]) -> None:
-        """Check that the edges make a triangulation together with those that are fixed."""
+        """Check that the edges and the fixed edges together make a triangulation."""
         edges: list[Edge] = []
         last = len(self.plane.points) - 1
         for site in sites:
@@ -239,7 +239,7 @@ class FlipSystem(System):
             if (one, other) in self.kept:
                 raise InputError(f"edge {[one, other]} is in every triangulation and no module")
         if len(set(edges)) < len(edges):
-            return  # Scene names the one that stands twice.
+            return  # Scene names the duplicate.
         due = 3 * len(self.plane.points) - 3 - len(self.plane.hull) - len(self.kept)
         if len(edges) != due:
             self._name_crossing(edges)
@@ -251,7 +251,7 @@ class FlipSystem(System):
             raise
 
     def _name_crossing(self, edges: Sequence[Edge]) -> None:
-        """Raise InputError for two edges that cross; there may be none."""
+        """Raise InputError for two edges that cross, if there are any."""
         known = [*edges, *_edges(self.kept)]
         for place, edge in enumerate(known):
             crossed = self.plane.crossings(edge, _rows(known[place + 1 :])).nonzero()[0]
@@ -261,10 +261,10 @@ class FlipSystem(System):
 
 
 class _Discovery:
-    """Flips whose four sides and one diagonal have been on, each found when the last of them is.
+    """Flips whose four sides and one diagonal have been on, found when the last edge appears.
 
-    What was never on is not looked at, so the cost is that of the triangulations that are visited:
-    an empty triangle is found with its last side, a quadrilateral with the second of its triangles.
+    Edges that were never on are ignored, so the cost is that of the visited triangulations. An
+    empty triangle is found with its last side, a quadrilateral with its second triangle.
     """
 
     def __init__(self, plane: PointSet, move: Callable[[Edge, Quadrilateral], Move]) -> None:
@@ -275,7 +275,7 @@ class _Discovery:
         self._apexes: dict[Edge, list[int]] = {}
 
     def meet(self, site: Site) -> Iterator[Move]:
-        """Yield the flips that are found with an edge, each from the diagonal that has been on."""
+        """Yield the flips that an edge completes, each from the diagonal that has been on."""
         plane = self._plane
         for one, other in _edges((site,)):
             near, around = self._near.setdefault(one, set()), self._near.setdefault(other, set())
@@ -293,10 +293,11 @@ class _Discovery:
 
 
 def _kept(plane: PointSet) -> frozenset[Edge]:
-    """Return the edges that are in every triangulation: those of the hull, and uncrossed ones.
+    """Return the edges that are in every triangulation: the hull and the uncrossed edges.
 
-    What is crossed by any edge is missing from some triangulation, and flips reach that one, so it
-    is a diagonal of some quadrilateral. InputError where that is true of no edge.
+    An edge that another edge crosses is missing from some triangulation. Flips reach that
+    triangulation, so the edge is a diagonal of some quadrilateral. Raises InputError if there is no
+    such edge.
     """
     sweeps = [plane.sweep(way) for way in SWEEPS]
     swept = Triangles(plane.points, sweeps[0])
@@ -322,7 +323,7 @@ def flip_of(each: Quadrilateral) -> Move:
 
 
 _CROSSED_MAX = 300
-"""Of so many edges the crossings are counted, of either end."""
+"""The crossings of at most this many edges are counted, for each of the two states."""
 
 
 def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
@@ -331,17 +332,17 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     The bound is the greatest ``floor(log2(k)) + 1`` over the edges of either triangulation that are
     crossed by k >= 1 edges of the other.
 
-    Proof. Let an edge f of the goal cross k edges of the present triangulation. It runs through
-    k + 1 triangles. Only a flip of an edge that f crosses can lessen k, and by one at most; its
-    quadrilateral is two triangles that follow each other along f. Flips of one cube have no
-    triangle in common, since a diagonal may not be a side of the other's quadrilateral. So one cube
-    lessens k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
+    Proof. Let an edge f of the goal cross k edges of the present triangulation. Then f runs through
+    k + 1 triangles. Only a flip of an edge that f crosses can decrease k, by at most one; its
+    quadrilateral consists of two consecutive triangles along f. Flips of one cube have no triangle
+    in common, since a diagonal may not be a side of the other's quadrilateral. So one cube
+    decreases k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
     is 0. Read backwards, the same holds for edges of the start.
 
-    Of many edges only the longest are asked, for they cross the most: the cost is that of as many
-    comparisons with all edges.
+    Of many edges only the longest are counted, since they cross the most. The cost is that of
+    comparing each of them with all edges.
 
-    That log n rounds are of the right order for convex polygons is known: Galtier, Hurtado, Noy,
+    For convex polygons, log n rounds are known to be of the right order: Galtier, Hurtado, Noy,
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
     plane, most = system.plane, 0
@@ -354,7 +355,7 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
 
 
 def flip_bound(system: FlipSystem, start: State, goal: State) -> int:
-    """Return how many rounds the edges that are missing need, as many at a time as can be.
+    """Return how many rounds the missing edges need, with as many flips at a time as possible.
 
     Proof. A flip brings one edge and needs two triangles; those of one cube have none in common.
     A triangulation with V points and E edges has E - V + 1 triangles (Euler).

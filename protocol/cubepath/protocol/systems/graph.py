@@ -31,8 +31,8 @@ class GraphSystem(System):
 
     Source: the paper's example of automated guided vehicles. Parallel edges are one, and loops are
     refused. `labels` makes it the labelled system: a site is (vertex, label), the support holds
-    every label at both ends, the trace is the mover's alone. `compass` gives each vertex (x, y)
-    four slots, in the order of `COMPASS`, in place of one slot a neighbour.
+    every label at both ends, the trace only the mover's. `compass` gives each vertex (x, y) four
+    slots, in the order of `COMPASS`, instead of one slot for each neighbour.
     """
 
     table: ClassVar[str] = "graph"
@@ -84,11 +84,11 @@ class GraphSystem(System):
             found = self._compass(vertex, near[vertex]) if compass else in_order(near[vertex])
             self._slots[vertex] = found + (None,) * (self.move_slots - len(found))
         self._near = {vertex: in_order(found) for vertex, found in near.items()}
-        # Narrower than in any system, and set here alone.
+        # Narrower than in the base class, and set only here.
         self.graph = VehicleGraph(  # pyright: ignore[reportIncompatibleVariableOverride]
             self.vertices, self.index, self._near, self.edges
         )
-        # On a grid twelve cells lie at distance one or two; elsewhere it has to be counted.
+        # On a grid twelve cells lie at distance one or two; on other graphs they are counted.
         self.reach_slots = (
             12 if compass else max(1, *(len(self._within_two(vertex)) for vertex in self.vertices))
         )
@@ -98,7 +98,7 @@ class GraphSystem(System):
         self._placed = lru_cache(maxsize=KEPT * self.move_slots)(self._along)
 
     def __reduce__(self) -> tuple[object, ...]:
-        # What is remembered by place cannot be pickled, and need not be.
+        # The caches cannot be pickled, and need not be.
         build = partial(
             type(self), self.vertices, self.edges, labels=self.labels, compass=self.compass
         )
@@ -233,11 +233,11 @@ class GraphSystem(System):
         return vertex if self.labels is None else (vertex, label)
 
     def has_place(self, place: Site) -> bool:
-        """Tell whether `place` is a vertex."""
+        """Return whether `place` is a vertex."""
         return place in self.index
 
     def check_place(self, place: Site) -> None:
-        """Raise InputError for what is no vertex as the graph writes it: true is not 1."""
+        """Raise InputError if `place` is no vertex in the graph's own spelling: true is not 1."""
         super().check_place(place)
         vertex = self.vertices[self.index[place]]
         if site_text(place) != site_text(vertex):
@@ -248,7 +248,7 @@ class GraphSystem(System):
         return site if self.labels is None else self._split(site)[0]
 
     def site_at(self, place: Site, code: int) -> Site | None:
-        """Return the site that is on at a vertex which shows `code`."""
+        """Return the site that is on at a vertex that shows `code`."""
         if self.labels is None:
             return super().site_at(place, code)
         return (place, code - FIRST_LABEL) if code >= FIRST_LABEL else None
@@ -267,7 +267,7 @@ class GraphSystem(System):
         return type(self)(self.vertices, self.edges, labels=count, compass=self.compass)
 
     def with_moves(self, placed: Iterable[tuple[str, Site]]) -> System:
-        """Return the graph with the edges, and their ends, that it lacks."""
+        """Return the graph with these edges and their ends added."""
         more = [(at[0], at[1]) for _, at in placed if isinstance(at, tuple) and len(at) >= 2]
         edges = dict.fromkeys((*self.edges, *more))
         vertices = dict.fromkeys((*self.vertices, *chain.from_iterable(edges)))
@@ -285,7 +285,7 @@ class GraphSystem(System):
         return Ways(near, one_to_one=True)
 
     def check_state(self, sites: Iterable[Site]) -> None:
-        """Check that no label is on twice."""
+        """Check that no label is on at two vertices."""
         seen: dict[int, Site] = {}
         for site in sites:
             place, label = self._split(site)

@@ -1,8 +1,8 @@
 """Graphs for vehicles: by name, from edge lists, movingai maps and scenario files.
 
-Sources: the movingai grid format (Sturtevant, Benchmarks for Grid-Based Pathfinding), of which
-the header is read by key because some maps lack the type line; scenarios are the JSON files of
-the project's own sample data (obstacles, starts, goals, moves).
+Sources: the movingai grid format (Sturtevant, Benchmarks for Grid-Based Pathfinding), whose header
+is read by key because some maps lack the type line; scenarios are the JSON files of the project's
+own sample data (obstacles, starts, goals, moves).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Edge = tuple[Site, Site]
 
 @dataclass(frozen=True, slots=True)
 class Graph:
-    """Vertices and edges; `compass` when vertices are (x, y) and edges join grid neighbours."""
+    """Vertices and edges; `compass` if vertices are (x, y) and edges join grid neighbours."""
 
     vertices: tuple[Site, ...]
     edges: tuple[Edge, ...]
@@ -93,7 +93,7 @@ def graph_from_name(name: str) -> Graph:
 
 
 _CELLS_MAX = 1_000_000
-"""Cells of a scenario's grid: one far coordinate must not fill the memory."""
+"""The most cells of a grid: one distant coordinate must not exhaust the memory."""
 
 
 def graph_from_edge_list(path: Path) -> Graph:
@@ -151,9 +151,9 @@ def graph_from_map(source: Source) -> Graph:
 def graph_round(
     where: str, named: Iterable[tuple[int, int]], obstacles: AbstractSet[tuple[int, int]]
 ) -> Graph:
-    """Return the free cells of the box of all that is named, and one cell more on each side.
+    """Return the free cells of the bounding box of all named cells, one cell larger on each side.
 
-    `named` is not empty; InputError, with `where`, for a box that is too large.
+    `named` is not empty. Raises InputError, beginning with `where`, if the box is too large.
     """
     cells = list(named)
     low = min(x for x, _ in cells) - 1, min(y for _, y in cells) - 1
@@ -187,9 +187,9 @@ class _ScenarioFile(msgspec.Struct):
 
 
 def scenario_from_json(source: Source) -> Scenario:
-    """Read a scenario file; a missing `grid` is the bounding box of all that is named, and 1 more.
+    """Read a scenario file; a missing `grid` is the bounding box of all named cells, one larger.
 
-    Raises InputError where starts or moves leave the free cells or two vehicles start together.
+    Raises InputError if starts or goals lie outside the free cells, or two vehicles share one.
     """
     with opened(source) as file:
         path, text = file.path, file.text()

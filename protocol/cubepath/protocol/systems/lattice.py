@@ -31,10 +31,10 @@ class LatticeSystem(System):
     off; both may lie in a support, neither in a trace (paper, metamorphic system with obstacles).
 
     With `connected`, on the hexagonal lattice, all states are connected, filled obstacles included:
-    an action is admissible as ever, and legal only if the state that it leads to is connected. No
-    neighbourhood tells whether it is, so the system is not local: three moves may commute, any two
-    of them leave the aggregate connected, and all three not, a corner of positive curvature (paper,
-    example of non-local positive curvature).
+    an action is admissible as usual, and legal only if the state that it leads to is connected. No
+    neighbourhood decides this, so the system is not local: three moves may commute such that any
+    two of them leave the aggregate connected and all three do not, a corner of positive curvature
+    (paper, example of non-local positive curvature).
     """
 
     table: ClassVar[str] = "lattice"
@@ -53,7 +53,7 @@ class LatticeSystem(System):
         lattice = catalogue.lattice
         if connected and lattice != HEXAGONS:
             raise InputError(f"connected: expected lattice 'hexagons', found {lattice.name!r}")
-        # Narrower than in any system, and set here alone.
+        # Narrower than in the base class, and set only here.
         self.catalogue = catalogue  # pyright: ignore[reportIncompatibleVariableOverride]
         self.local = not connected
         self.bounded = workspace is not None
@@ -80,7 +80,7 @@ class LatticeSystem(System):
         self._placed = lru_cache(maxsize=KEPT * self.move_slots)(catalogue.place)
 
     def __reduce__(self) -> tuple[object, ...]:
-        # What is remembered by place cannot be pickled, and need not be.
+        # The caches cannot be pickled, and need not be.
         build = partial(
             type(self),
             self.catalogue,
@@ -185,16 +185,16 @@ class LatticeSystem(System):
         return tuple(int(number) for number in numbers)
 
     def has_place(self, place: Site) -> bool:
-        """Tell whether `place` is in the workspace and no obstacle."""
+        """Return whether `place` is in the workspace and not an obstacle."""
         return place not in self.obstacles and (self.workspace is None or place in self.workspace)
 
     def check_place(self, place: Site) -> None:
-        """Raise InputError for what is no cell of the lattice, and where no module can stand."""
+        """Raise InputError if `place` is no cell of the lattice, or no module can stand there."""
         self.catalogue.lattice.check(place)
         super().check_place(place)
 
     def legal(self, state: AbstractSet[Site]) -> bool:
-        """Tell whether the cells that are on are connected, where they have to be."""
+        """Return whether the cells that are on are connected, if they have to be."""
         if self.local:
             return True
         rest = set(state)
@@ -214,7 +214,7 @@ class LatticeSystem(System):
         return type(self)(self.catalogue)
 
     def ways(self) -> Ways:
-        """Return where modules go under all placings, also those whose support does not fit."""
+        """Return where modules go in all placements, including those whose support does not fit."""
         lattice, generators = self.catalogue.lattice, self.catalogue.generators
         pairs = [
             pair
@@ -282,7 +282,7 @@ def _of_generator(generator: Generator) -> dict[str, Any]:
 
 
 class _Neighbourhoods:
-    """Who senses whom and who can be in whose way, as offsets from each orbit's representative."""
+    """Who senses and who can obstruct whom, as offsets from each orbit's representative."""
 
     def __init__(self, catalogue: Catalogue) -> None:
         self._catalogue = catalogue
@@ -329,7 +329,7 @@ class _Neighbourhoods:
                     for mine in proposals[orbit]
                 ):
                     found.add(cell)
-        # Whom a move takes along has to hear of it, even one that has no move of its own; and
+        # A module that a move takes along must hear of it, even if it has no move of its own; and
         # reach is mutual.
         found |= {source for move in proposals[orbit] for source, _ in move.motion[1:]}
         for other, moves in proposals.items():
@@ -343,7 +343,7 @@ class _Neighbourhoods:
     def keeper(
         self, table: Mapping[Cell, tuple[Cell, ...]], *, pad: int = 0
     ) -> Callable[[Site], tuple[Site, ...]]:
-        """Return a function from a place to its neighbourhood in `table`, which it remembers."""
+        """Return a cached function from a place to its neighbourhood in `table`."""
         lattice = self._catalogue.lattice
 
         @lru_cache(maxsize=KEPT)

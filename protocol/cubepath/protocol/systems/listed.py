@@ -1,7 +1,7 @@
 """Systems listed move by move: a finite set of actions on any sites, with where modules go.
 
-For what is neither a lattice with translations nor a graph: flips of triangulations, words,
-assemblies, arms with marked points. All neighbourhoods follow from the list.
+For systems that are neither a lattice with translations nor a graph: flips of triangulations,
+words, assemblies, arms with marked points. All neighbourhoods follow from the list.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ class TabledSystem(System):
     """A finite list of moves; each is listed once and goes both ways.
 
     With `letters` a site may be ``(place, letter)``: the module is then a fixed place and moves
-    change its letter, of which one is on at every time. `fixed` are sites that are always on and in
-    no trace (obstacles). `positions` says where places lie in a picture, `drawing` how they look:
-    "chords" (a place is a pair of points), "letters" (a row of places), "edges" or "graph".
+    change its letter, exactly one of which is on at any time. `fixed` are sites that are always on
+    and in no trace (obstacles). `positions` says where places lie in a picture, `drawing` how they
+    look: "chords" (a place is a pair of points), "letters" (a row of places), "edges" or "graph".
     """
 
     table: ClassVar[str] = "listed"
@@ -52,7 +52,7 @@ class TabledSystem(System):
         drawing: str,
         positions: Mapping[Site, Point] | None = None,
     ) -> None:
-        """Check that names tell moves apart and that each says where its modules go."""
+        """Check that the names of moves differ and that each move says where its modules go."""
         self.listed = tuple(moves)
         self.letters = tuple(letters)
         self.filled = frozenset(fixed)
@@ -70,7 +70,7 @@ class TabledSystem(System):
                 raise InputError(f"{site!r} is fixed and has a letter: a place with letters moves")
         self.by_name: dict[tuple[str, Site], Move] = {}
         self._by_source: dict[Site, list[Move]] = {}
-        # Who reads and who writes a site, by the place of the mover.
+        # The moves that read and that write a site, by the place of the mover.
         self._readers: dict[Site, dict[Site, list[Move]]] = {}
         self._writers: dict[Site, dict[Site, list[Move]]] = {}
         for move in self.listed:
@@ -136,7 +136,7 @@ class TabledSystem(System):
                 raise InputError(f"chord {place!r}: expected a pair of points that have positions")
 
     def __reduce__(self) -> tuple[object, ...]:
-        # What is remembered by place cannot be pickled, and need not be.
+        # The caches cannot be pickled, and need not be.
         build = partial(
             type(self),
             self.listed,
@@ -175,7 +175,7 @@ class TabledSystem(System):
         )
 
     def lines(self) -> Iterable[tuple[Site, Site]]:
-        """Return from where to where modules go."""
+        """Return the pairs of places between which modules go."""
         motion = (ends for move in self.listed for ends in move.motion)
         return dict.fromkeys((self.place_of(a), self.place_of(b)) for a, b in motion)
 
@@ -220,7 +220,7 @@ class TabledSystem(System):
 
     @cached_property
     def reach_slots(self) -> int:  # type: ignore[override]
-        """Return the greatest number of places within reach; found when first asked for."""
+        """Return the greatest number of places within reach; computed on first use."""
         return max(1, *(len(self.reach(place)) for place in self.places))
 
     def moves(self, site: Site) -> tuple[Move | None, ...]:
@@ -229,7 +229,7 @@ class TabledSystem(System):
         return (*found, *[None] * (self.move_slots - len(found)))
 
     def action(self, generator: str, at: Site) -> Action:
-        """Return the action that is listed under this name and place; InputError if none is."""
+        """Return the action listed under this name and place; InputError if there is none."""
         found = self.by_name.get((generator, at))
         if found is None:
             names = in_order({name for name, _ in self.by_name})
@@ -253,7 +253,7 @@ class TabledSystem(System):
         return self._reach(place)
 
     def encode_site(self, site: Site) -> tuple[int, ...]:
-        """Return the number of the place, and with letters that of the letter (0 for none)."""
+        """Return the number of the place and, with letters, that of the letter (0 for none)."""
         place, letter = self._split(site)
         number = self._index[place]
         if not self.letters:
@@ -269,11 +269,11 @@ class TabledSystem(System):
         return (place, self.letters[int(numbers[1]) - 1])
 
     def has_place(self, place: Site) -> bool:
-        """Tell whether some move concerns `place`, and it is not fixed."""
+        """Return whether `place` is in the support of some move and not fixed."""
         return place in self._index and place not in self.filled
 
     def check_place(self, place: Site) -> None:
-        """Raise InputError for what is no place as the moves write it: true is not 1."""
+        """Raise InputError if `place` is none in the moves' own spelling: true is not 1."""
         super().check_place(place)
         known = self.places[self._index[place]]
         if site_text(place) != site_text(known):
@@ -291,7 +291,7 @@ class TabledSystem(System):
         return self._split(site)[0]
 
     def site_at(self, place: Site, code: int) -> Site | None:
-        """Return the site that is on at a place which shows `code`."""
+        """Return the site that is on at a place that shows `code`."""
         if code >= FIRST_LABEL:
             return (place, self.letters[code - FIRST_LABEL])
         return super().site_at(place, code)

@@ -1,8 +1,8 @@
-"""Point sets of the plane, exactly: hull, sweeps, what is empty, and where a diagonal can flip.
+"""Point sets of the plane, in exact arithmetic: hull, sweeps, empty polygons and flips.
 
-All arithmetic is on whole numbers. Points may be collinear: an edge never passes through a point,
-and a side of the hull with points on it is several edges. Nothing is listed beforehand, so there
-may be many thousand points.
+All arithmetic is on integers. Points may be collinear: an edge never passes through a point, and a
+side of the hull with points on it is several edges. Nothing is listed in advance, so there may be
+many thousand points.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ Numbers: TypeAlias = NDArray[np.intp]
 """Numbers of points."""
 
 SWEEPS = {"right": (1, 0), "left": (-1, 0), "up": (0, 1), "down": (0, -1)}
-"""The directions in which a sweep can take the points one by one."""
+"""The directions in which a sweep can process the points one by one."""
 _SPAN_MAX = 2**30
-"""Up to this span of coordinates no product overflows 64 bits."""
+"""Below this span of coordinates no product overflows 64 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class Quadrilateral:
 
     @property
     def corners(self) -> tuple[int, ...]:
-        """Return the four corners, in increasing order; they tell it from every other."""
+        """Return the four corners, in increasing order; they identify the quadrilateral."""
         return tuple(sorted(self.diagonals[0] + self.diagonals[1]))
 
 
@@ -46,7 +46,7 @@ class PointSet:
     """Numbered points that are distinct and not all on one line."""
 
     def __init__(self, points: Iterable[Point]) -> None:
-        """Check the points; InputError names the first that contradicts."""
+        """Check the points; raise InputError as `hull_of`."""
         self.points = tuple(points)
         self.hull = frozenset(edge_of(*edge) for edge in hull_of(self.points))
         """The edges of the convex hull, split at the points on them."""
@@ -54,7 +54,7 @@ class PointSet:
         both -= both.min(axis=0)
         if both.max() < _SPAN_MAX:
             both = both.astype(np.int64)
-        # By x, so that a box is found in the strip of its columns.
+        # Sorted by x, so a box is found within the strip of its columns.
         self._by_x = np.argsort(both[:, 0], kind="stable")
         self._x: NDArray[Any] = both[:, 0]
         self._y: NDArray[Any] = both[:, 1]
@@ -65,7 +65,7 @@ class PointSet:
         return turn(self.points, one, other, point)
 
     def left(self, one: int, other: int, point: int) -> bool:
-        """Tell whether a point lies strictly left of the line from `one` to `other`."""
+        """Return whether a point lies strictly left of the line from `one` to `other`."""
         return turn(self.points, one, other, point) > 0
 
     def length(self, edge: Edge) -> int:
@@ -81,7 +81,7 @@ class PointSet:
         return found
 
     def _boxed(self, corners: Sequence[int], *, grown: int = 0) -> Numbers:
-        """Return the points in the smallest box around some, or in one grown by so many sides."""
+        """Return the points in the bounding box of `corners`, grown by so many sides."""
         x, y = self._x[list(corners)], self._y[list(corners)]
         by = grown * max(x.max() - x.min(), y.max() - y.min())
         first = np.searchsorted(self._columns, x.min() - by, "left")
@@ -105,22 +105,22 @@ class PointSet:
         return tuple(sorted(set(near.tolist()) - set(corners)))
 
     def empty(self, one: int, other: int, apex: int) -> bool:
-        """Tell whether three points make a triangle with no other point in it or on it."""
+        """Return whether three points make a triangle with no other point in it or on its sides."""
         sign = self.turn(one, other, apex)
         corners = (one, other, apex) if sign > 0 else (other, one, apex)
         return sign != 0 and not self.inside(corners)
 
     def cross(self, edge: Edge, other: Edge) -> bool:
-        """Tell whether two edges meet in a point that is strictly inside both."""
+        """Return whether two edges meet in a point strictly inside both."""
         return self._parts(edge, other) and self._parts(other, edge)
 
     def _parts(self, edge: Edge, other: Edge) -> bool:
-        """Tell whether the ends of `other` lie strictly on the two sides of an edge."""
+        """Return whether the ends of `other` lie strictly on opposite sides of an edge."""
         a, b = (self.turn(*edge, end) for end in other)
         return (a > 0 > b) or (b > 0 > a)
 
     def crossings(self, edge: Edge, others: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Tell of each of many edges, the rows of an array, whether it is crossed as by `cross`."""
+        """Return for each row of an array of edges whether it crosses `edge`, as `cross` does."""
         ends = [np.sign(self._turns(*edge, others[:, end])) for end in (0, 1)]
         found: NDArray[np.bool_] = (ends[0] * ends[1] < 0).astype(bool)
         apart = others[found]
@@ -140,19 +140,19 @@ class PointSet:
         return tuple(sorted(found, key=lambda each: each.corners))
 
     def can_flip(self, edge: Edge, near: Sequence[int]) -> bool:
-        """Tell whether an edge through no point is a diagonal of some quadrilateral.
+        """Return whether an edge through no point is a diagonal of some quadrilateral.
 
-        Looked for first among the points around those of `near`, where it nearly always is.
+        The search begins among the points around those of `near`, where it nearly always succeeds.
         """
         boxed = self._boxed((*edge, *near), grown=1)
         for each in self._around(edge, boxed):
-            # Of few points only: another could lie in it.
+            # Found among few points: another point could lie in it.
             if not self.inside(self.ring(each.corners)):
                 return True
         return bool(self.around(edge))
 
     def _around(self, edge: Edge, among: Numbers) -> Iterator[Quadrilateral]:
-        """Yield the quadrilaterals with this diagonal that are empty of some of the points."""
+        """Yield the quadrilaterals with this diagonal that hold no other point of `among`."""
         one, other = edge
         overs = self._apexes(one, other, among)
         for under in self._apexes(other, one, among) if overs else ():
@@ -161,10 +161,11 @@ class PointSet:
                     yield quadrilateral(one, under, other, over)
 
     def _apexes(self, one: int, other: int, among: Numbers) -> list[int]:
-        """Return the points left of an edge that make a triangle with it which holds no other.
+        """Return the points left of an edge whose triangle with it holds no other point of `among`.
 
-        Of those left, the one that is nearest to the line makes such a triangle. Whichever has it
-        in its own triangle makes none, and of what remains the nearest does again.
+        Of the points on the left, the nearest to the line makes such a triangle. A point whose
+        triangle holds that point makes none, and of the remaining points the nearest again makes
+        one.
         """
         height = self._turns(one, other, among)
         rest, height = among[height > 0], height[height > 0]
@@ -177,7 +178,7 @@ class PointSet:
         return found
 
     def why_no_flip(self, corners: Sequence[int]) -> str | None:
-        """Say why no diagonal can flip in the quadrilateral of four points; None if one can."""
+        """Return why no diagonal can flip in the quadrilateral of four points; None if one can."""
         for place, corner in enumerate(corners):
             others = [*corners[:place], *corners[place + 1 :]]
             a, b, c = others if self.left(others[0], others[1], others[2]) else others[::-1]
@@ -201,7 +202,7 @@ class PointSet:
         """Return the triangulation that grows point by point in one of the directions `SWEEPS`.
 
         Points are taken in that direction, ties counter-clockwise of it; each is joined to all
-        that it sees of those before it (the placing, or lexicographic, triangulation).
+        earlier points that it sees (the placing, or lexicographic, triangulation).
         """
         dx, dy = SWEEPS[direction]
         key = [(dx * x + dy * y, dx * y - dy * x) for x, y in self.points]
@@ -220,10 +221,10 @@ class PointSet:
         return frozenset(found)
 
     def _grown(self, border: list[int], point: int, found: set[Edge]) -> list[int]:
-        """Join a point outside to what it sees of the border, and return the new border.
+        """Join an outside point to the part of the border that it sees; return the new border.
 
-        The border begins with the point before: that is the last in the direction of the sweep, so
-        the next one sees a side that ends there.
+        The border begins with the previous point. It is the last so far in the direction of the
+        sweep, so the next point sees a side that ends there.
         """
         count = len(border)
         ahead = behind = 0
@@ -249,7 +250,7 @@ def turn(points: Sequence[Point], one: int, other: int, third: int) -> int:
 def hull_of(points: Sequence[Point]) -> list[Edge]:
     """Return the directed edges of the hull, counter-clockwise, split at the points on them.
 
-    InputError for fewer than three points, two that are the same, and points on one line.
+    Raises InputError for fewer than three points, two that coincide, and points on one line.
     """
     if len(points) < 3:
         raise InputError(f"{len(points)} points, expected at least 3")
@@ -275,9 +276,10 @@ def _chain(points: Sequence[Point], order: Iterable[int]) -> list[int]:
 
 
 def distinct_edges(values: Iterable[object], count: int) -> tuple[Edge, ...]:
-    """Return the edges between `count` points that pairs of numbers stand for, in their order.
+    """Return the edges between `count` points that pairs of numbers denote, in their order.
 
-    Either end may come first. InputError names the first that is none, or stands twice.
+    Either end may come first. Raises InputError for the first pair that is no edge, or stands
+    twice.
     """
     found: dict[Edge, None] = {}
     for value in values:
@@ -304,6 +306,6 @@ def edge_of(one: int, other: int) -> Edge:
 
 
 def quadrilateral(a: int, b: int, c: int, d: int) -> Quadrilateral:
-    """Return the quadrilateral with these corners, counter-clockwise, which is taken as convex."""
+    """Return the quadrilateral with these corners, counter-clockwise; it must be convex."""
     sides = frozenset((edge_of(a, b), edge_of(b, c), edge_of(c, d), edge_of(d, a)))
     return Quadrilateral((edge_of(a, c), edge_of(b, d)), sides)

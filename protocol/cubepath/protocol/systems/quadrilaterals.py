@@ -1,6 +1,7 @@
-"""All quadrilaterals of a point set in which a diagonal can flip: the whole list, for small sets.
+"""All quadrilaterals of a small point set in which a diagonal can flip.
 
-Runs and environments number all that could ever happen; shortening and search do not.
+Runs and environments need this list, to number all that could ever happen; shortening and search do
+not.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from cubepath.protocol.systems.point_sets import (
 )
 
 POINTS_MAX = 300
-"""The largest point set: random points have some three flips for every pair of them."""
+"""The largest point set: random points have about three flips for every pair."""
 FLIPS_MAX = 200_000
 """The most flips; n points in convex position have n (n-1) (n-2) (n-3) / 24."""
 
@@ -27,19 +28,19 @@ FLIPS_MAX = 200_000
 def all_quadrilaterals(plane: PointSet) -> tuple[Quadrilateral, ...]:
     """Return all quadrilaterals in which a diagonal can flip, once each, by their corners.
 
-    InputError where there are too many to list.
+    Raises InputError if there are too many to list.
     """
     count = len(plane.points)
     if count > POINTS_MAX:
         raise InputError(
             f"{count} points have too many flips to list them all, expected at most {POINTS_MAX}"
         )
-    # Bits of a whole number stand for points: who lies left of a line, who on a segment.
+    # Bits of an integer stand for points: those left of a line, those on a segment.
     seen = [_seen_from(plane, corner) for corner in range(count)]
     left, on = [rows for rows, _ in seen], [rows for _, rows in seen]
 
     def apexes(one: int, other: int) -> Iterator[int]:
-        """Yield the points left of an edge that make an empty triangle with it."""
+        """Yield the points left of an edge that form an empty triangle with it."""
         beside = left[one][other]
         for apex in _numbers(beside):
             within = beside & left[other][apex] & left[apex][one]
@@ -66,10 +67,10 @@ def all_quadrilaterals(plane: PointSet) -> tuple[Quadrilateral, ...]:
 
 
 def _seen_from(plane: PointSet, corner: int) -> tuple[list[int], list[int]]:
-    """Return for each other point who is left of the line to it, and who on the way to it."""
+    """Return, for each other point, the points left of the line to it and those in between."""
     points = np.array(plane.points, dtype=object)
     points -= points[corner]
-    if np.abs(points).max() < 2**30:  # so no product overflows
+    if np.abs(points).max() < 2**30:  # no product overflows
         points = points.astype(np.int64)
     x, y = points[:, 0], points[:, 1]
     turn = np.outer(x, y) - np.outer(y, x)

@@ -1,6 +1,6 @@
-"""A triangulation of numbered points, exactly, in which edges flip at the cost of two triangles.
+"""An exact triangulation of numbered points, in which a flip costs only two triangles.
 
-All arithmetic is on whole numbers; there may be many thousand points, and some on one line.
+All arithmetic is on integers. There may be many thousand points, and some may be collinear.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from cubepath.protocol.systems.point_sets import Edge, Point, edge_of, hull_of, 
 class Triangles:
     """The triangles on both sides of every edge; the hull's edges may be left out of `edges`.
 
-    Checked when made: of each triangle the corners turn left, each edge that is not of the hull has
-    a triangle on both sides, and each of the hull has one inside. Then the boundaries of all
-    triangles add up to the hull, once round, so each point of the plane inside it lies in just
+    The constructor checks that the corners of each triangle turn left, that each inner edge has a
+    triangle on both sides, and that each edge of the hull has one inside. Then the boundaries of
+    all triangles add up to the hull, once round, so each point of the plane inside it lies in just
     one triangle: this is a triangulation, and every numbered point is a corner of it.
     """
 
     def __init__(self, points: Sequence[Point], edges: Iterable[Edge]) -> None:
-        """Find the triangles; InputError says where the edges make none."""
+        """Find the triangles; raise InputError where the edges make none."""
         self.points = points
         hull = hull_of(points)
         outside = {(b, a) for a, b in hull}
@@ -47,7 +47,7 @@ class Triangles:
                 )
 
     def _around(self, one: int, others: Iterable[int]) -> list[int]:
-        """Return the neighbours of a point counter-clockwise; InputError if two lie one way."""
+        """Return the neighbours of a point counter-clockwise; InputError if two edges overlap."""
         x, y = self.points[one]
 
         def half(other: int) -> int:
@@ -66,21 +66,21 @@ class Triangles:
         return around
 
     def apexes(self, edge: Edge) -> tuple[int, ...]:
-        """Return the third corners of the triangles on both sides of an edge, two or one."""
+        """Return the third corners of the one or two triangles at an edge."""
         a, b = edge
         both = self._apex.get((a, b)), self._apex.get((b, a))
         return tuple(apex for apex in both if apex is not None)
 
     def convex(self, edge: Edge) -> bool:
-        """Tell whether the triangles on both sides of an inner edge let it flip."""
+        """Return whether the triangles on both sides of an inner edge let it flip."""
         a, b = edge
         c, d = self._apex[a, b], self._apex[b, a]
         return turn(self.points, d, c, a) > 0 > turn(self.points, d, c, b)
 
     def corners(self, edge: Edge) -> tuple[int, int, int, int]:
-        """Return the quadrilateral round an edge, counter-clockwise from its lesser end.
+        """Return the quadrilateral around an edge, counter-clockwise from its lesser end.
 
-        InputError where the edge is none of the triangulation, or cannot flip.
+        Raises InputError if the edge is not in the triangulation, or cannot flip.
         """
         a, b = edge
         if (a, b) not in self._apex and (b, a) not in self._apex:
@@ -98,7 +98,7 @@ class Triangles:
         return a, d, b, c
 
     def flip(self, corners: tuple[int, int, int, int]) -> None:
-        """Put the other diagonal into a quadrilateral that `corners` has returned."""
+        """Flip the diagonal of a quadrilateral that `corners` has returned."""
         a, d, b, c = corners
         del self._apex[a, b], self._apex[b, a]
         for one, two, three in ((a, d, c), (d, b, c)):
@@ -107,5 +107,5 @@ class Triangles:
             self._apex[three, one] = two
 
     def edges(self) -> frozenset[Edge]:
-        """Return all edges, those of the hull among them."""
+        """Return all edges, including those of the hull."""
         return frozenset(edge_of(*edge) for edge in self._apex)

@@ -1,8 +1,9 @@
 """What goes over zenoh: messages, key expressions and session settings.
 
 Room: protocol. The bytes of a message are the same on the wire and on record. It imports `core`,
-and `path_files` for the certificate that a recording carries. Modules speak it, recordings hold it,
-and runs and verification read it; what is about states and paths alone does not know it.
+and `path_files` for the certificate that a recording carries. Modules send these messages,
+recordings hold them, and runs and verification read them; code about states and paths alone does
+not use them.
 """
 
 from typing import TYPE_CHECKING

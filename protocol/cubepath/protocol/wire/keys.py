@@ -1,16 +1,16 @@
 """Key expressions: a message's key is its address.
 
-What a module says goes to places: the key names each of them, and a module subscribes to the keys
-that name the place where it stands. So zenoh itself delivers to a module what lies within reach
-and nothing else, with one put a message:
+A module sends messages to places: the key names each of them, and a module subscribes to the keys
+that name the place where it stands. So zenoh itself delivers to a module only what is addressed to
+it, with one put per message:
 
-    cubepath/RUN/from/0,0/claim/module_3/0,1/1,0/1,1    a claim, addressed to three places
-    cubepath/RUN/from/0,0/*/*/**/1,0/**                 what the module at (1, 0) hears
-    cubepath/RUN/report/module_3                        for whoever gathers
+    cubepath/RUN/from/0,0/claim/module_3/0,1/1,0/1,1 a claim, addressed to three places
+    cubepath/RUN/from/0,0/*/*/**/1,0/** what the module at (1, 0) hears cubepath/RUN/report/module_3
+    for anyone who gathers
 
-The chunk after `from` is the region of the sender. A module subscribes once for each region that
-lies within its reach, so that a message is matched against the ears of its surroundings and not
-against those of the whole aggregate.
+The chunk after `from` is the region of the sender. A module subscribes once for each region within
+its reach, so a message is matched only against the subscriptions of its surroundings, not of the
+whole aggregate.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def addressees(system: System, message: Message) -> tuple[Site, ...] | None:
 
 
 def sender(message: Message) -> str:
-    """Return the name of who says a message."""
+    """Return the name of a message's sender."""
     match message:
         case Go() | Reset() | Edges() | Cube() | Certified() | Summary():
             return "coordinator"
@@ -98,7 +98,7 @@ def _join(places: Iterable[Site]) -> str:
 
 
 def heard_at(run: str, system: System, place: Site) -> tuple[str, ...]:
-    """Return the key expressions of all that is addressed to a place; no key matches two."""
+    """Return the key expressions of all messages addressed to a place; no key matches two."""
     senders = {near for near in system.sensed(place) if near is not None} | {*system.reach(place)}
     regions = sorted({system.region(sender) for sender in senders})
     return tuple(f"{ROOT}/{run}/from/{r}/*/*/**/{site_chunk(place)}/**" for r in regions)

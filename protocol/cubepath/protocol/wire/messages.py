@@ -1,8 +1,8 @@
-"""Messages: what goes over the wire, as msgspec structs in JSON; the same bytes go on record.
+"""Messages on the wire, as msgspec structs in JSON; the same bytes are recorded.
 
-A module says each round that it is `here`, maybe a `note` and a `claim`, the `verdict` on its
-claim to those who wait for it, and its `report`. The coordinator paces with `go`, processes
-answer `ready`; neither carries any state.
+In each round a module sends `here`, optionally a `note` and a `claim`, the `verdict` on its claim
+to the modules that wait for it, and its `report`. The coordinator paces rounds with `go`, and
+processes answer `ready`; neither message carries any state.
 """
 
 from __future__ import annotations
@@ -204,7 +204,7 @@ Message: TypeAlias = (
     | Certified
     | Summary
 )
-"""Whatever goes over the wire or stands in a recording."""
+"""Any message on the wire or in a recording."""
 KINDS: dict[str, type[Message]] = {
     "here": Here,
     "note": Note,
@@ -227,7 +227,7 @@ encode = msgspec.json.Encoder().encode
 
 
 def decode(data: bytes) -> Message:
-    """Return the message that the bytes hold; InputError where they hold none."""
+    """Return the message that the bytes hold; InputError if they hold none."""
     try:
         return _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
@@ -241,7 +241,7 @@ def kind_of(message: Message) -> str:
 
 
 def schema_of(kind: str) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a kind of message, as it stands in recordings."""
+    """Return the JSON Schema (2020-12) of a kind of message, as recordings hold it."""
     # Viewers want the top object itself, not a reference to it.
     top, definitions = schema_with_definitions(KINDS[kind])
     return {**top, "$defs": definitions} if definitions else top

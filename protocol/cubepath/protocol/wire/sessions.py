@@ -1,7 +1,7 @@
 """Zenoh sessions on loopback: a router on a free port, clients to it, and no discovery.
 
-The settings are those that keep messages: BLOCK puts, one priority, a long wait before a stalled
-transport is closed, no shared memory (its counters run out at some 350 clients). Measured against
+The settings ensure that no message is lost: BLOCK puts, one priority, a long wait before a stalled
+transport is closed, no shared memory (its counters run out at about 350 clients). Measured with
 eclipse-zenoh 1.10.
 """
 
@@ -22,7 +22,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 _STALL_US_MAX = 60_000_000
 _PATIENCE_S_MAX = 10.0
 _FOR_SESSIONS = 24
-"""Descriptors that a router and two clients take, and a few more."""
+"""Descriptors that a router and two clients need, with a few to spare."""
 _FOR_A_PROCESS = 4
 _POLL_S = 0.0005
 _ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^/\s:\[\]]+):[0-9]{1,5}")
@@ -49,9 +49,9 @@ def _check_descriptors(needed: int) -> None:
     if most == resource.RLIM_INFINITY:
         return
     try:
-        taken = len(list(Path("/dev/fd").iterdir())) - 1  # one of them is the list itself
+        taken = len(list(Path("/dev/fd").iterdir())) - 1  # one of them is the listing itself
     except OSError:
-        taken = most  # there is none left even to look
+        taken = most  # none is left even to list them
     if most - taken < needed:
         raise CubepathError(
             f"too few open files are allowed: {most}, expected at least {taken + needed}"
@@ -62,9 +62,9 @@ def _check_descriptors(needed: int) -> None:
 def open_router(endpoint: str | None = None, processes: int = 0) -> tuple[zenoh.Session, str]:
     """Open a router at an endpoint, or a free loopback port; return it with its endpoint.
 
-    An endpoint is ``tcp/HOST:PORT``; InputError where it is none or cannot be listened at.
-    CubepathError where files cannot be opened for it, two clients here and so many in other
-    processes: zenoh does not say so, but panics.
+    An endpoint is ``tcp/HOST:PORT``. Raises InputError if it is invalid or the router cannot listen
+    there, and CubepathError if too few file descriptors are left for the router, two clients and
+    one client in each of `processes` other processes: zenoh would panic instead.
     """
     _check_descriptors(_FOR_SESSIONS + _FOR_A_PROCESS * processes)
     if endpoint is not None and not _ENDPOINT.fullmatch(endpoint):
@@ -79,7 +79,7 @@ def open_router(endpoint: str | None = None, processes: int = 0) -> tuple[zenoh.
         raise InputError(f"endpoint={endpoint}: cannot listen there") from None
     if endpoint is not None and not endpoint.endswith(":0"):
         return session, endpoint
-    # The port is the system's choice; the router's own admin space tells which.
+    # The system chooses the port; the router's own admin space tells which.
     for reply in session.get(f"@/{session.info.zid()}/*"):
         if reply.ok is None:
             continue
@@ -101,7 +101,7 @@ def open_client(endpoint: str) -> zenoh.Session:
 
 
 def put(session: zenoh.Session, key: str, data: bytes) -> None:
-    """Put without ever dropping: a full queue makes the sender wait."""
+    """Put without dropping: a full queue makes the sender wait."""
     session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
 
 
@@ -113,14 +113,14 @@ def subscribe(
 
 
 def wait_for_subscriber(router: zenoh.Session, key: str) -> None:
-    """Wait until what others put on `key` reaches a subscriber; CubepathError if none is found.
+    """Wait until messages put on `key` reach a subscriber; CubepathError if none is found.
 
-    A declaration and a put come over different links, in no order: what is put before the router
-    knows the subscriber is lost.
+    A declaration and a put travel over different links, in no order: a message put before the
+    router knows the subscriber is lost.
     """
     with router.declare_publisher(key) as publisher:
         deadline = time.monotonic() + _PATIENCE_S_MAX
-        # An object, which is always true; zenoh's stub calls it a bool.
+        # An object, which is always true; zenoh's stub declares a bool.
         while not cast("Any", publisher.matching_status).matching:
             if time.monotonic() > deadline:
                 raise CubepathError(f"no subscriber on {key} within {_PATIENCE_S_MAX:.0f} s")

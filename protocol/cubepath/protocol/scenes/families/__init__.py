@@ -1,1 +1,1 @@
-"""The families of scenes that come with the project, one subject a module; `own` has them all."""
+"""The families of scenes that come with the project, one subject per module; `own` lists all."""

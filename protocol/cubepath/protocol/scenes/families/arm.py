@@ -29,7 +29,7 @@ def arm_catalogue() -> Catalogue:
         trace=(right, right_then_up, up, up_then_right),
         before=(right, right_then_up),
         after=(up, up_then_right),
-        # Segments keep their order along the arm: each turns in its place.
+        # Segments keep their order along the arm: each turns in place.
         motion=((right, up), (right_then_up, up_then_right)),
     )
     rotate = Generator(
@@ -44,7 +44,7 @@ def arm_catalogue() -> Catalogue:
 
 
 def _arm(name: str, values: Values) -> Scene:
-    """Build a positive arm of n segments, first straight up, that is to spell the word `goal`."""
+    """Build a positive arm of n segments that begins straight up and ends as the word `goal`."""
     count = whole(values, "n", least=1)
     word = values["goal"] or "x" * count
     if len(word) != count or set(word) - {"x", "y"}:
@@ -71,7 +71,7 @@ def arm_sites(word: str) -> tuple[Site, ...]:
 
 
 def _is_positive_arm(system: System, start: State) -> bool:
-    """Tell whether the state is an arm that goes right and up, under the arm's own catalogue.
+    """Return whether the state is an arm that goes right and up, under the arm's own catalogue.
 
     Its complex is contractible for every length (paper, proposition on the positive arm).
     """

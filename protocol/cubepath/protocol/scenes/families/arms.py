@@ -1,31 +1,31 @@
-"""Several arms that attach to one another, slide the point where they are joined, and detach.
+"""Several arms that attach to one another, slide the point where they join, and detach.
 
 Source: Abrams and Ghrist, example 2-d articulated planar arm, where an attach-detach generator
 "allows endpoints of arms to merge (thus yielding a marked point at the attachment)" and a sliding
-generator moves this point, "having the effect of allowing the attached arms to trade segments".
-Their figure is not in the text; what the generators are below is our reading of it.
+generator moves this point, "having the effect of allowing the attached arms to trade segments". The
+text does not contain their figure; the generators below are our reading of it.
 
 The sites are the edges and the vertices of a finite piece of the square lattice. An edge that is on
-is a segment of an arm and a module. A vertex is on when it is marked; marks are not conserved, so
-every vertex is an agent that stays where it is, with the letter ``free`` or ``marked``. From the
-states that the scenes start with, all that is reached has at most two segments at each vertex. Two
-at a free vertex are a joint of one arm, two at a marked one are the ends of two arms that are
-joined there. So two ends may not meet at a free vertex, where they would look like a joint, and
-what would then be flipped or turned is two arms as if they were one. Therefore:
+is a segment of an arm and a module. A vertex is on when it is marked. Marks are not conserved, so
+every vertex is an agent that stays in place, with the letter ``free`` or ``marked``. All states
+that are reached from the start of a scene have at most two segments at each vertex. Two segments at
+a free vertex are a joint of one arm; two at a marked vertex are the ends of two arms that are
+joined there. So two ends may not meet at a free vertex: they would look like a joint, and moves
+would flip or turn the two arms as if they were one. Therefore:
 
 - `flip` and `rotate` are those of the arm with all rotations (`free_arm`); a flip needs its corner
   free, since the segments at a marked point are of two arms, and a rotation leads to no other end.
 - `attach` is the end rotation that leads to the end of another arm and marks the vertex where they
   then meet; read backwards, it detaches. The other arm's last segment goes straight on from there
-  or to either side. As ever, the three other edges at the tip that is left are off, and the two
-  others at the vertex.
-- `slide` moves the mark along a segment, from one of its ends to the other. Both arms go on past
-  the segment, so that each has a segment more or less and none is lost: the edges before it and
-  behind it are on, and its far end is free.
+  or to either side. As in every end rotation, the three other edges at the old tip are off, and
+  so are the two others at the vertex.
+- `slide` moves the mark along a segment, from one of its ends to the other. Both arms continue past
+  the segment, so one gains a segment, the other loses one, and no arm is lost: the edges before
+  it and behind it are on, and its far end is free.
 
-Each arm has a base, an edge that is fixed; it comes from outside, so the end that is not the arm's
-is no vertex of the workspace. An arm may have given away all its segments: its base is left, and
-the other arms can attach to that.
+Each arm has a base, a fixed edge. It comes from outside, so its end away from the arm is no vertex
+of the workspace. An arm may give away all its segments: its base remains, and other arms can attach
+to that.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ LETTERS = ("free", "marked")
 _LATTICE = Lattice("edges and vertices", dimension=2, arity=3, drawing="edges")
 """Edges as in `EDGES`; the vertex (x, y) is (x, y, 2) where it is free and (x, y, 3) marked."""
 _MOST = 400
-"""So many vertices may a workspace have: each is an agent."""
+"""The most vertices of a workspace: each is an agent."""
 
 
 def arms_catalogue() -> Catalogue:
@@ -65,7 +65,7 @@ def arms_catalogue() -> Catalogue:
 
 
 def _letters(vertex: Vertex) -> tuple[Cell, Cell]:
-    """Return the sites of a vertex that is free and that is marked."""
+    """Return the two sites of a vertex: free and marked."""
     return (*vertex, 2), (*vertex, 3)
 
 
@@ -136,10 +136,10 @@ def _slides() -> Iterable[Generator]:
 
 
 def arms_system(vertices: Collection[Vertex], bases: Iterable[Cell]) -> TabledSystem:
-    """Return the system on these vertices, all edges between them, and the bases, which are fixed.
+    """Return the system on these vertices, all edges between them, and the fixed bases.
 
-    Sites are ``(x, y, axis)`` for edges and ``((x, y), letter)`` for vertices. The edges that the
-    workspace lacks are off, so supports leave them out.
+    Sites are ``(x, y, axis)`` for edges and ``((x, y), letter)`` for vertices. Edges outside the
+    workspace are off, so supports leave them out.
     """
     fixed = frozenset(bases)
     inside = frozenset(vertices)
@@ -170,9 +170,9 @@ def arms_system(vertices: Collection[Vertex], bases: Iterable[Cell]) -> TabledSy
 def _placed(
     generator: Generator, at: Vertex, names: Mapping[Site, Site], fixed: frozenset[Cell]
 ) -> Move | None:
-    """Return the generator translated by `at`, or None if it does not fit into the workspace.
+    """Return the generator translated by `at`, or None if it does not fit in the workspace.
 
-    `names` has the site of the system for every cell of the lattice that lies in the workspace.
+    `names` gives the system's site for every cell of the lattice in the workspace.
     """
     action = generator.place(_LATTICE, at)
     needed = action.trace.union(*action.ends)
@@ -192,19 +192,19 @@ def _placed(
 
 
 def _arms(name: str, values: Values) -> Scene:
-    """Build m arms of n segments straight up; the first is to have a segment of the second."""
+    """Build m arms of n segments straight up; the goal gives the first a segment of the second."""
     count = whole(values, "n", least=1)
     arms = whole(values, "m", least=2)
     apart = whole(values, "d", least=2, most=_MOST)
     if apart % 2:
         raise InputError(f"d={apart}: expected an even number, or the arms can never meet")
     high = whole({"h": values["h"] or str(count + 1)}, "h", least=count + 1)
-    right = apart * (arms - 1) + 1  # a column more than the bases need, as on the left
+    right = apart * (arms - 1) + 1  # one column more than the bases need, as on the left
     if (right + 2) * (high + 1) > _MOST:
         raise InputError(f"m={arms},d={apart},h={high}: more than {_MOST} vertices")
     vertices = [(x, y) for x in range(-1, right + 1) for y in range(high + 1)]
     system = arms_system(vertices, [(apart * arm, -1, 1) for arm in range(arms)])
-    # Every vertex that some move concerns is an agent.
+    # Every vertex in the support of some move is an agent.
     free: list[Site] = [(vertex, "free") for vertex in vertices if system.has_place(vertex)]
     lengths = [count + 1, count - 1, *[count] * (arms - 2)]
     goal = _upright(lengths, apart)

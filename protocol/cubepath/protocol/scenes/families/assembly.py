@@ -2,17 +2,18 @@
 
 Source: Abrams and Ghrist, examples ("certain multi-step assembly processes").
 
-A place is where a part belongs, and is the agent. A site is ``(place, letter)``, of which one is
-on: ``open`` while the part is missing, ``placed`` when it is in, ``welded`` when it is joined.
+A place is where a part belongs, and is the agent. A site is ``(place, letter)``; one letter is on
+at each place: ``open`` while the part is missing, ``placed`` when it is in, ``welded`` when it is
+joined.
 
 - `place` takes a part from open to placed, or out again: it writes these two sites, and reads that
   none of those below is open, that all of those above are, and that none of those beside is welded.
 - `weld` takes it from placed to welded, or loosens it: it writes these two sites, and reads that
   none of those beside is open.
 
-What is read is the one site that must be on or off, so welding a part and putting another on top
-of it commute. The states are the order ideals of the steps, ordered by what must come before what;
-so the state complex is CAT(0), and contractible.
+Each move reads only the sites that must be on or off, so welding a part and putting another on top
+of it commute. The states are the order ideals of the steps under precedence, so the state complex
+is CAT(0), and contractible.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _SIZE_MAX = 40
 
 @dataclass(frozen=True)
 class Plan:
-    """The parts with where their middles lie, the parts that each rests on, and those beside it."""
+    """The parts: the middle of each, the parts that it rests on, and those beside it."""
 
     middles: Mapping[Part, tuple[float, float]]
     below: Mapping[Part, tuple[Part, ...]]
@@ -55,7 +56,7 @@ def _plan(middles: Mapping[Part, tuple[float, float]], rests: Callable[[Part], s
 
 
 def pyramid(size: int) -> Plan:
-    """Return a pyramid on `size` parts: each rests on two."""
+    """Return a pyramid on `size` parts, in which each part rests on two."""
     middles = {(x, y): (x + y / 2, float(y)) for y in range(size) for x in range(size - y)}
     return _plan(middles, lambda part: {(part[0] + side, part[1] - 1) for side in (0, 1)})
 
@@ -90,7 +91,7 @@ PLANS: Mapping[str, tuple[Callable[[int], Plan], int]] = {
     "wall": (wall, _SIZE_MAX),
     "tree": (tree, 10),
 }
-"""The kinds, each with the greatest size."""
+"""The kinds of structures, each with its greatest size."""
 
 
 def assembly_moves(plan: Plan, *, weld: bool) -> tuple[Move, ...]:
@@ -123,7 +124,7 @@ def _step(
 
 
 def _assembly(name: str, values: Values) -> Scene:
-    """Build a structure of which nothing is there yet, and all is to be."""
+    """Build a structure that is empty at the start and complete at the goal."""
     kind = values["kind"]
     if kind not in PLANS:
         raise InputError(f"kind={kind}: expected one of {', '.join(PLANS)}")
@@ -144,7 +145,7 @@ def _assembly(name: str, values: Values) -> Scene:
 
 
 def _is_assembly(system: System, _start: State) -> bool:
-    """Tell whether the listed moves are those of one of the plans here.
+    """Return whether the listed moves are those of one of the plans here.
 
     Its states are the order ideals of its steps, so its complex is CAT(0) (Ardila, Owen and
     Sullivant, *Geodesics in CAT(0) cubical complexes*, 2012).

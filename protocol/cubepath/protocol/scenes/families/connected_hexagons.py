@@ -27,20 +27,20 @@ RING: tuple[Cell, ...] = (
     (1, -1),
     (3, -1),
 )
-"""A ring of eleven modules, and one more that closes it a second time at one place.
+"""A ring of eleven modules, and one more that closes it a second time in one place.
 
 ::
 
       3 4           i  the link of the ring between a and b, which can pivot inwards
-     o . o          x  the module beside it, which links a and b too and can pivot outwards
+     o . o          x  the module beside it, which also links a and b and can pivot outwards
     o . . o         1, 2, 3, 4  corners, each of which can pivot and so open the ring
      2 . i b
       1 a x
 
-The ring is open where i and x are both gone, and falls in two where a corner is gone as well: any
-two of the three moves leave the aggregate connected, all three do not. No aggregate of eleven
-modules or fewer has three such moves, and this is the only one of twelve up to rotation and
-reflection (found by listing all of them, 8,182,213 with twelve modules up to translation).
+The ring opens when i and x both move away, and falls apart when a corner also does: any two of the
+three moves leave the aggregate connected, all three do not. No aggregate of eleven modules or fewer
+has three such moves, and this is the only one of twelve up to rotation and reflection (found by
+listing all aggregates, 8,182,213 with twelve modules up to translation).
 """
 HUB: tuple[Cell, ...] = (
     (0, 0),
@@ -70,13 +70,13 @@ HUB: tuple[Cell, ...] = (
        . 3 o
 """
 BRIDGES: tuple[tuple[Cell, Cell], ...] = (((0, 1), (0, 2)), ((-1, 0), (-2, 0)), ((1, -1), (2, -2)))
-"""The hub's bridges, each with where it pivots to: three moves that together cut the hub off."""
+"""The hub's bridges, each with its target: three moves that together cut off the hub."""
 
 
 def _connected(name: str, values: Values) -> Scene:
-    """Build a chain that is to become another at 120 degrees, or an aggregate at which links fail.
+    """Build a chain whose goal is another at 120 degrees, or an aggregate where links fail.
 
-    All of them stand in a box three cells wider than they are.
+    All of them stand in a box three cells wider on each side.
     """
     shape = values["scene"]
     if shape not in ("chain", "ring", "hub"):

@@ -17,13 +17,13 @@ Vertex = tuple[int, int]
 STEPS: dict[str, Vertex] = {"r": (1, 0), "u": (0, 1), "l": (-1, 0), "d": (0, -1)}
 """The letters of an arm's word: right, up, left, down; counter-clockwise."""
 BASE: Cell = (0, -1, 1)
-"""The edge from below to the origin, an obstacle that is on: what the arm is fixed to."""
+"""The edge from below to the origin, an obstacle that is on; the arm is fixed to it."""
 DEADLOCK = "urrddlu"
-"""The shortest arm that cannot move, with its mirror image the only one of seven segments.
+"""The shortest arm that cannot move; with its mirror image, the only one of seven segments.
 
-Every corner would flip onto the arm itself, and so would the last segment turn, or onto the base.
-A move is its own inverse, so a deadlocked state cannot be reached either: it is a state of the
-system, of as many segments as others, but a component of the state complex by itself.
+Every corner would flip onto the arm itself, and the last segment would turn onto the arm or the
+base. A move is its own inverse, so a deadlocked state cannot be reached either: it is a state of
+the system like others with as many segments, but a component of the state complex by itself.
 """
 
 
@@ -44,8 +44,8 @@ def flips() -> tuple[Generator, ...]:
 
     The trace is the four edges of the unit square at the origin, of which two that meet in a corner
     are on. The support also holds, off, the other two edges at that corner and at the opposite one,
-    where the corner goes: so the arm never comes to touch itself. With the trace alone as support
-    it would, and then the next flip there can cut a ring off it.
+    where the corner goes, so the arm never touches itself. With only the trace as support it could,
+    and then the next flip there could cut a ring off it.
     """
     square = tuple(edge_between(*pair) for pair in (((0, 0), (1, 0)), ((1, 0), (1, 1))))
     square += tuple(edge_between(*pair) for pair in (((0, 1), (1, 1)), ((0, 0), (0, 1))))
@@ -54,7 +54,7 @@ def flips() -> tuple[Generator, ...]:
         before = tuple(edge for edge in square if edge in edges_at(corner))
         after = tuple(edge for edge in square if edge in edges_at(opposite))
         around = [edge for end in (corner, opposite) for edge in edges_at(end)]
-        # Segments keep their order along the arm, so each keeps the end that is not at the corner.
+        # Segments keep their order along the arm, so each keeps its end away from the corner.
         motion = tuple(
             (edge, next(other for other in after if set(_ends(edge)) & set(_ends(other))))
             for edge in before
@@ -77,7 +77,7 @@ def end_rotations() -> tuple[Generator, ...]:
 
     They are the rotations of the paper's generator, so a half turn is two of them. The support also
     holds, off, the three edges that would continue the arm from each of the two tips: the segment
-    is the last one, and the tip comes to nothing.
+    is the last one, and its new tip meets no edge.
     """
     found: list[Generator] = []
     letters = list(STEPS)
@@ -106,9 +106,9 @@ def _ends(edge: Cell) -> tuple[Vertex, Vertex]:
 def free_arm_catalogue() -> Catalogue:
     """Return the generators of the arm with all rotations, on lattice edges.
 
-    Every state that is reached from an arm at the base `BASE` is one again, a path that meets no
-    vertex twice: a flip takes a vertex of the path away and puts in one that is on no edge, an end
-    rotation does so with the last vertex. The base is fixed because it is an obstacle, so in no
+    Every state that is reached from an arm at the base `BASE` is again an arm, a path that meets no
+    vertex twice: a flip replaces a vertex of the path by one that is on no edge, and an end
+    rotation replaces the last vertex so. The base is fixed because it is an obstacle, so in no
     trace, and because it continues the arm: the first segment is no free end.
     """
     return Catalogue(EDGES, (*flips(), *end_rotations()))
@@ -117,7 +117,7 @@ def free_arm_catalogue() -> Catalogue:
 def arm_of(word: str) -> tuple[Cell, ...]:
     """Return the edges of the arm that spells `word` in letters r, u, l, d from the origin.
 
-    InputError if it is no arm: another letter, or a vertex of the arm or its base met twice.
+    Raises InputError if it is no arm: another letter, or a vertex of the arm or its base met twice.
     """
     at: Vertex = (0, 0)
     met, found = [at, _ends(BASE)[0]], list[Cell]()
@@ -135,7 +135,7 @@ def arm_of(word: str) -> tuple[Cell, ...]:
 
 
 def _free_arm(name: str, values: Values) -> Scene:
-    """Build an arm that spells `start` (or is deadlocked) and is to spell `goal`."""
+    """Build an arm that spells `start` (or is deadlocked) and whose goal spells `goal`."""
     word = DEADLOCK if values["start"] == "deadlock" else values["start"]
     count = whole({"n": values["n"] or str(len(word) or 6)}, "n", least=1)
     start = arm_of(word or "u" * count)

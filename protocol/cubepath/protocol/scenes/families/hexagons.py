@@ -15,7 +15,7 @@ from cubepath.protocol.systems.lattice import LatticeSystem
 
 
 def hex_catalogue(*, keeps_topology: bool) -> Catalogue:
-    """Return the six hexagonal pivots, with the larger support if topology is to be kept.
+    """Return the six hexagonal pivots, with the larger support if they keep the topology.
 
     A module at A pivots to A' about B, one of the two cells beside both; C is the other. With
     A', B, D, E, F, C round A and A, B, D', E', F', C round A', the first catalogue has the support
@@ -54,9 +54,9 @@ def _plus(one: tuple[int, int], other: tuple[int, int]) -> tuple[int, int]:
 
 
 def walled(cells: Sequence[Cell]) -> list[Cell]:
-    """Return the cells of a box round the given cells, three cells wider on each side.
+    """Return the cells of a box around the given cells, three cells wider on each side.
 
-    Under the second catalogue pieces may break off and walk away, so it needs walls.
+    Under the second catalogue pieces may break off and move away, so it needs walls.
     """
     margin = 3
     return [
@@ -67,7 +67,7 @@ def walled(cells: Sequence[Cell]) -> list[Cell]:
 
 
 def _hex(name: str, values: Values) -> Scene:
-    """Build a chain of hexagons that is to become another chain.
+    """Build a chain of hexagons whose goal is another chain.
 
     The start runs along direction 0 from cell (0, 0). The goal begins at its end; `bend` is the
     angle between the two chains, 60 or 120 degrees on either side, or 0 for a slide along the

@@ -1,6 +1,6 @@
 """The families of scenes that come with the project, in the order in which they are listed.
 
-They are named by the entry point ``cubepath`` of the group ``cubepath.systems``.
+The entry point ``cubepath`` of the group ``cubepath.systems`` names them.
 """
 
 from __future__ import annotations

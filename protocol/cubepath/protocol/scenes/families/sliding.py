@@ -1,7 +1,7 @@
-"""Sliding squares: rows and columns of square cells that slide past one another, round an obstacle.
+"""Sliding squares: rows and columns of square cells that slide past each other and an obstacle.
 
-Source: Abrams and Ghrist, example 2-d square lattice; the scene is that of their example of its
-state complex (two free squares and a p-by-q rectangle of obstacles).
+Source: Abrams and Ghrist, example 2-d square lattice; the scene is their example of its state
+complex (two free squares and a p-by-q rectangle of obstacles).
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ _LONGEST_RUN = 1_000
 def sliding_catalogue(longest: int) -> Catalogue:
     """Return the generators that slide a run of k + 1 cells by one, for each k up to `longest`.
 
-    Two generators for each k, `row-k` and `column-k`, the second the first with x and y exchanged.
-    The middle row of `row-k` is the cells x = -1 ... k + 2 of y = 0: both end cells are off and not
-    in the trace, the trace is the k + 2 inner cells, of which the first k + 1 are on before and the
-    last k + 1 after. In the row above and the row below, a cell over the first inner cell may be on
-    only if the next one in its row is, and a cell over the last only if the one before it is: the
-    run leaves nothing behind that hung on to it (the paper's dot with its arrow). Other cells of
-    these rows are not in the support.
+    There are two generators for each k, `row-k` and `column-k`; the second is the first with x and
+    y exchanged. The middle row of `row-k` is the cells x = -1 ... k + 2 of y = 0. Both end cells
+    are off and not in the trace; the trace is the k + 2 inner cells, of which the first k + 1 are
+    on before and the last k + 1 after. In the row above and the row below, a cell over the first
+    inner cell may be on only if the next one in its row is, and a cell over the last only if the
+    one before it is: the run leaves no cell behind that was attached only to it (the paper's dot
+    with its arrow). Other cells of these rows are not in the support.
 
-    All k + 1 modules of the run go one cell on. The mover, who proposes, is the one with the least
-    coordinate: the last of the run on its way there, the first on its way back.
+    All k + 1 modules of the run move by one cell. The mover, which proposes, is the one with the
+    least coordinate: the last of the run on the way there, the first on the way back.
     """
     found: list[Generator] = []
     for k in range(longest + 1):
@@ -44,7 +44,7 @@ def _slide(name: str, k: int, axis: int) -> Generator:
         return (along, across) if axis == 0 else (across, along)
 
     inner = [cell(along) for along in range(k + 2)]
-    pairs = ((0, 1), (k + 1, k))  # a cell beside the run, and the one that its arrow points to
+    pairs = ((0, 1), (k + 1, k))  # a cell beside the run, and the cell its arrow points to
     guards = tuple(
         (cell(dot, side), cell(neighbour, side)) for side in (1, -1) for dot, neighbour in pairs
     )
@@ -62,15 +62,15 @@ def _slide(name: str, k: int, axis: int) -> Generator:
 
 
 def _sliding(name: str, values: Values) -> Scene:
-    """Build n free squares in a row on top of a p-by-q obstacle, that are to go below it.
+    """Build n free squares in a row on top of a p-by-q obstacle, with the goal below it.
 
-    The goal is the start turned by half a turn about the middle of the obstacle.
+    The goal is the start after half a turn about the middle of the obstacle.
     """
     wide, tall = whole(values, "p", least=1), whole(values, "q", least=1)
     if wide * tall > _MOST_CELLS:
         raise InputError(f"p={wide},q={tall}: expected at most {_MOST_CELLS} cells of obstacle")
-    count = whole(values, "n", least=2)  # one alone turns no corner
-    # An obstacle is in no trace, so no run is longer than the free squares are many.
+    count = whole(values, "n", least=2)  # a single square turns no corner
+    # An obstacle is in no trace, so no run is longer than the number of free squares.
     reach = values["k"] or str(min(count - 1, _LONGEST_RUN))
     longest = whole({"k": reach}, "k", least=0, most=_LONGEST_RUN)
     start: tuple[Cell, ...] = tuple((x, tall) for x in range(count))

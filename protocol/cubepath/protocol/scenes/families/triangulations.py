@@ -31,12 +31,12 @@ from cubepath.protocol.systems.point_sets import (
 )
 
 _RADIUS = 10**6
-"""Of a polygon: corners on whole numbers stay strictly convex."""
+"""The radius of a polygon: its corners, rounded to integers, stay strictly convex."""
 _CORNERS_MAX = 40
 _SIDE = 1000
-"""Random points lie in a square of so many whole numbers."""
+"""Random points lie in a square of this side."""
 _RANDOM_MAX = 20_000
-"""So many of the places in it may be taken; a file may have more points."""
+"""The most random points; a file may have more."""
 _NUMBER = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
@@ -64,7 +64,7 @@ def _polygon(name: str, values: Values) -> Scene:
 
 @dataclass(frozen=True)
 class Points:
-    """What a file of points holds: the points on whole numbers, and triangulations if any."""
+    """The content of a file of points: the points as integers, and triangulations if any."""
 
     points: tuple[Point, ...]
     triangulations: tuple[frozenset[Edge], ...] = ()
@@ -73,9 +73,9 @@ class Points:
 def read_points(path: Path) -> Points:
     """Read points from text with `x y` a line, or from JSON; InputError names the file and place.
 
-    JSON is a list of pairs, or an object with `points_x` and `points_y` and, where there are,
+    JSON is a list of pairs, or an object with `points_x`, `points_y` and, optionally,
     `triangulations`, each a list of edges. Coordinates are decimals, taken exactly: all are
-    multiplied by what makes them whole.
+    multiplied by the least factor that makes them integers.
     """
     text = read_text(path)
     if path.suffix == ".json" or text.lstrip()[:1] in ("{", "["):
@@ -162,7 +162,7 @@ def _on_whole_numbers(rows: Iterable[tuple[Fraction, Fraction]]) -> tuple[Point,
 
 
 def random_points(count: int, seed: int) -> tuple[Point, ...]:
-    """Return distinct points on whole numbers, from a seed."""
+    """Return distinct points with integer coordinates, from a seed."""
     random = Random(seed)  # noqa: S311 - nothing secret
     found: dict[Point, None] = {}
     while len(found) < count:
@@ -171,7 +171,7 @@ def random_points(count: int, seed: int) -> tuple[Point, ...]:
 
 
 def _triangulation(name: str, values: Values) -> Scene:
-    """Build a point set with one triangulation, which is to become another."""
+    """Build a point set with a triangulation at the start and another as the goal."""
     if values["points"]:
         found = read_points(Path(values["points"]))
         where = f"{values['points']}: "
@@ -184,7 +184,7 @@ def _triangulation(name: str, values: Values) -> Scene:
     except InputError as error:
         raise InputError(f"{where}{error}") from None
     known: dict[str, frozenset[Edge]] = {way: system.plane.sweep(way) for way in SWEEPS}
-    # A file says all edges of a triangulation, or leaves out those that are in each.
+    # A file lists all edges of a triangulation, or leaves out those that are in every one.
     known |= {str(n): edges | system.kept for n, edges in enumerate(found.triangulations)}
     default = ("0", "1") if len(found.triangulations) > 1 else ("right", "left")
     start = _named(known, values, "start", default[0])

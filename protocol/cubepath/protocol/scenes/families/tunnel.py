@@ -1,26 +1,27 @@
-"""The hexagonal tunnel: a line of hexagons that files along a channel, one climbing after another.
+"""The hexagonal tunnel: a line of hexagons that files along a channel, climbing one after another.
 
 Source: Abrams and Ghrist, example ex_SCHex with figure fig_ShHexEx: a channel of four rows, filled
 obstacles below and empty ones above, in which a line of modules climbs across one by one; its
 state complex is contractible for any length, and of higher dimension for longer tunnels.
 
-The drawing is not in the text, so this is a reading:
+The text does not contain the drawing, so this is our reading:
 
-- Rows are rows of the hexagonal lattice, upright: row r begins half a cell further right than row
-  r - 1 where r is odd, half a cell further left where it is even. The channel is the whole
+- Rows are rows of the hexagonal lattice, upright: row r begins half a cell further right than
+  row r - 1 if r is odd, and half a cell further left if r is even. The channel is the whole
   workspace, so every support lies in it.
-- The line lies on the filled row, one column from the channel's left end.
+- The line lies on the filled row, one column from the left end of the channel.
 - A pivot along the rows has its support as in the first catalogue of example 2-d hex with pivots, a
-  pivot from one free row to the other as in the second, that is without E and E'. These two are
-  then cells of the two rows of obstacles: one off for good, the other on for good, so that with
-  the first catalogue throughout no module of the line could move.
+  pivot from one free row to the other as in the second, that is, without E and E'. Those two
+  would be cells of the two rows of obstacles: one always off, the other always on. So with the
+  first catalogue throughout, no module of the line could move.
 
 So a module at an end of the line climbs onto it, walks along it to the other end, and steps down in
-front of it, and the next can follow before it is there. The line holds together, for E keeps the
+front of it; the next can follow before it arrives. The line holds together, because E keeps the
 modules at its ends from walking off along the filled row. For every line and every length that was
-tried (to n = 18) the complex collapses to a point; its dimension is floor(n / 4) + 1, but 2 for
-n = 3. With the second catalogue throughout, modules do walk off, and the complex is not
-contractible: its Euler characteristic is -1 for two modules in six columns, -9 for three in eight.
+tried (to n = 18) the complex collapses to a point; its dimension is floor(n / 4) + 1, except for n
+= 3, where it is 2. With the second catalogue throughout, modules do walk off, and the complex is
+not contractible: its Euler characteristic is -1 for two modules in six columns, -9 for three in
+eight.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ _MARGIN = 1
 
 
 def tunnel_catalogue() -> Catalogue:
-    """Return the six pivots: along the rows of the first catalogue, across of the second."""
+    """Return the six pivots: along the rows from the first catalogue, across from the second."""
     along = hex_catalogue(keeps_topology=True).generators
     across = hex_catalogue(keeps_topology=False).generators
     return Catalogue(

@@ -1,4 +1,4 @@
-"""Vehicles on a graph, unlabelled and labelled, from a graph's name or from files.
+"""Vehicles on a graph, unlabelled and labelled, from the name of a graph or from files.
 
 Source: Abrams and Ghrist, example of automated guided vehicles.
 """
@@ -38,7 +38,7 @@ def _agv(name: str, values: Values) -> Scene:
         if count > len(vertices):
             raise InputError(f"n={count}: the graph has {len(vertices)} vertices")
         starts = vertices[:count]
-        # The last vertices in reverse, so that labelled vehicles have to pass one another.
+        # The last vertices in reverse, so labelled vehicles must pass one another.
         goals = tuple(reversed(vertices))[:count]
     system = GraphSystem(
         graph.vertices,

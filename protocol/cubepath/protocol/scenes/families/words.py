@@ -5,12 +5,12 @@ Source: Abrams and Ghrist, examples ("examples arising from word representations
 A word has a fixed length. A site is ``(position, letter)``; at every position exactly one letter is
 on, so the agent is the position and a move changes its letter. A relation u ~ v with sides of equal
 length is a generator for every place in the word: it reads the letters of both sides at all its
-positions, and writes those at which they differ. That one letter is on already says that all
-others are off, so no further letters are read. The mover is the leftmost position that changes.
+positions, and writes them where they differ. One letter being on implies that all others are off,
+so no further letters are read. The mover is the leftmost position that changes.
 
-Sides of unequal length are padded: with a letter ``_`` that stands for nothing and moves freely,
-a A ~ _ _ cancels inverses and the words of one group element are connected where the length leaves
-room for it.
+Sides of unequal length are padded with a letter ``_`` that stands for nothing and moves freely:
+``aA~__`` cancels inverses, and the words of one group element are connected if the length leaves
+enough room.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _LENGTH_MAX = 1000
 
 @dataclass(frozen=True, slots=True)
 class Presentation:
-    """Relations, with a word and a goal that show them."""
+    """Relations, with a word and a goal to show them."""
 
     relations: str
     word: str
@@ -40,16 +40,16 @@ class Presentation:
 
 
 def _with_blanks(relations: str, letters: str) -> str:
-    """Add that the blank moves past every letter."""
+    """Return the relations, and those that move the blank past every letter."""
     return "+".join((relations, *(f"{BLANK}{each}~{each}{BLANK}" for each in letters)))
 
 
 PRESENTATIONS: Mapping[str, Presentation] = {
     # The positive half twist on four strands, with two of its sixteen words.
     "braid4": Presentation("aba~bab+bcb~cbc+ac~ca", "abacba", "cbcabc"),
-    # Right-angled: a, b, c, d in a row, of which neighbours commute.
+    # Right-angled: a, b, c, d in a row; neighbours commute.
     "raag": Presentation("ab~ba+bc~cb+cd~dc", "abcdabcd", "badcbadc"),
-    # Inverses are capitals; a word of the free group that is trivial.
+    # Inverses are capitals; the word is trivial in the free group.
     "free2": Presentation(
         _with_blanks(f"aA~{BLANK * 2}+Aa~{BLANK * 2}+bB~{BLANK * 2}+Bb~{BLANK * 2}", "aAbB"),
         "abBbBAaA",
@@ -60,7 +60,7 @@ PRESENTATIONS: Mapping[str, Presentation] = {
 
 
 def relations_from_text(text: str) -> tuple[tuple[str, str], ...]:
-    """Read `ab~ba+bc~cb`; InputError names the relation that is none."""
+    """Read `ab~ba+bc~cb`; InputError names the first invalid relation."""
     found: dict[frozenset[str], tuple[str, str]] = {}
     for part in text.split("+"):
         left, tilde, right = part.partition("~")
@@ -80,7 +80,7 @@ def relations_from_text(text: str) -> tuple[tuple[str, str], ...]:
 
 
 def word_moves(length: int, relations: Iterable[tuple[str, str]]) -> tuple[Move, ...]:
-    """Return the moves of words of this length, by relation and by where it begins."""
+    """Return the moves of words of this length, by relation and position."""
     found = []
     for left, right in relations:
         for begin in range(length - len(left) + 1):
@@ -100,7 +100,7 @@ def word_moves(length: int, relations: Iterable[tuple[str, str]]) -> tuple[Move,
 
 
 def _words(name: str, values: Values) -> Scene:
-    """Build a word, with another of the same length as its goal."""
+    """Build a word whose goal, if any, is another of the same length."""
     title = values["presentation"] or ("" if values["relations"] else "braid4")
     preset = PRESENTATIONS.get(title)
     if title and preset is None:
@@ -137,7 +137,7 @@ def _words(name: str, values: Values) -> Scene:
 def lettered_scene(
     name: str, system: TabledSystem, start: Sequence[Site], goal: Sequence[Site]
 ) -> Scene:
-    """Return a scene in which each place knows the letter that it is to have, if there is one."""
+    """Return a scene in which each place knows its goal letter, if there is a goal."""
     return Scene(
         spec=name,
         family=name,
