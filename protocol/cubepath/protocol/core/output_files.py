@@ -6,6 +6,7 @@ Anything but a regular file, such as standard output, a pipe or a device, is wri
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import stat
 import sys
@@ -26,8 +27,8 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
 
     A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
     it cannot be written, CheckError if that is standard output, and BrokenPipeError if it has no
-    reader any more. An OSError of the body, and except for standard output a RuntimeError, counts
-    as a failure to write; other errors of the body propagate.
+    reader any more. An OSError of the body counts as a failure to write; other errors of the body
+    propagate.
     """
     if path == STANDARD_OUTPUT:
         with _standard_output() as stream:
@@ -37,7 +38,7 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
     try:
         target = path
         if not is_special(path):
-            target = path.resolve()  # a link stays a link
+            target = _resolved(path)  # a link stays a link
             part = target.with_name(f".{target.name[:_NAME_MAX]}.{os.getpid()}.part")
         with (part or target).open("wb") as stream:
             if part is not None and target.exists():
@@ -47,7 +48,7 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
             part.replace(target)
     except BrokenPipeError:
         raise
-    except (OSError, RuntimeError) as error:  # the second for a loop of links, up to Python 3.12
+    except OSError as error:
         raise _unwritable(path, error) from None
     finally:
         if part is not None:
@@ -98,17 +99,23 @@ def check_output(path: Path) -> None:
     if path.is_dir():
         raise InputError(f"{path}: a folder, expected a file to write")
     try:
-        folder = path.resolve().parent
+        folder = _resolved(path).parent
         if not folder.is_dir():
             raise InputError(f"{path}: there is no folder {path.parent}, expected one to write to")
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(13, os.strerror(13))
         if path.exists() and not os.access(path, os.W_OK):
             raise PermissionError(13, os.strerror(13))
-    except (OSError, RuntimeError) as error:
+    except OSError as error:
         raise _unwritable(path, error) from None
 
 
-def _unwritable(path: Path, error: OSError | RuntimeError) -> InputError:
-    reason = error.strerror if isinstance(error, OSError) else None
-    return InputError(f"{path}: cannot be written: {reason or error}")
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except RuntimeError as error:  # a loop of links, up to Python 3.12
+        raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from error
+
+
+def _unwritable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written: {error.strerror or error}")
