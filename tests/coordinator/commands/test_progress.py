@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import io
+import sys
+import threading
+
+import pytest
 
 from cubepath.coordinator.commands.progress import Lines, progress_bar
 
@@ -66,6 +70,43 @@ def test_a_log_that_nobody_reads_is_no_trouble() -> None:
     assert bar.n == 2
 
 
-def test_off_a_terminal_there_are_lines() -> None:
-    """In this test's own standard error, which is captured."""
-    assert isinstance(progress_bar(None, "run", " rounds"), Lines)
+def test_the_time_is_told_while_nothing_is_counted() -> None:
+    """A step of which nothing is known but that it takes long is told all the same."""
+    clock, stream = Clock(), io.StringIO()
+    bar = Lines(stream, None, "certificate", "", clock)
+    clock.now += 7
+    bar.refresh()
+    bar.refresh()
+    assert stream.getvalue() == "cubepath: certificate: 7 s\n"
+
+
+def test_the_time_is_shown_without_being_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bar that nobody updates writes its line by itself, and none after it is closed."""
+    written = threading.Event()
+
+    class Stream(io.StringIO):
+        def write(self, text: str) -> int:
+            written.set()
+            return super().write(text)
+
+    stream = Stream()
+    monkeypatch.delenv("CUBEPATH_PROGRESS")
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setattr("cubepath.coordinator.commands.progress._FIRST_SECONDS", 0.0)
+    with progress_bar(None, "draw", "") as bar:
+        assert written.wait(30)
+    assert bar.disable
+    assert stream.getvalue().startswith("cubepath: draw: ")
+
+
+def test_off_a_terminal_there_are_lines_unless_none_are_wanted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The environment says so, for who compares what a command writes to standard error."""
+    with progress_bar(None, "run", " rounds") as bar:
+        assert isinstance(bar, Lines)
+        assert bar.disable
+    monkeypatch.setenv("CUBEPATH_PROGRESS", "1")
+    with progress_bar(None, "run", " rounds") as bar:
+        assert isinstance(bar, Lines)
+        assert not bar.disable

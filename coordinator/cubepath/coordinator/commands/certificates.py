@@ -21,6 +21,7 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
+from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.errors import InputError
 
@@ -108,7 +109,8 @@ def explain(options: argparse.Namespace, found: Shortened) -> Explained:
     )
     from cubepath.protocol.path_files.certificates import write_certificate  # noqa: PLC0415
 
-    certificate = certified_path(found)
+    with progress_bar(None, "certificate", ""):
+        certificate = certified_path(found)
     document: dict[str, Any] = {}
     rows: list[tuple[str, object]] = []
     lines: list[str] = []
@@ -117,12 +119,14 @@ def explain(options: argparse.Namespace, found: Shortened) -> Explained:
         lines += ["", *certificate_in_words(found.given, certificate)]
     timed = None
     if durations is not None:
-        timed = timed_path(found.given, certificate, durations)
+        with progress_bar(None, "timetable", ""):
+            timed = timed_path(found.given, certificate, durations)
         document["makespan"] = timed.makespan
         rows.append(("makespan", timed.makespan))
         lines += timed.in_words() if options.explain else []
     if options.certificate is not None:
-        write_certificate(options.certificate, certificate)
+        with progress_bar(None, "write", ""):
+            write_certificate(options.certificate, certificate)
         rows.append(("certificate", options.certificate))
     return Explained(document, tuple(rows), tuple(lines), timed)
 
@@ -221,13 +225,14 @@ def verify_certificate(options: argparse.Namespace) -> int:
         if cubes_file is not None:
             raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
         cubes_file, source = source, companion(source)
-    certificate = read_certificate(source)
-    path = read_input(options.of, options.system, hints(options))
-    found = check_certificate(certificate, path.actions, path.start)
-    if cubes_file is not None:
-        cubes = _cubes(cubes_file)
-        if found["form"] is None:
-            found["cubes"] = compare_cubes(certificate, path.moves, cubes)
+    with progress_bar(None, "verify", " moves") as bar:
+        certificate = read_certificate(source)
+        path = read_input(options.of, options.system, hints(options), bar.update)
+        found = check_certificate(certificate, path.actions, path.start)
+        if cubes_file is not None:
+            cubes = _cubes(cubes_file)
+            if found["form"] is None:
+                found["cubes"] = compare_cubes(certificate, path.moves, cubes)
     left = certificate.moves - 2 * len(certificate.cancelled)
     document = {
         "ok": not any(found.values()),

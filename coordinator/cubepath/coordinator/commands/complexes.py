@@ -95,10 +95,11 @@ def _complex(options: argparse.Namespace) -> int:
         )
     try:
         if output is not None and found.complete and found.built is not None:
-            if output.suffix.lower() == ".json":
-                write_complex(found.built, output)
-            else:
-                draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+            with progress_bar(None, "write", ""):
+                if output.suffix.lower() == ".json":
+                    write_complex(found.built, output)
+                else:
+                    draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
     finally:
         answer(options, found.document(), table(_rows(found)))
     if not found.complete:

@@ -334,7 +334,8 @@ def _shorten(options: argparse.Namespace) -> int:
     known = look_beyond(options, found)
     told = explain(options, found)
     if output is not None:
-        write_schedule(output, found, known, told)
+        with progress_bar(None, "write", ""):
+            write_schedule(output, found, known, told)
     rows: list[tuple[str, object]] = [
         ("moves", found.moves),
         ("reduced moves", found.reduced_moves),

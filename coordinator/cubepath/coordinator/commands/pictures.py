@@ -92,15 +92,16 @@ def _view(options: argparse.Namespace) -> int:
             )
     else:
         cubes, found = drawn.schedule()
-        run_picture(
-            drawn.scene,
-            drawn.steps,
-            cubes,
-            path,
-            found=found,
-            step_name=drawn.step_name,
-            what=options.what,
-        )
+        with progress_bar(None, "draw", ""):
+            run_picture(
+                drawn.scene,
+                drawn.steps,
+                cubes,
+                path,
+                found=found,
+                step_name=drawn.step_name,
+                what=options.what,
+            )
     answer(options, {"log": str(drawn.source), "picture": str(path)}, f"written to {path}")
     return DONE
 
@@ -131,7 +132,8 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> _Drawn:
             f"{file.path}: a recording, which says itself what its system is: expected no --system,"
             " --format or --with"
         )
-    recording = read_recording(file)
+    with progress_bar(None, "read", ""):
+        recording = read_recording(file)
     for problem in recording.problems:
         complain(f"{file.path}: {problem}; drawing what could be read")
     gatherer = gathered(recording)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sys
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, Self, TextIO
@@ -11,14 +13,37 @@ _FIRST_SECONDS, _LATER_SECONDS = 5.0, 30.0
 """Off a terminal, the seconds until the first line, and between later lines."""
 
 
-def progress_bar(total: int | None, what: str, unit: str) -> Any:
-    """Return a progress bar on standard error: on a terminal a bar, elsewhere `Lines`."""
-    stream = sys.stderr
-    if not stream.isatty():
-        return Lines(stream, total, what, unit)
-    from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
+_TICK_SECONDS = 0.5
+"""How often the time is shown while nothing is counted, as when code is compiled."""
 
-    return tqdm(total=total, desc=what, unit=unit, leave=False, file=stream)
+
+def progress_bar(total: int | None, what: str, unit: str) -> Any:
+    """Return a progress bar on standard error: on a terminal a bar, elsewhere `Lines`.
+
+    The time goes on while nothing is counted. With the environment variable ``CUBEPATH_PROGRESS``
+    set to 0 there is neither.
+    """
+    stream = sys.stderr
+    bar: Any
+    if os.environ.get("CUBEPATH_PROGRESS") == "0":
+        bar = Lines(stream, total, what, unit)
+        bar.close()
+        return bar
+    if stream.isatty():
+        from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
+
+        bar = tqdm(total=total, desc=what, unit=unit, leave=False, file=stream)
+    else:
+        bar = Lines(stream, total, what, unit)
+    threading.Thread(target=_tick, args=(bar,), daemon=True).start()
+    return bar
+
+
+def _tick(bar: Any) -> None:
+    """Show the time until the bar is closed."""
+    while not bar.disable:
+        time.sleep(_TICK_SECONDS)
+        bar.refresh()
 
 
 class Lines:
@@ -38,6 +63,8 @@ class Lines:
         """Begin at zero."""
         self.n = 0
         self.total = total
+        self.disable = False
+        self._lock = threading.Lock()
         self._stream = stream
         self._what = what
         self._unit = unit
@@ -55,17 +82,23 @@ class Lines:
     def update(self, n: int = 1) -> None:
         """Count, and write a line if one is due."""
         self.n += n
-        now = self._clock()
-        if now < self._due:
-            return
-        self._due = now + _LATER_SECONDS
-        of = "" if self.total is None else f" of {self.total}"
-        state = f", {self._state}" if self._state else ""
-        line = f"cubepath: {self._what}: {self.n}{of}{self._unit}{state}, {now - self._begun:.0f} s"
-        try:
-            print(line, file=self._stream, flush=True)
-        except OSError:
-            self._due = float("inf")  # nobody reads it
+        self.refresh()
+
+    def refresh(self) -> None:
+        """Write a line if one is due."""
+        with self._lock:
+            now = self._clock()
+            if self.disable or now < self._due:
+                return
+            self._due = now + _LATER_SECONDS
+            of = "" if self.total is None else f" of {self.total}"
+            count = f" {self.n}{of}{self._unit}," if self.n or self.total else ""
+            state = f" {self._state}," if self._state else ""
+            line = f"cubepath: {self._what}:{count}{state} {now - self._begun:.0f} s"
+            try:
+                print(line, file=self._stream, flush=True)
+            except (OSError, ValueError):  # full, without a reader, or closed
+                self.disable = True
 
     def reset(self, total: int | None = None) -> None:
         """Begin again at zero."""
@@ -84,4 +117,5 @@ class Lines:
 
     def close(self) -> None:
         """Write no more lines."""
-        self._due = float("inf")
+        with self._lock:
+            self.disable = True

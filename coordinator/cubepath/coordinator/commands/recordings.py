@@ -116,8 +116,8 @@ def _recover(options: argparse.Namespace) -> int:
         raise InputError(f"--recover: found {len(options.logs)} recordings, expected one")
     if options.recover.is_file():
         raise InputError(f"{options.recover}: exists already, expected a new file")
-    recording = read_recording(options.logs[0])
     with progress_bar(None, "verify", " rounds") as bar:
+        recording = read_recording(options.logs[0])
         told = _verified(recording, verify(recording, bar.update))
     try:
         saved = recover(recording, options.recover)
@@ -220,7 +220,8 @@ def _replay(options: argparse.Namespace) -> int:
     from cubepath.coordinator.runs.playback import replay  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
-    recording = read_recording(options.log)
+    with progress_bar(None, "read", ""):
+        recording = read_recording(options.log)
 
     def announce(endpoint: str, run: str) -> None:
         if options.endpoint is not None:
