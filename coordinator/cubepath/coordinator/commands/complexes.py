@@ -72,7 +72,7 @@ def _complex(options: argparse.Namespace) -> int:
     scene = scene_from_spec(options.system)
     if not (options.shape or options.max_states):
         _check_end(scene)
-    with progress_bar(None, "complex", "") as bar:
+    with progress_bar(None, "complex", " done") as bar:
         stage = ""
 
         def watch(what: str, done: int, total: int) -> None:

@@ -20,7 +20,7 @@ _TICK_SECONDS = 0.5
 def progress_bar(total: int | None, what: str, unit: str) -> Any:
     """Return a progress bar on standard error: on a terminal a bar, elsewhere `Lines`.
 
-    The time goes on while nothing is counted. With the environment variable ``CUBEPATH_PROGRESS``
+    The time goes on while nothing is counted; without a `unit` it is all there is. With the environment variable ``CUBEPATH_PROGRESS``
     set to 0 there is neither.
     """
     stream = sys.stderr
@@ -32,7 +32,8 @@ def progress_bar(total: int | None, what: str, unit: str) -> Any:
     if stream.isatty():
         from tqdm import tqdm  # noqa: PLC0415 - a command starts faster without it
 
-        bar = tqdm(total=total, desc=what, unit=unit, leave=False, file=stream)
+        shown = None if unit else "{desc}: {elapsed}"
+        bar = tqdm(total=total, desc=what, unit=unit, leave=False, file=stream, bar_format=shown)
     else:
         bar = Lines(stream, total, what, unit)
     threading.Thread(target=_tick, args=(bar,), daemon=True).start()
