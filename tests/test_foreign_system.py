@@ -254,6 +254,8 @@ def test_a_scene_of_it_is_a_file(commands: Commands, installed: dict[str, str]) 
     assert "ring" in without("verify", "ring.mcap", code=2)
 
 
+@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_broken_distribution_hurts_only_who_asks_for_it(
     installed: dict[str, str], tmp_path: Path
 ) -> None:

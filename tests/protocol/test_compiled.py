@@ -160,7 +160,13 @@ def installation(folder: Path, kind: str) -> Installation:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("place", ["tree", "NUMBA_CACHE_DIR", "home"])
+@pytest.mark.parametrize(
+    "place",
+    [
+        "tree",
+        *(pytest.param(each, marks=pytest.mark.thorough) for each in ("NUMBA_CACHE_DIR", "home")),
+    ],
+)
 def test_a_change_reaches_the_compiled_functions_of_other_modules(
     tmp_path: Path, place: str
 ) -> None:
@@ -182,6 +188,7 @@ def test_a_change_reaches_the_compiled_functions_of_other_modules(
         ("fields", "one: int\n    other: int", "other: int\n    one: int", 7),
     ],
 )
+@pytest.mark.thorough
 def test_a_change_reaches_those_who_take_a_constant_or_a_type(
     tmp_path: Path, user: str, old: str, new: str, after: int
 ) -> None:
@@ -193,6 +200,7 @@ def test_a_change_reaches_those_who_take_a_constant_or_a_type(
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_what_else_is_imported_makes_no_difference(tmp_path: Path) -> None:
     """Kept code is found again whichever modules a process has imported before."""
     room = installation(tmp_path, "tree")

@@ -140,6 +140,7 @@ def test_every_connected_instance_is_reached(scene: Scene, seed: int, hesitate: 
 @pytest.mark.slow
 @settings(deadline=None, max_examples=1000, derandomize=True)
 @given(connected_scenes(), st.integers(0, 999), st.sampled_from([0.0, 0.3, 0.7]))
+@pytest.mark.thorough
 def test_very_many_connected_instances_are_reached(
     scene: Scene, seed: int, hesitate: float
 ) -> None:
@@ -269,6 +270,7 @@ def test_12_vehicles_on_random_32_reach() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_30_vehicles_on_random_32_over_seeds() -> None:
     """Over 30 seeds the mean is no worse than the 57 rounds of an earlier simulator."""
     scene = benchmark_scene(30)
@@ -285,6 +287,7 @@ def test_30_vehicles_on_random_32_over_seeds() -> None:
 @pytest.mark.parametrize(
     ("graph", "vehicles"), [("maze-32-32-4.map", 100), ("random-32-32-10.map", 300)]
 )
+@pytest.mark.thorough
 def test_crowded_maps_are_reached(graph: str, vehicles: int) -> None:
     """Hundreds of vehicles reach, in a maze as well."""
     run = Run(random_scene(str(DATA / graph), vehicles, seed=1), seed=1)

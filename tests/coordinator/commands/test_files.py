@@ -74,6 +74,7 @@ def test_a_redirected_file_is_added_to(folder: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
     """Every kind of input that its content tells, also from the middle of a stream on."""
     for line in (
@@ -230,8 +231,10 @@ def test_a_signal_leaves_the_old_file_and_nothing_else(folder: Path) -> None:
         subprocess.Popen(
             [*PYTHON, "shorten", "pipe", "-o", "cubes.jsonl"], stderr=subprocess.PIPE, text=True
         ) as child,
-        pipe.open("wb"),
-    ):  # once it is open for reading too, the command waits for its moves
+        pipe.open("wb") as moves,
+    ):
+        # More than a pipe holds: once it is written, the command is in the middle of reading.
+        moves.write(b'{"id": "a", "support": [1], "trace": [1]}\n' * 10_000)
         child.send_signal(signal.SIGTERM)
         _, told = child.communicate(timeout=60)
     assert (child.returncode, told) == (130, "cubepath: interrupted\n")

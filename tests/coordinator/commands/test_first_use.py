@@ -63,8 +63,11 @@ def carried_out(work: str, how: str, folder: Path, *arguments: str) -> tuple[Any
     "command",
     [
         ("run", "hex:n=5", "--processes", "2", "--log", "run.mcap", "--json"),
-        ("shorten", str(GOLDEN / "hex-5.mcap"), "--certificate", "made.json", "--json"),
-        ("replay", str(GOLDEN / "agv-3.mcap"), "--json"),
+        pytest.param(
+            ("shorten", str(GOLDEN / "hex-5.mcap"), "--certificate", "made.json", "--json"),
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(("replay", str(GOLDEN / "agv-3.mcap"), "--json"), marks=pytest.mark.thorough),
     ],
     ids=lambda command: command[0],
 )
@@ -101,6 +104,8 @@ def test_other_small_work_loads_no_numba(
     assert cached == []
 
 
+@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_large_path_is_shortened_by_compiled_code(tmp_path: Path) -> None:
     """A hundred thousand moves are too many for plain Python: compiled, and kept for later."""
     lines = [

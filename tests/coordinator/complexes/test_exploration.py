@@ -266,6 +266,7 @@ def all_of(spec: str, left: int) -> list[object]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SMALL)
+@pytest.mark.thorough
 def test_plain_python_and_compiled_code_find_the_same(spec: str) -> None:
     """States, edges, cubes, homology, links and collapses; and with a change from one to other."""
     plain = all_of(spec, PLAIN)

@@ -256,6 +256,7 @@ def test_going_over_to_compiled_code_changes_nothing() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_a_million_moves_there_and_back() -> None:
     """Half a million moves of 8 sites, undone in part and as a whole, in well under 5 seconds."""
     out, table = ring(500, 500_000)

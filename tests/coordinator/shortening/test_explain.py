@@ -230,12 +230,12 @@ def test_an_end_that_is_not_reached_fails(folder: Path, capsys: Output) -> None:
 
 
 def test_the_end_is_carried_out_where_the_start_is_known(folder: Path, capsys: Output) -> None:
-    """Also where the certificate does not tell it; not where its form fails already."""
+    """Also where the certificate does not say it, which fails; not where its form fails already."""
     proof = certify(capsys, "crossing.jsonl", "--system", SYSTEM)
     written = json.loads(proof.read_text())
     arguments = ["verify", str(proof), "--of", "crossing.jsonl", "--system", SYSTEM]
     proof.write_text(json.dumps({**written, "end": None}))
-    names = [check["name"] for check in answer_of(capsys, *arguments)["checks"]]
+    names = [check["name"] for check in answer_of(capsys, *arguments, code=1)["checks"]]
     assert names == ["form", "cancelled", "schedule", "reduced", "chain", "end"]
     proof.write_text(json.dumps({**written, "cubes": []}))
     found = answer_of(capsys, *arguments, code=1)

@@ -518,6 +518,7 @@ def test_a_thousand_points_are_a_system() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.thorough
 def test_too_many_flips_are_refused() -> None:
     """Many points in convex position have more flips than a list should hold."""
     with pytest.raises(InputError, match="more than 200000 flips among 60 points"):

@@ -96,6 +96,7 @@ def improve(
     random = Random(seed)  # noqa: S311 - nothing secret
     steps = found = 0
     with suppress(SpentError):
+        budget.spend(0)
         search = _Search(transitions, start, best, labelled_goals=labelled_goals)
         while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
             proposal = search.step(random)

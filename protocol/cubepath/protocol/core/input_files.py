@@ -73,6 +73,8 @@ class InputFile:
                     yield number, text
 
 
+_PIECE = 1 << 16
+"""Bytes read from a pipe at a time."""
 Source: TypeAlias = Path | InputFile
 """What readers take: the path of a file, or the open file itself."""
 
@@ -100,8 +102,17 @@ def opened(source: Source) -> Generator[InputFile]:
         with readable(path):
             stream = stack.enter_context(_stream(source))
             if not stream.seekable() or stream.tell():
-                stream = io.BytesIO(stream.read())
+                stream = _in_memory(stream)
         yield InputFile(path, stream)
+
+
+def _in_memory(stream: BinaryIO) -> BinaryIO:
+    """Read the rest of a stream piece by piece: Python sees an interrupt only in between."""
+    found = io.BytesIO()
+    while piece := stream.read(_PIECE):
+        found.write(piece)
+    found.seek(0)
+    return found
 
 
 def _stream(source: Path) -> BinaryIO:
