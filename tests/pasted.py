@@ -141,7 +141,7 @@ class Desk:
         return done.returncode, done.stdout, done.stderr
 
     def _sh(self, text: str) -> None:
-        code, self.printed, told = self._bash(f"set -e\n{self._without(text)}")
+        code, self.printed, told = self._bash(f"set -eo pipefail\n{self._without(text)}")
         assert code == 0, told
 
     def _console(self, text: str) -> None:
