@@ -4,7 +4,7 @@ What stands behind the language of a block says what is done with it:
 
 | block | is |
 |---|---|
-| ``sh`` | run by bash, with the real command line; every command must succeed |
+| ``sh`` | run, and every command must succeed |
 | ``console`` | run after each ``$``; what it prints, on both streams, must be what stands below |
 | ``python`` | executed in the page's one namespace |
 | ``LANGUAGE NAME`` | written to the file NAME, which a later block must read |
@@ -12,6 +12,8 @@ What stands behind the language of a block says what is done with it:
 | ``LANGUAGE ->`` | what the block before it has printed; of JSON, the document |
 | ``json -> .KEY`` | what its JSON has under that key |
 
+A shell block is run by bash, with the real command line; but one that has only commands of cubepath
+that start no processes is run here, which spares each of them half a second of imports.
 Times and names of logs are not compared, and ``...`` stands for any text.
 """
 
@@ -22,6 +24,7 @@ import io
 import json
 import os
 import re
+import shlex
 import shutil
 import sys
 import tomllib
@@ -31,8 +34,11 @@ from pathlib import Path
 from typing import Any
 
 from command_line import GOLDEN, ROOT, in_shell
+from cubepath.coordinator.commands.main import main
 
 BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
+STARTING = ("run", "replay")
+"""Commands that start processes or sessions."""
 TIMES = (
     (r"\d+\.\d+ s\b", "0 s"),
     (r"\d{8}T\d{12}", "WHEN"),
@@ -141,8 +147,25 @@ class Desk:
         return done.returncode, done.stdout, done.stderr
 
     def _sh(self, text: str) -> None:
-        code, self.printed, told = self._bash(f"set -eo pipefail\n{self._without(text)}")
+        text = self._without(text)
+        if (commands := simple_commands(text)) is not None:
+            self._run_here(commands)
+            return
+        code, self.printed, told = self._bash(f"set -eo pipefail\n{text}")
         assert code == 0, told
+
+    def _run_here(self, commands: list[list[str]]) -> None:
+        self.printed = ""
+        for command in commands:
+            printed, told = (io.TextIOWrapper(io.BytesIO(), "utf-8") for _ in range(2))
+            with (
+                contextlib.chdir(self.folder),
+                contextlib.redirect_stdout(printed),
+                contextlib.redirect_stderr(told),
+            ):
+                code = main(command[1:])
+            self.printed += _content(printed)
+            assert code == 0, _content(told)
 
     def _console(self, text: str) -> None:
         parts = re.split(r"^\$ (.*)\n", text, flags=re.MULTILINE)
@@ -174,6 +197,23 @@ class Desk:
         wanted = json.loads(timeless(block.text))
         shown = document[name[1:]] if name.startswith(".") else document
         assert shown == wanted, json.dumps(shown)
+
+
+def simple_commands(text: str) -> list[list[str]] | None:
+    """Return the commands of a block, None where it takes a shell or processes of their own."""
+    whole = text.replace("\\\n", " ")
+    if re.search(r"[$|<>;&()`\\]", whole):
+        return None
+    commands = [shlex.split(line, comments=True) for line in whole.splitlines()]
+    alone = all(command[0] == "cubepath" and command[1] not in STARTING for command in commands)
+    return commands if alone else None
+
+
+def _content(stream: io.TextIOWrapper) -> str:
+    stream.flush()
+    found = stream.buffer
+    assert isinstance(found, io.BytesIO)
+    return found.getvalue().decode()
 
 
 def timeless(text: str) -> str:
