@@ -1,52 +1,90 @@
-"""The examples in the README and the docs run, and the commands that they name exist."""
+"""What the README and the docs show is true: every block runs, or is what comes of running one."""
 
 from __future__ import annotations
 
 import re
-import tomllib
+import sys
 from pathlib import Path
 
 import pytest
 
-from cubepath.agents import RuleType, parallel_env
-from cubepath.agents.environments.rollout import play
+from cubepath.agents import Choice, InitialKnowledge, RuleType, View, parallel_env
 from cubepath.coordinator.commands.main import main
+from cubepath.protocol import Action, Move
 from cubepath.protocol.scenes.registry import all_families
-from cubepath.protocol.scenes.specs import scene_from_spec
+from pasted import Desk, blocks
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def blocks(page: Path, language: str) -> list[str]:
-    """Return the code blocks of a page in one language."""
-    return [text for found, text in BLOCK.findall(page.read_text()) if found == language]
+LEFT_OUT = {
+    "pip install -e . && ": "the tests run with the project installed",
+    "pip install -e .\n": "what the page installs is put where Python looks for it",
+    "pip install -e '.[test]' && python -m pytest\n": "these are the tests",
+    "cubepath paper ": "takes ten seconds and more; tests/coordinator/paper",
+}
+"""Pieces of shell that are not run, and why."""
+SHOWN = {
+    "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
+}
+"""First lines of blocks that are only shown, and why."""
 
 
-PYTHON = [
-    pytest.param(block, id=f"{page.stem}-{number}")
-    for page in PAGES
-    if page.stem != "files"  # it has its own test, with the files that it talks of
-    for number, block in enumerate(blocks(page, "python"))
-]
+def paste_all(page: Path, folder: Path) -> None:
+    """Paste a page into a folder; AssertionError names the first block that is not true."""
+    desk = Desk(folder, LEFT_OUT, SHOWN)
+    for block in blocks(page):
+        try:
+            desk.paste(block)
+        except Exception as error:
+            raise AssertionError(f"{page.name}:{block.line}: {error}") from error
+    assert not desk.unread, f"{page.name}: nobody reads {sorted(desk.unread)}"
 
 
-@pytest.mark.parametrize("block", PYTHON)
-def test_python_examples_run(block: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each Python block runs as it stands; a rule that it defines plays in the environment."""
-    monkeypatch.chdir(ROOT)
-    names: dict[str, object] = {}
-    exec(compile(block, "example", "exec"), names)  # noqa: S102 - our own documentation
-    for rule in [value for value in names.values() if isinstance(value, RuleType)]:
-        assert play(scene_from_spec("hex:n=4"), rule, max_rounds=5).rounds
-
-
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_toml_examples_are_toml(page: Path) -> None:
-    """Each TOML block is TOML."""
-    for block in blocks(page, "toml"):
-        assert tomllib.loads(block)
+def test_what_a_page_shows_is_what_comes_when_it_is_pasted(
+    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pasted in order into one folder, every block runs, is read, or is the output that comes."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    paste_all(page, tmp_path)
+    for name, module in list(sys.modules.items()):
+        if Path(getattr(module, "__file__", None) or "/").is_relative_to(tmp_path):
+            del sys.modules[name]
+
+
+def test_no_excuse_is_left_over() -> None:
+    """Each piece that is left out or only shown stands on some page."""
+    texts = [block.text for page in PAGES for block in blocks(page)]
+    firsts = {text.partition("\n")[0] for text in texts}
+    assert all(any(piece in text for text in texts) for piece in LEFT_OUT)
+    assert firsts >= SHOWN.keys()
+
+
+@pytest.mark.parametrize(
+    ("page", "reason"),
+    [
+        ("```json\n{}\n```", "neither a file nor an output"),
+        ("```toml settings.toml\n```", "nobody reads"),
+        ("```\nls\n```", "neither a file nor an output"),
+        ("```python\n1 / 0\n```", "division by zero"),
+        ("```sh\nprintf 'no such' >&2; false\n```", "no such"),
+        ("```sh\necho one\n```\n```text ->\ntwo\n```", "one"),
+        ("```console\n$ echo one; false\none\n$ echo $?\n0\n```", "1"),
+        ("```python\nprint(1)\n```\n```json ->\n2\n```", "1$"),
+        ("- item\n\n  ```json ->\n  []\n  ```", "Expecting value"),
+    ],
+)
+def test_a_block_that_is_not_true_is_found(page: str, reason: str, tmp_path: Path) -> None:
+    """A block that nobody runs or reads, that fails, or that shows something else is refused."""
+    path = tmp_path / "page.md"
+    path.write_text(f"# Page\n\n{page}\n")
+    (tmp_path / "desk").mkdir()
+    with pytest.raises(AssertionError, match=reason):
+        paste_all(path, tmp_path / "desk")
 
 
 def test_links_lead_somewhere() -> None:
@@ -77,6 +115,26 @@ def test_the_readme_names_every_system_and_command(capsys: pytest.CaptureFixture
             main([name, "--help"])
         assert stopped.value.code == 0
     assert "--json" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("kind", "prefix"),
+    [
+        (RuleType, ""),
+        (InitialKnowledge, ""),
+        (View, ""),
+        (Choice, ""),
+        (Move, "move."),
+        (Action, "action."),
+    ],
+)
+def test_the_page_on_rules_names_all_that_a_rule_has(kind: type, prefix: str) -> None:
+    """Each name that a rule's values offer stands in the first column of a table."""
+    rows = re.findall(r"^\| (.*?) \|", (ROOT / "docs" / "extending.md").read_text(), re.MULTILINE)
+    told = set(re.findall(r"`([\w.]+)[`(]", " ".join(rows)))
+    assert {f"{prefix}{name}" for name in dir(kind) if not name.startswith("_")} <= told | {
+        "action.labelled"  # makes another action, which no rule needs
+    }
 
 
 def test_the_environment_of_the_readme() -> None:

@@ -61,7 +61,8 @@ def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | Inadm
     if start is not None:
         state[[number for site, number in sites.items() if site in start]] = _ON
     ends = path.ends.copy()
-    found = int(_walk(supports, path.numbers, ends, state))
+    walk = _walk.for_work(int(np.diff(supports.starts)[path.numbers].sum()))
+    found = int(walk(supports, path.numbers, ends, state))
     if found >= 0:
         return InadmissibleMove(
             found, frozenset(site for site, number in sites.items() if state[number] & 1)
