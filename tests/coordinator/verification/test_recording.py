@@ -67,6 +67,14 @@ def test_every_number_of_the_summary_is_derived(key: str) -> None:
     assert detail_of(found, "summary").startswith(f"{key} is ")
 
 
+@pytest.mark.parametrize("number", [10**9, 2**62])
+def test_a_count_that_no_memory_holds_is_only_a_wrong_number(number: int) -> None:
+    """The first cube that is not there is named, without going through all of them."""
+    summary = first(crowd(), "summary")
+    found = verify(edited(crowd(), summary, replace(summary, cubes=number)))
+    assert f"of {number} is missing" in detail_of(found, "complete")
+
+
 @pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
 def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
     """The check that a tampering is about fails, in one line that says where; others as known."""

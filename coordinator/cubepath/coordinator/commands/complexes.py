@@ -69,10 +69,10 @@ def _complex(options: argparse.Namespace) -> int:
     output: Path | None = options.output
     check_files(options, [], Output(output, (".json", *SUFFIXES)))
     limit: int = options.max_states or MAX_STATES
-    scene = scene_from_spec(options.system)
-    if not (options.shape or options.max_states):
-        _check_end(scene)
     with progress_bar(None, "complex", " done") as bar:
+        scene = scene_from_spec(options.system)
+        if not (options.shape or options.max_states):
+            _check_end(scene)
         stage = ""
 
         def watch(what: str, done: int, total: int) -> None:

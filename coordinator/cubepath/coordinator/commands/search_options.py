@@ -129,5 +129,7 @@ _ENDED = {
 
 
 def _told(stage: Stage) -> str:
-    unit = _STEPS[stage.name]
+    unit = _STEPS.get(stage.name)
+    if unit is None:
+        return f"{stage.name} {stage.seconds:.1f} s"
     return f"{stage.name} {stage.seconds:.1f} s ({stage.steps} {unit}{_ENDED.get(stage.ended, '')})"

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
+    from cubepath.coordinator.search.space_time_routes import prepare
     from cubepath.coordinator.search.transitions import Transitions, maskable
 else:
     __getattr__, __dir__ = lazy_face(
@@ -27,6 +28,7 @@ else:
             "exact": "MAX_STATES Optimum optimum",
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
+            "space_time_routes": "prepare",
             "transitions": "Transitions maskable",
         },
     )
@@ -44,5 +46,6 @@ __all__ = [
     "maskable",
     "only_class",
     "optimum",
+    "prepare",
     "wandering",
 ]

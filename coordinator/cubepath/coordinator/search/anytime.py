@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.budget import Budget, SpentError
+from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.search.windows import Windows
@@ -89,6 +90,8 @@ def improve(
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
     actions = list(path)
     best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
+    if system is not None and system.graph is not None:
+        prepare()
     budget = Budget(seconds)
     if transitions is None:
         transitions = Transitions(system, actions if system is None else ())

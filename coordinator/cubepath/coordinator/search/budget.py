@@ -46,6 +46,11 @@ class Budget:
         if self.spent:
             raise SpentError
 
+    def extend(self, seconds: float) -> None:
+        """Add time that something else took."""
+        if self._end is not None:
+            self._end += seconds
+
     @property
     def spent(self) -> bool:
         """Return whether nothing is left."""

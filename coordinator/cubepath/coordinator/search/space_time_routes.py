@@ -225,3 +225,15 @@ def reroute(world: World, plan: Numbers, jobs: Numbers, turn: int) -> bool:
         plan[jobs[number, 0]] = kept[number]
         hold(plan, jobs[number, 0], held, jobs[number, 0])
     return False
+
+
+def prepare() -> None:
+    """Compile everything here, or load what was compiled, so that no timed search waits for it."""
+    near = np.array([[1], [0]], dtype=np.int32)
+    plan, away = np.zeros((1, 2), dtype=np.int32), np.zeros((1, 2), dtype=np.int32)
+    held, ends = np.full((2, 2), FREE, dtype=np.int32), np.zeros(1, dtype=np.int32)
+    distances(near, 0, away[0])
+    settle(plan, 2)
+    hold(plan, 0, held, 0)
+    arrival(plan[0])
+    reroute(World(near, held, ends, away), plan, np.array([[0, 0, 1]], dtype=np.int32), 0)

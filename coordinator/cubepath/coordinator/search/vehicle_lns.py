@@ -76,9 +76,6 @@ class Replanner:
         self._choices = (self._chain, self._held_up, self._around, self._any)
         self._settled()
         self.cost = self._cost()
-        # Compile here, so that no step of a timed search has to wait for it.
-        world = routes.World(self._near, self._held, self._ends, self._away)
-        routes.reroute(world, self._plan, np.empty((0, 3), dtype=np.int32), 0)
 
     @staticmethod
     def fits(graph: VehicleGraph, vehicles: int, cubes: int) -> bool:

@@ -24,6 +24,7 @@ from cubepath.coordinator.search.budget import Budget, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
+from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
@@ -205,8 +206,8 @@ class _Look:
     ) -> None:
         """Do a job in its share of the time, or else in `steps` steps, and note what it spent."""
         tick = self._tick
-        left = self._whole.seconds_left
-        share = None if left is None else min(left, _SHARES.get(name, 1.0) * (self._seconds or 0.0))
+        left, part = self._whole.seconds_left, _SHARES.get(name)
+        share = None if left is None or part is None else min(left, part * (self._seconds or 0.0))
         budget = Budget(
             share,
             steps=steps if share is None else None,
@@ -326,6 +327,10 @@ class _Look:
                 stage.ended = "time" if self._whole.spent else "limit"
 
         if not self._stopped and self.bound.cubes < len(self.best):
+            if task.system is not None and task.system.graph is not None:
+                # Once for an installation; the search gets its time all the same.
+                self._stage("compile", lambda _stage, _budget: prepare())
+                self._whole.extend(self.stages[-1].seconds)
             self._stage("search", job)
         self.best = min(kept, key=lambda path: (len(path), sum(map(len, path))))
 

@@ -181,9 +181,10 @@ def _check_complete(found: Transcript, fail: Fail, *, cut_off: bool) -> None:
             f" {found.complete_rounds}",
         )
         return
-    absent = [index for index in range(1, summary.cubes + 1) if index not in found.cubes]
-    if absent:
-        fail("complete", f"cube {absent[0]} of {summary.cubes} is missing")
+    # One by one: the number is whatever the file says.
+    absent = next((n for n in range(1, summary.cubes + 1) if n not in found.cubes), None)
+    if absent is not None:
+        fail("complete", f"cube {absent} of {summary.cubes} is missing")
     stray = [index for index in sorted(found.cubes) if not 1 <= index <= summary.cubes]
     if stray:
         fail("complete", f"cube {stray[0]}: the summary counts {summary.cubes}")

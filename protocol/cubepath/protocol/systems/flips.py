@@ -106,13 +106,16 @@ class FlipSystem(System):
         """
         if generator != "flip":
             raise InputError(f"unknown generator {generator!r}, expected one of flip")
-        corners = self._corners(at)
+        return self._flip_at(self._corners(at)).action
+
+    def _flip_at(self, corners: tuple[int, int, int, int]) -> Move:
+        """Return the flip in the quadrilateral with these corners; InputError if there is none."""
         if corners not in self._flips:
             why = self.plane.why_no_flip(corners)
             if why is not None:
                 raise ExcludedError(f"generator 'flip': quadrilateral {list(corners)} is {why}")
-            return self._flip(quadrilateral(*self.plane.ring(corners))).action
-        return self._flips[corners].action
+            return self._flip(quadrilateral(*self.plane.ring(corners)))
+        return self._flips[corners]
 
     def _flip(self, each: Quadrilateral) -> Move:
         """Return the flip in a quadrilateral, the same object while it is cached."""
@@ -129,12 +132,24 @@ class FlipSystem(System):
             for each in self.plane.around(edge):
                 yield self._from(edge, each)
 
+    def moves_of(self, action: Action) -> tuple[Move, ...]:
+        """Return the flip from each of its diagonals, if the action is a flip."""
+        diagonals = [edge for edge in in_order(action.trace) if self.has_place(edge)]
+        corners = sorted({end for edge in _edges(diagonals) for end in edge})
+        if len(corners) != 4:
+            return ()
+        a, b, c, d = corners
+        try:
+            flip = self._flip_at((a, b, c, d))
+        except InputError:
+            return ()
+        if flip.action != action:
+            return ()
+        return tuple(_beginning_at(edge, flip) for edge in _edges(diagonals))
+
     def _from(self, edge: Edge, each: Quadrilateral) -> Move:
         """Return the flip in a quadrilateral that begins with this one of its diagonals."""
-        move = self._flip(each)
-        if move.source == edge:
-            return move
-        return Move(move.action, move.generator, move.at, ((move.target, move.source),))
+        return _beginning_at(edge, self._flip(each))
 
     def discovery(self) -> Callable[[Site], Iterable[Move]]:
         """Return a function that finds just the flips among the edges it was called with."""
@@ -324,6 +339,12 @@ def flip_of(each: Quadrilateral) -> Move:
 
 _CROSSED_MAX = 300
 """The crossings of at most this many edges are counted, for each of the two states."""
+
+
+def _beginning_at(edge: Edge, move: Move) -> Move:
+    if move.source == edge:
+        return move
+    return Move(move.action, move.generator, move.at, ((move.target, move.source),))
 
 
 def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
