@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         is_cube,
         is_normal,
         obvious_normal_form,
+        too_late,
     )
     from cubepath.coordinator.normal_form.heap import Heap, normal_cube_path
     from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
@@ -35,7 +36,7 @@ else:
             "array_heap": "NormalForm",
             "certificate": "certificate_of link",
             "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
-            "definitions": "end_state is_cube is_normal obvious_normal_form",
+            "definitions": "end_state is_cube is_normal obvious_normal_form too_late",
             "heap": "Heap normal_cube_path",
             "timetable": "Timetable durations_of earliest",
         },
@@ -60,4 +61,5 @@ __all__ = [
     "normal_cube_path",
     "normal_form_of",
     "obvious_normal_form",
+    "too_late",
 ]

@@ -55,19 +55,28 @@ def is_normal(cubes: Sequence[Collection[Action]]) -> bool:
     (False, False)
     """
     return all(len(cube) > 0 and is_cube(cube) for cube in cubes) and not any(
-        _is_too_late(cube, following) for cube, following in pairwise(cubes)
+        too_late(cube, following) for cube, following in pairwise(cubes)
     )
 
 
-def _is_too_late(cube: Collection[Action], following: Collection[Action]) -> bool:
-    """Return whether some action of `following` is in `cube`, or commutes with all of it."""
+def too_late(cube: Collection[Action], following: Collection[Action]) -> list[Action]:
+    """Return the actions of a cube that are in the cube before, or commute with all of it.
+
+    Costs the supports.
+
+    >>> one, other = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> too_late([one], [other]), too_late([one], [one]) == [one]
+    ([], True)
+    """
     held = frozenset(cube)
     traces = {site for action in cube for site in action.trace}
     supports = {site for action in cube for site in action.support}
-    return any(
-        action in held or (action.trace.isdisjoint(supports) and action.support.isdisjoint(traces))
+    return [
+        action
         for action in following
-    )
+        if action in held
+        or (action.trace.isdisjoint(supports) and action.support.isdisjoint(traces))
+    ]
 
 
 def end_state(path: Iterable[Action | Iterable[Action]], start: State) -> frozenset[Site]:

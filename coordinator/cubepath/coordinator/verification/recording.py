@@ -16,7 +16,7 @@ from typing import Any
 
 import msgspec
 
-from cubepath.coordinator.normal_form.definitions import is_cube, is_normal, obvious_normal_form
+from cubepath.coordinator.normal_form.definitions import is_cube, obvious_normal_form, too_late
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.rounds import Rederivation, make, why_not
 from cubepath.coordinator.verification.schedule import check_schedule
@@ -254,9 +254,8 @@ def _check_normal(cubes: Sequence[Sequence[Action]], fail: Fail) -> None:
         elif not is_cube(cube):
             fail("normal", f"cube {number}: its moves do not commute")
     for number, (cube, following) in enumerate(pairwise(cubes), 2):
-        for action in following:
-            if is_cube(cube) and not is_normal([cube, [action]]):
-                fail("normal", f"cube {number}: {action.label} belongs in the cube before")
+        for action in too_late(cube, following) if is_cube(cube) else ():
+            fail("normal", f"cube {number}: {action.label} belongs in the cube before")
 
 
 def _end(scene: Scene, cubes: Sequence[Sequence[Action]], fail: Fail) -> set[Site] | None:
