@@ -32,7 +32,7 @@ from cubepath.protocol.systems.graphs import scenario_from_json
 
 DATA = Path(__file__).parents[1] / "data" / "agv"
 PLANS = ("grid8-12agents", "random-32-32-10-30agents", "cgshop2021-algae")
-POINTS = (10, 15, 20, 30, 40, 60)
+POINTS = (10, 15, 20, 30, 40, 60, 160)
 SYSTEMS = (
     "agv:graph=grid8x8,n=10",
     "agv-labelled:graph=grid6x6,n=6",

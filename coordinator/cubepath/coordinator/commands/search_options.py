@@ -114,7 +114,9 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
     ]
     if known.only_class is not None:
         rows.append(("other classes", "none" if known.only_class else "there are"))
-    rows.append(("spent on", ", ".join(map(_told, known.spent))))
+    rows += [
+        ("spent on" if not place else "", _told(each)) for place, each in enumerate(known.spent)
+    ]
     return rows
 
 
