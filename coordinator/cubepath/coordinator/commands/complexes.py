@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 def add_complex_commands(command: AddCommand) -> None:
     """Add the commands and their options."""
-    complex_ = command("complex", _complex, "build a system's state complex and say what it is")
+    complex_ = command("complex", _complex, "build a system's state complex and describe it")
     complex_.add_argument(
         "system", metavar="SYSTEM", help=SYSTEM_HELP.replace(" (default hex)", "")
     )
@@ -56,7 +56,7 @@ def add_complex_commands(command: AddCommand) -> None:
         help="write it: .json, or .png, .svg, .pdf",
     )
 
-    command("paper", _paper, "hold the paper's claims against what is computed")
+    command("paper", _paper, "compare the paper's claims with what is computed")
 
 
 def _complex(options: argparse.Namespace) -> int:

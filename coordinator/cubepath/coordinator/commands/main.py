@@ -169,7 +169,7 @@ def _parser() -> argparse.ArgumentParser:
         type=output_path,
         metavar="CUBES.jsonl",
         help="write the cubes to this file: JSON Lines (.jsonl), or the binary form (.npz); - is"
-        " standard output, and what is said goes to standard error",
+        " standard output, and the summary goes to standard error",
     )
     shorten.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"

@@ -26,7 +26,7 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--format",
         metavar="NAME",
-        help="what a plan is, where its content does not tell or has to be told more: mapf-log,"
+        help="format of a plan, if its content does not say or more is needed: mapf-log,"
         " mapf-agents:order=xy or rc, mapf-json:by=step, cgshop2021, cgshop2026:triangulation=K,"
         " plain",
     )
@@ -37,7 +37,7 @@ def add_plan_options(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         action="append",
         default=[],
-        help="what a plan is about: its map, scenario (with another --with) or instance",
+        help="a file that a plan refers to: its map, scenario (with another --with) or instance",
     )
 
 

@@ -76,7 +76,7 @@ def add_recording_commands(command: AddCommand) -> None:
         "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: a free port)"
     )
 
-    info = command("info", _info, "say what a recording holds")
+    info = command("info", _info, "show what a recording contains")
     info.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
 
 

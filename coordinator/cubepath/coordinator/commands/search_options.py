@@ -32,7 +32,7 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
         "--effort",
         type=whole(0),
         metavar="N",
-        help="the same by N steps in place of seconds: one result, however fast the machine",
+        help="the same with N steps instead of seconds: one result on every machine",
     )
     parser.add_argument(
         "--seed", type=whole(0), default=0, help="seed of the search for improvements (default 0)"
@@ -40,7 +40,7 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bounds",
         action="store_true",
-        help="say how many cubes any path between the same ends needs at least",
+        help="bound from below the cubes of every path between the same ends",
     )
     parser.add_argument(
         "--max-states",
