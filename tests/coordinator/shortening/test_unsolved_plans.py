@@ -137,6 +137,26 @@ def test_a_converted_plan_is_told_too(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "1 of 4 robots" in (convert(source, target, hints=hints).unsolved or "")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("picture", ["plan.svg", "plan.gif"])
+def test_a_plan_that_is_drawn_is_told_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], picture: str
+) -> None:
+    """The picture is there, the line on standard error is that of shorten, and the exit code is 1.
+
+    A plan that solves its instance is drawn without a word.
+    """
+    source, hints = train(tmp_path, SHORT)
+    assert main(command(source, hints)) == 1
+    told = capsys.readouterr().err
+    target = tmp_path / picture
+    for steps, code, line in ((SHORT, 1, told), (STEPS, 0, "")):
+        train(tmp_path, steps)
+        assert main(["view", *command(source, hints, "-o", str(target))[1:]]) == code
+        assert capsys.readouterr().err == line
+        target.unlink()
+
+
 @pytest.mark.parametrize("name", ["train", "kite 0", "kite 1", "log", "agents", "scenario"])
 def test_a_plan_that_solves_its_instance_is_not_told(tmp_path: Path, name: str) -> None:
     """Exit code 0, for each format that has targets; vehicles of a scenario may exchange goals."""
