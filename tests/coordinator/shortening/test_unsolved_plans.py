@@ -29,6 +29,7 @@ ROOM_STEPS = [
     [(1, 2), (2, 3), (4, 2)],
 ]
 TWO_WAYS = {"N": "S", "S": "N"}
+OTHER_WAYS = {"W": "E", "E": "W"}
 TURNED = {"N": "E", "E": "N", "S": "W", "W": "S"}
 
 
@@ -201,8 +202,10 @@ def mirrored_steps(letters: dict[str, str]) -> list[dict[str, str]]:
     [
         (TWO_WAYS, [], "it solves the instance with N and S exchanged, y downwards"),
         (TURNED, [], "it solves the instance with x and y exchanged"),
+        (OTHER_WAYS, [], "it solves the instance with W and E exchanged, x leftwards"),
         (TWO_WAYS, [[2, -1]], "it solves the instance with N and S exchanged, y downwards"),
         (TURNED, [[0, 1]], "it solves the instance with x and y exchanged"),
+        (OTHER_WAYS, [[-1, 0]], "it solves the instance with W and E exchanged, x leftwards"),
     ],
 )
 def test_a_mirrored_solution_is_told_as_such(
@@ -244,3 +247,33 @@ def test_a_mirrored_plan_on_a_map_is_told_as_such(tmp_path: Path, put: Any, told
     with pytest.raises(InputError) as caught:
         shorten(source, hints=hints)
     assert str(caught.value).endswith(told)
+
+
+@pytest.mark.parametrize(
+    ("kept", "beside"),
+    [
+        (("starts", "goals"), (ROOM,)),
+        (("starts", "goals"), (ROOM, SCENARIO)),
+        (("starts",), (ROOM,)),
+        (("starts",), (ROOM, SCENARIO)),
+        (("goals",), (ROOM,)),
+    ],
+)
+@pytest.mark.parametrize(
+    ("put", "told"),
+    [
+        (lambda x, y: (y, x), "x and y exchanged"),
+        (lambda x, y: (x, 3 - y), "y counted from the bottom of the map"),
+    ],
+)
+def test_a_log_whose_solution_alone_is_mirrored_is_told_as_such(
+    tmp_path: Path, put: Any, told: str, kept: tuple[str, ...], beside: tuple[Path, ...]
+) -> None:
+    """Its starts or goals are those of the map, and only the other cells have to be exchanged."""
+    ends = {"starts": ROOM_STEPS[0], "goals": ROOM_STEPS[-1]}
+    head = dict.fromkeys(ends) | {key: "".join(f"({x},{y})," for x, y in ends[key]) for key in kept}
+    steps = [[put(*cell) for cell in step] for step in ROOM_STEPS]
+    source = save(tmp_path / "plan.txt", log_text(steps, **head))
+    with pytest.raises(InputError) as caught:
+        shorten(source, hints=PlanHints(None, beside))
+    assert str(caught.value).endswith(f"; it fits with {told} in the solution alone")
