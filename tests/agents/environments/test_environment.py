@@ -117,8 +117,8 @@ def test_a_seed_decides_the_whole_episode(spec: str) -> None:
 @pytest.mark.parametrize("transport", ["local", "zenoh"])
 def test_too_many_moves_to_list_are_refused_at_once(transport: Any) -> None:
     """When the environment is made, not at its first reset; no process has started."""
-    with pytest.raises(InputError, match="500 points have too many flips to list them all"):
-        parallel_env("triangulation:n=500", transport=transport)
+    with pytest.raises(InputError, match="301 points have too many flips to list them all"):
+        parallel_env("triangulation:n=301", transport=transport)
 
 
 def test_seeds_matter_where_claims_collide() -> None:
