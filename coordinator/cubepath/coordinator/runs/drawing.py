@@ -256,7 +256,10 @@ def _draw_schedule(
     _draw_boxes(axes, list(kept), -1, facecolors=list(kept.values()), **thin)
     _draw_boxes(axes, hollow, -1, facecolors="white", edgecolors=_QUIET, linewidths=0.6)
     _draw_boxes(axes, list(normal), 1, facecolors=list(normal.values()), **thin)
-    ends = [(len(run), ":", "end of path"), (len(shortest), "-", "end of cubes")]
+    ends: list[tuple[int, Literal["-", ":"], str]] = [
+        (len(run), ":", "end of path"),
+        (len(shortest), "-", "end of cubes"),
+    ]
     if len(run) == len(shortest):
         ends = [(len(run), "-", "end of path and cubes")]
     for length, style, _ in ends:
