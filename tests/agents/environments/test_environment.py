@@ -114,6 +114,13 @@ def test_a_seed_decides_the_whole_episode(spec: str) -> None:
     assert runs[0] == runs[1]
 
 
+@pytest.mark.parametrize("transport", ["local", "zenoh"])
+def test_too_many_moves_to_list_are_refused_at_once(transport: Any) -> None:
+    """When the environment is made, not at its first reset; no process has started."""
+    with pytest.raises(InputError, match="301 points have too many flips to list them all"):
+        parallel_env("triangulation:n=301", transport=transport)
+
+
 def test_seeds_matter_where_claims_collide() -> None:
     """With claims that collide, another seed gives another episode."""
     star = GraphSystem(range(4), [(0, 1), (0, 2), (0, 3)])

@@ -392,7 +392,7 @@ LINE = row((0, 0), 0, 6)
 def test_goals_that_it_cannot_reach_are_refused_at_birth(goals: list[Cell], message: str) -> None:
     """One clear line, from a module that can tell by its own start cell."""
     scene = scene_of(LINE, LINE)
-    scene = replace(scene, goals=(tuple(goals),) * 6)
+    scene = replace(scene, goal=None, goals=(tuple(goals),) * 6)
     with pytest.raises(InputError, match=message) as refused:
         actors_for(scene, CHAIN, seed=0, hesitate=0.0)
     assert "\n" not in str(refused.value)

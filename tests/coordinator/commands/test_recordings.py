@@ -141,3 +141,20 @@ def test_a_list_that_nobody_reads_ends_quietly(folder: Path) -> None:
     found = json.loads(done.stdout)
     assert [each["log"] for each in found] == ["runs/a.mcap", "runs/b.mcap", "standard input"]
     assert {**found[2], "log": "runs/a.mcap"} == found[0]
+
+
+@pytest.mark.slow
+def test_what_was_recovered_is_replayed_as_far_as_it_goes(folder: Path, capsys: Capture) -> None:
+    """Exit code 0 and `complete: false`; of the damaged file it came from, 1."""
+    assert main(["verify", "cut.mcap", "--recover", "whole.mcap"]) == 1
+    capsys.readouterr()
+    found, said = answered(capsys, "replay", "whole.mcap")
+    assert (found["same"], found["complete"], said) == (True, False, [])
+    assert main(["replay", "whole.mcap"]) == 0
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert lines[-2:] == [
+        ["result", "the same as recorded, as far as it goes"],
+        ["complete", "false; the run was cut off"],
+    ]
+    found, said = answered(capsys, "replay", "cut.mcap", code=1)
+    assert (found["same"], found["complete"], len(said)) == (False, False, 2)

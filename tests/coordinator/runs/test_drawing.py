@@ -206,16 +206,25 @@ def test_the_legend_of_a_long_schedule_fits() -> None:
     assert legend.get_window_extent().x1 < figure.bbox.x1
 
 
-def test_both_ends_are_told_where_they_differ() -> None:
-    """The dotted and the solid line are in the legend if the cubes are fewer than the rounds."""
+def test_every_line_at_an_end_is_told() -> None:
+    """Dotted and solid if the cubes are fewer than the rounds, one solid line if they end there."""
     scene = scene_from_spec("agv:graph=P4,n=1")
     out = scene.system.action("edge", (0, 1))
     run = list(snapshots(scene, [[out], [], []]))
-    for shortest, told in ((run, False), (run[:2], True)):
-        legend = pictures._figure(scene, run, shortest, "", set()).axes[-1].get_legend()
+    for shortest, told in (
+        (run, {"end of path and cubes": ("-", 3.5)}),
+        (run[:2], {"end of path": (":", 3.5), "end of cubes": ("-", 1.5)}),
+    ):
+        chart = pictures._figure(scene, run, shortest, "", set()).axes[-1]
+        legend = chart.get_legend()
         assert legend is not None
-        words = {text.get_text() for text in legend.get_texts()}
-        assert (words >= {"end of path", "end of cubes"}) is told
+        styles = [line.get_linestyle() for line in legend.get_lines()]
+        words = [text.get_text() for text in legend.get_texts()][-len(styles) :]
+        assert dict(zip(words, styles, strict=True)) == {
+            word: style for word, (style, _) in told.items()
+        }
+        drawn = {(line.get_linestyle(), np.ravel(line.get_xdata())[0]) for line in chart.lines}
+        assert drawn == set(told.values())
 
 
 @pytest.mark.parametrize("spec", ["hex:n=5", "hex-open:n=6", "agv:graph=grid30x30,n=2", "arm:n=5"])

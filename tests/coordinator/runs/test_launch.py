@@ -153,6 +153,10 @@ def test_a_start_at_the_goal_is_a_run_of_no_rounds(tmp_path: Path) -> None:
         (["hexx"], "unknown system 'hexx'"),
         (["hex", "--rule", "tswap"], "not for this system: rule 'tswap'"),
         (["hex", "--rule", "chian"], "unknown rule 'chian'"),
+        (
+            ["triangulation:n=301"],
+            "triangulation:n=301: 301 points have too many flips to list them all",
+        ),
         (["hex", "--log", "/proc/no/log.mcap"], "/proc/no/log.mcap: cannot be written"),
     ],
 )

@@ -216,6 +216,34 @@ def test_a_recording_without_its_end_has_nothing_to_compare_with() -> None:
     assert "its edges are not on record" in differences(edited(whole, decode(edges.data)))
 
 
+def recovered(recording: Recording) -> Recording:
+    """Return the recording with the parameter that says it was recovered."""
+    return with_fields(recording, parameters={**recording.parameters, "recovered": "some"})
+
+
+def test_what_was_recovered_is_compared_as_far_as_it_goes() -> None:
+    """Cut off anywhere it is the same, and not complete; what is on record still counts."""
+    whole = crowd()
+    last = {kind: list(whole.of_kind(kind))[-1].sequence for kind in ("report", "cube")}
+    for end in (len(whole.records) // 2, last["report"] + 1, last["cube"], last["cube"] + 1):
+        found = replay(recovered(with_records(whole, whole.records[:end])))
+        assert (found.same, found.complete, found.differences) == (True, False, ())
+        assert found.result == "the same as recorded, as far as it goes"
+    half = recovered(all_edited(whole, "summary", lambda _: None))
+    edges, cube = first(half, "edges", lambda each: each.moves), first(half, "cube")
+    assert f"round {edges.round}: other moves" in differences(
+        edited(half, edges, replace(edges, moves=[]))
+    )
+    assert f"round {edges.round}: gathered, but its edges" in differences(edited(half, edges))
+    assert differences(edited(half, cube)) == "cube 1 is another than on record"
+    assert replay(edited(half, cube)).result == "differs from the recording"
+    proof = first(half, "certificate")
+    none = replace(proof, certificate=replace(proof.certificate, cubes=[]))
+    assert "the certificate does not prove" in differences(edited(half, proof, none))
+    ended = replay(recovered(whole))
+    assert (ended.same, ended.complete, ended.result) == (True, True, "the same as recorded")
+
+
 def test_what_is_no_message_is_refused_by_name() -> None:
     """A message that does not decode cannot be put on any key."""
     whole = crowd()

@@ -29,6 +29,7 @@ ROOM_STEPS = [
     [(1, 2), (2, 3), (4, 2)],
 ]
 TWO_WAYS = {"N": "S", "S": "N"}
+OTHER_WAYS = {"W": "E", "E": "W"}
 TURNED = {"N": "E", "E": "N", "S": "W", "W": "S"}
 
 
@@ -137,6 +138,26 @@ def test_a_converted_plan_is_told_too(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "1 of 4 robots" in (convert(source, target, hints=hints).unsolved or "")
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("picture", ["plan.svg", "plan.gif"])
+def test_a_plan_that_is_drawn_is_told_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], picture: str
+) -> None:
+    """The picture is there, the line on standard error is that of shorten, and the exit code is 1.
+
+    A plan that solves its instance is drawn without a word.
+    """
+    source, hints = train(tmp_path, SHORT)
+    assert main(command(source, hints)) == 1
+    told = capsys.readouterr().err
+    target = tmp_path / picture
+    for steps, code, line in ((SHORT, 1, told), (STEPS, 0, "")):
+        train(tmp_path, steps)
+        assert main(["view", *command(source, hints, "-o", str(target))[1:]]) == code
+        assert capsys.readouterr().err == line
+        target.unlink()
+
+
 @pytest.mark.parametrize("name", ["train", "kite 0", "kite 1", "log", "agents", "scenario"])
 def test_a_plan_that_solves_its_instance_is_not_told(tmp_path: Path, name: str) -> None:
     """Exit code 0, for each format that has targets; vehicles of a scenario may exchange goals."""
@@ -181,8 +202,10 @@ def mirrored_steps(letters: dict[str, str]) -> list[dict[str, str]]:
     [
         (TWO_WAYS, [], "it solves the instance with N and S exchanged, y downwards"),
         (TURNED, [], "it solves the instance with x and y exchanged"),
+        (OTHER_WAYS, [], "it solves the instance with W and E exchanged, x leftwards"),
         (TWO_WAYS, [[2, -1]], "it solves the instance with N and S exchanged, y downwards"),
         (TURNED, [[0, 1]], "it solves the instance with x and y exchanged"),
+        (OTHER_WAYS, [[-1, 0]], "it solves the instance with W and E exchanged, x leftwards"),
     ],
 )
 def test_a_mirrored_solution_is_told_as_such(
@@ -224,3 +247,33 @@ def test_a_mirrored_plan_on_a_map_is_told_as_such(tmp_path: Path, put: Any, told
     with pytest.raises(InputError) as caught:
         shorten(source, hints=hints)
     assert str(caught.value).endswith(told)
+
+
+@pytest.mark.parametrize(
+    ("kept", "beside"),
+    [
+        (("starts", "goals"), (ROOM,)),
+        (("starts", "goals"), (ROOM, SCENARIO)),
+        (("starts",), (ROOM,)),
+        (("starts",), (ROOM, SCENARIO)),
+        (("goals",), (ROOM,)),
+    ],
+)
+@pytest.mark.parametrize(
+    ("put", "told"),
+    [
+        (lambda x, y: (y, x), "x and y exchanged"),
+        (lambda x, y: (x, 3 - y), "y counted from the bottom of the map"),
+    ],
+)
+def test_a_log_whose_solution_alone_is_mirrored_is_told_as_such(
+    tmp_path: Path, put: Any, told: str, kept: tuple[str, ...], beside: tuple[Path, ...]
+) -> None:
+    """Its starts or goals are those of the map, and only the other cells have to be exchanged."""
+    ends = {"starts": ROOM_STEPS[0], "goals": ROOM_STEPS[-1]}
+    head = dict.fromkeys(ends) | {key: "".join(f"({x},{y})," for x, y in ends[key]) for key in kept}
+    steps = [[put(*cell) for cell in step] for step in ROOM_STEPS]
+    source = save(tmp_path / "plan.txt", log_text(steps, **head))
+    with pytest.raises(InputError) as caught:
+        shorten(source, hints=PlanHints(None, beside))
+    assert str(caught.value).endswith(f"; it fits with {told} in the solution alone")

@@ -158,6 +158,24 @@ def test_a_file_that_is_gone_is_told_and_written_no_further(way: str, tmp_path: 
         assert way != "replaced" or path.read_text() == "other"
 
 
+@pytest.mark.parametrize("left", [0, 100])
+@pytest.mark.parametrize("flushes", [0, 1, 2])
+def test_a_file_that_is_cut_is_told(flushes: int, left: int, tmp_path: Path) -> None:
+    """At the next flush or at the end: the sizes are in the error, and nothing more is written."""
+    for most in (FLUSH_EVERY, 1):
+        path = tmp_path / f"{most}.mcap"
+        writer = RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {})
+        told = rf"stopped after {flushes * FLUSH_EVERY + most} messages: its file was cut to {left}"
+        with pytest.raises(RecordingFull, match=rf"{told} bytes, expected at least \d+$"):
+            for number in range(1, flushes * FLUSH_EVERY + most + 1):
+                data = encode(Go(number, "sense"))
+                if number == flushes * FLUSH_EVERY + 1:
+                    os.truncate(path, left)
+                writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+            writer.close()
+        writer.close()
+
+
 def test_closing_twice_is_closing_once(tmp_path: Path) -> None:
     """A closed recording stays as it is."""
     path = tmp_path / "a.mcap"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,9 @@ def test_goals_of_labelled_vehicles_are_vertices() -> None:
         ('[["dock"], ["lane"], ["gate"]]', "2 modules, goals for 3 of them"),
         ('[[["dock", 0]], ["lane"]]', "no place, expected a place without a label"),
         ('[["dock"], [true]]', r"goals\[1\]: True: the vertex is 1"),
+        ('[["dock"], ["gate"]]', r"goals\[1\]: \('gate', 1\) is no site of the goal"),
+        ('[["lane"], ["dock"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
+        ('[["dock", "lane"]]', r"goals\[0\]: \('lane', 0\) is no site of the goal"),
         ('[["dock"], [1979-05-27]]', r"goals\[1\]: a site is a JSON number, string or list"),
         ('["dock", "lane"]', r"Expected `array`, got `str` - at `\$.goals\[0\]`"),
         ('[["dock"], [{a = 1}]]', r"goals\[1\]: a site is a JSON number, string or list"),
@@ -102,6 +106,64 @@ def test_cells_that_cannot_be(start: str, goals: str, message: str) -> None:
         scene(FLOOR, start=start, goals=goals)
 
 
+TWO = "[[0, 1], [2, 1]]"
+
+
+@pytest.mark.parametrize(
+    ("goals", "message"),
+    [
+        ("[[[3, 1]], [[3, 1]]]", r"goals\[1\]: \(3, 1\) is the goal of module 0 too"),
+        ("[[[99, 99]], [[5, 1]]]", r"goals\[0\]: \(99, 99\) is no site of the goal"),
+        ("[[[3, 1], [4, 1]]]", r"goals\[0\]: \(4, 1\) is no site of the goal"),
+        ("[[[3, 1]], [[5, 1], [4, 1]]]", r"goals\[1\]: \(4, 1\) is no site of the goal"),
+    ],
+)
+def test_goals_that_contradict_the_goal(goals: str, message: str) -> None:
+    """What a module knows is of the goal, and no two modules are sent to one place."""
+    text = FLOOR.replace("goals =", "goal = [[3, 1], [5, 1]]\ngoals =")
+    with pytest.raises(InputError, match=message):
+        scene(text, start=TWO, goals=goals)
+
+
+@pytest.mark.parametrize(
+    "goals",
+    [
+        "[[[5, 1]], [[3, 1]]]",
+        "[[[5, 1], [3, 1]]]",
+        "[[[3, 1]], []]",
+        "[[[3, 1]], [[3, 1], [5, 1]]]",
+    ],
+)
+def test_goals_that_are_part_of_the_goal(goals: str) -> None:
+    """A module may know all of it, its own site, or nothing."""
+    text = FLOOR.replace("goals =", "goal = [[3, 1], [5, 1]]\ngoals =")
+    assert len(scene(text, start=TWO, goals=goals).goals) == 2
+
+
+@pytest.mark.parametrize(
+    ("goal", "goals", "message"),
+    [
+        ("", "[[[1, 3], [2, 4]]]", r"goals\[0\]: edges \[1, 3\] and \[2, 4\] cross"),
+        ("", "[[[1, 3]], [[2, 4]]]", r"goals: edges \[1, 3\] and \[2, 4\] cross"),
+        ("goal = [[1, 3], [1, 4]]", "[[[1, 3], [2, 4]]]", r"\(2, 4\) is no site of the goal"),
+        ("goal = [[1, 3], [1, 4]]", "[[[0, 2]]]", r"goals\[0\]: \(0, 2\) is no site of the goal"),
+    ],
+)
+def test_goals_that_are_no_triangulation(goal: str, goals: str, message: str) -> None:
+    """With a goal and without one, edges that cross are refused."""
+    with pytest.raises(InputError, match=message):
+        scene(HOUSE.replace("goal = GOAL", goal), start=WHOLE, goals=goals)
+
+
+def test_goals_of_places_with_letters_may_leave_out_the_letter() -> None:
+    """A place alone stands for its site of the goal, and another letter is refused."""
+    words = scene_from_spec("words:relations=ab~ba,word=ab,goal=ba")
+    for goals in (((0, "b"),), ((1, "a"),)), ((0,), (1,)):
+        assert replace(words, goals=goals).goal == words.goal
+    with pytest.raises(InputError, match=r"goals\[0\]: \(0, 'a'\) is no site of the goal"):
+        replace(words, goals=(((0, "a"),), ((1, "a"),)))
+
+
 def test_booleans_are_no_labels() -> None:
     """A label is a whole number: true is not 1."""
     with pytest.raises(InputError, match=r"a site is \[vertex, label\] with label below 2"):
@@ -123,8 +185,10 @@ WHOLE = "[[0, 2], [1, 0], [1, 2], [2, 3], [3, 0], [3, 4], [0, 4]]"
 
 def test_start_is_a_whole_triangulation_or_its_diagonals() -> None:
     """Edges of the hull may be left out, and either end may come first, in all three keys."""
-    short = scene(HOUSE, start="[[0, 2], [0, 3]]", goal="[[1, 3], [1, 4]]", goals="[[[1, 3]]]")
-    told = scene(HOUSE, start=WHOLE, goal="[[3, 1], [4, 1], [0, 1]]", goals="[[[3, 1], [0, 1]]]")
+    fan = "[[1, 3], [1, 4]]"
+    short = scene(HOUSE, start="[[0, 2], [0, 3]]", goal=fan, goals=f"[{fan}]")
+    turned = "[[3, 1], [4, 1], [0, 1]]"
+    told = scene(HOUSE, start=WHOLE, goal=turned, goals=f"[{turned}]")
     assert (told.start, told.goal, told.goals) == (short.start, short.goal, short.goals)
 
 

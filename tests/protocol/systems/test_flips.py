@@ -220,6 +220,7 @@ def test_flips_that_are_found_are_those_of_the_list(points: list[Point]) -> None
     except InputError:
         assert all_quadrilaterals(PointSet(points)) == ()
         return
+    assert system.move_slots == system.whole.move_slots
     for edge in combinations(range(len(points)), 2):
         listed = [move for move in system.moves(edge) if move is not None]
         assert list(system.moves_at(edge)) == listed

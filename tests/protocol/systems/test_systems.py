@@ -215,6 +215,13 @@ def test_obstacles_may_lie_in_a_support_but_never_in_a_trace() -> None:
         ("hex:m=3", "cannot read 'm=3', expected KEY=VALUE with a key of n, bend, shift"),
         ("hex:n", "cannot read 'n'"),
         ("hex:n=three", "n=three: expected a whole number"),
+        ("hex:n=\uff11\uff12", "n=\uff11\uff12: expected a whole number"),
+        ("hex:n=1_0", "n=1_0: expected a whole number"),
+        ("hex:n= 3", "n= 3: expected a whole number"),
+        ("hex:n=3\n", r"^n='3\\n': expected a whole number"),
+        ("hex:n=", "n=: expected a whole number"),
+        ("hex:n=" + "9" * 5000, "9: expected a whole number"),
+        ("agv:graph=K\uff15", "K\uff15: No such file"),
         ("hex:n=0", "n=0: expected a whole number of at least 1"),
         ("hex:bend=45", "bend=45: expected one of"),
         ("hex:n=3,bend=0,shift=4", "shift=4: expected at most n=3"),
@@ -229,8 +236,17 @@ def test_obstacles_may_lie_in_a_support_but_never_in_a_trace() -> None:
 )
 def test_a_spec_that_cannot_be_read_is_refused(spec: str, message: str) -> None:
     """Each mistake in a spec is named with what was expected."""
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(InputError, match=message) as error:
         scene_from_spec(spec)
+    assert "\n" not in str(error.value)
+
+
+def test_a_number_may_have_a_sign_and_zeros_before_it() -> None:
+    """It is written in ASCII digits, and nothing stands around it."""
+    for text in ("3", "+3", "03"):
+        assert len(scene_from_spec(f"hex:n={text}").start) == 3
+    with pytest.raises(InputError, match=r"^n=-3: expected a whole number of at least 1"):
+        scene_from_spec("hex:n=-3")
 
 
 @pytest.mark.parametrize("family", all_families())

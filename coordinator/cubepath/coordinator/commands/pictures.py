@@ -7,9 +7,14 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from cubepath.coordinator.commands.console import DONE, answer, complain
+from cubepath.coordinator.commands.console import answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
-from cubepath.coordinator.commands.plan_options import INPUT_HELP, add_plan_options, hints
+from cubepath.coordinator.commands.plan_options import (
+    INPUT_HELP,
+    add_plan_options,
+    hints,
+    solved,
+)
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.errors import InputError
@@ -103,7 +108,7 @@ def _view(options: argparse.Namespace) -> int:
                 what=options.what,
             )
     answer(options, {"log": str(drawn.source), "picture": str(path)}, f"written to {path}")
-    return DONE
+    return solved(options, drawn.unsolved)
 
 
 class _Drawn(NamedTuple):
@@ -114,6 +119,7 @@ class _Drawn(NamedTuple):
     step_name: str
     steps: Sequence[Sequence[Action]]
     schedule: Callable[[], tuple[Sequence[Sequence[Action]], NormalForm]]
+    unsolved: str | None = None
 
 
 def _is_recording(file: InputFile) -> bool:
@@ -158,4 +164,5 @@ def _from_file(options: argparse.Namespace, file: InputFile) -> _Drawn:
         found.step_name,
         found.steps,
         lambda: (found.cubes, found.normal_form),
+        found.unsolved,
     )

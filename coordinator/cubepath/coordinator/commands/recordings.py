@@ -245,6 +245,8 @@ def _replay(options: argparse.Namespace) -> int:
         ("time", f"{found.seconds:.2f} s"),
         ("result", found.result),
     ]
+    if found.same and not found.complete:
+        rows.append(("complete", "false; the run was cut off"))
     answer(options, found.document(), table(rows))
     for difference in found.differences:
         complain(f"{recording.path}: {difference}")

@@ -256,8 +256,14 @@ def _draw_schedule(
     _draw_boxes(axes, list(kept), -1, facecolors=list(kept.values()), **thin)
     _draw_boxes(axes, hollow, -1, facecolors="white", edgecolors=_QUIET, linewidths=0.6)
     _draw_boxes(axes, list(normal), 1, facecolors=list(normal.values()), **thin)
-    for snaps, style in ((run, ":"), (shortest, "-")):
-        axes.axvline(len(snaps) - 0.5, color=INK, linewidth=0.9, linestyle=style)
+    ends: list[tuple[int, Literal["-", ":"], str]] = [
+        (len(run), ":", "end of path"),
+        (len(shortest), "-", "end of cubes"),
+    ]
+    if len(run) == len(shortest):
+        ends = [(len(run), "-", "end of path and cubes")]
+    for length, style, _ in ends:
+        axes.axvline(length - 0.5, color=INK, linewidth=0.9, linestyle=style)
     axes.set(xlim=(0.4, max(steps, 8) + 0.7), ylim=(modules - 0.5, -0.5))
     axes.set_xlabel("time step", fontsize=8.5, color=INK, labelpad=2)
     axes.set_ylabel("module", fontsize=8.5, color=INK, labelpad=5)
@@ -271,11 +277,10 @@ def _draw_schedule(
     ]
     if hollow:
         keys.append(Patch(facecolor="white", edgecolor=_QUIET, label="cancels with another"))
-    if len(run) != len(shortest):
-        keys += [
-            Line2D((), (), color=INK, linewidth=0.9, linestyle=":", label="end of path"),
-            Line2D((), (), color=INK, linewidth=0.9, linestyle="-", label="end of cubes"),
-        ]
+    keys += [
+        Line2D((), (), color=INK, linewidth=0.9, linestyle=style, label=label)
+        for _, style, label in ends
+    ]
     axes.legend(
         handles=keys,
         loc="lower left",

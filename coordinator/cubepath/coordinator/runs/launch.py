@@ -179,13 +179,24 @@ def task_of(plan: Plan) -> Task:
         return _task_of_schedule(plan, plan.schedule)
     if plan.repair:
         raise InputError("repair: there is no schedule that could need it")
-    scene = local_only(_scene_named(plan.system), "runs")
+    scene = _with_runs(_scene_named(plan.system))
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
     return Task(scene, _rule_of(plan, scene), most)
 
 
 def _scene_named(system: str | None) -> Scene:
     return scene_from_spec(DEFAULT_SYSTEM if system is None else system)
+
+
+def _with_runs(scene: Scene) -> Scene:
+    """Return the scene; InputError if its modules cannot run, or have too many moves to list."""
+    scene = local_only(scene, "runs")
+    try:
+        # Module processes list all moves; asked for here, nothing has been started yet.
+        _ = scene.system.move_slots
+    except InputError as error:
+        raise InputError(f"{scene.spec}: {error}") from None
+    return scene
 
 
 def _task_of_schedule(plan: Plan, path: Path) -> Task:
@@ -197,7 +208,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
     scene = schedule.scene
     if plan.system is not None or scene is None:
         scene = _scene_named(plan.system)
-    scene = local_only(scene, "runs")
+    scene = _with_runs(scene)
     assignment = assignment_of(schedule, scene)
     cubes = len(assignment.cubes)
     most = cubes + (MAX_ROUNDS if plan.repair else 0)

@@ -19,6 +19,7 @@ import zenoh
 
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.verification.certificate import check_certificate
+from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import site_from_json
@@ -58,7 +59,11 @@ class Replayed:
     path_digest: str
     same: bool
     compared: bool
-    """Whether the recording has a result at all; one that was cut off has none."""
+    """Whether the recording has a result, or says that it was recovered; otherwise it is cut off,
+    and there may be more of it elsewhere."""
+    complete: bool
+    """Whether the recording has a result and can all be read. What was recovered of a run that was
+    cut off can be the same without."""
     differences: tuple[str, ...]
     messages: int
     seconds: float
@@ -67,7 +72,7 @@ class Replayed:
     def result(self) -> str:
         """Return in words how the replay compares with the recording."""
         if self.same:
-            return "the same as recorded"
+            return "the same as recorded" + ("" if self.complete else ", as far as it goes")
         return "differs from the recording" if self.compared else "nothing to compare it with"
 
     def document(self) -> dict[str, Any]:
@@ -165,6 +170,7 @@ class _Player:
             self._gather_what_is_there()
         self._gather(sent)
         differences = tuple(self._differences())
+        ended = any(self._recording.of_kind("summary"))
         heap = self._gatherer.heap
         return Replayed(
             log=str(self._recording.path),
@@ -177,7 +183,8 @@ class _Player:
             max_cube_dimension=heap.max_cube_dimension,
             path_digest=self._gatherer.digest,
             same=not differences,
-            compared=any(record.kind == "summary" for record in self._recording.records),
+            compared=ended or self._recovered,
+            complete=ended and not self._recording.problems,
             differences=differences,
             messages=self._arrived,
             seconds=round(time.monotonic() - began, 3),
@@ -228,24 +235,38 @@ class _Player:
                     summary = message
                 case _:
                     pass
-        for step in self._gatherer.steps:
-            known = edges.pop(step.round, None)
-            if known is None:
-                yield f"round {step.round}: gathered, but its edges are not on record"
-            elif known.moves != list(step.executed):
-                yield f"round {step.round}: other moves were gathered than its edges on record"
-        if edges:
-            yield f"round {min(edges)}: edges on record, but not all modules reported it"
-        if summary is None:
+        cut_off = self._recovered and summary is None
+        yield from self._other_edges(edges, cut_off=cut_off)
+        if summary is None and not self._recovered:
             yield "no summary is on record, so there is no result to compare with"
             return
-        yield from self._other_cubes(cubes)
-        yield from self._other_numbers(summary)
+        yield from self._other_cubes(cubes, all_of_them=summary is not None)
+        if summary is not None:
+            yield from self._other_numbers(summary)
         yield from self._not_proved()
 
-    def _other_cubes(self, recorded: dict[int, Cube]) -> Iterator[str]:
+    def _other_edges(self, recorded: dict[int, Edges], *, cut_off: bool) -> Iterator[str]:
+        steps = self._gatherer.steps
+        for step in steps:
+            known = recorded.pop(step.round, None)
+            # A run that was killed may have had no time to write the edges of its last round.
+            if known is None and not (cut_off and step is steps[-1]):
+                yield f"round {step.round}: gathered, but its edges are not on record"
+            elif known is not None and known.moves != list(step.executed):
+                yield f"round {step.round}: other moves were gathered than its edges on record"
+        if recorded:
+            yield f"round {min(recorded)}: edges on record, but not all modules reported it"
+
+    @property
+    def _recovered(self) -> bool:
+        """Whether the recording says that it holds what could be read of another."""
+        return RECOVERED in self._recording.parameters
+
+    def _other_cubes(self, recorded: dict[int, Cube], *, all_of_them: bool) -> Iterator[str]:
         found = self._gatherer.heap.cube_path()
-        for index in sorted({*recorded, *range(1, len(found) + 1)}):
+        # Of a run that was cut off the first cubes may be on record, or none.
+        most = len(found) if all_of_them else max(recorded, default=0)
+        for index in sorted({*recorded, *range(1, most + 1)}):
             cube = recorded.get(index)
             told = None if cube is None else self._actions(cube)
             if not 1 <= index <= len(found) or told != frozenset(found[index - 1]):

@@ -38,6 +38,7 @@ class PathSteps:
     """A path in admissible steps from the start of a scene, and its normal cube path.
 
     `step_name` says what a step is. `normal_form` says what becomes of each move, in order.
+    `unsolved` is one line on how a plan's end differs from what its instance asks for, or None.
     """
 
     scene: Scene
@@ -45,6 +46,7 @@ class PathSteps:
     steps: Sequence[Sequence[Action]]
     cubes: Sequence[Sequence[Action]]
     normal_form: NormalForm
+    unsolved: str | None = None
 
 
 def read_steps(
@@ -66,7 +68,7 @@ def read_steps(
     found = shortened(given)
     scene = given.scene or _own_scene(given)
     steps = [(action,) for action in given.actions]
-    return PathSteps(scene, "move", steps, found.cube_path, found.normal_form)
+    return PathSteps(scene, "move", steps, found.cube_path, found.normal_form, given.unsolved)
 
 
 def _cubes_in(file: InputFile) -> Iterable[tuple[CubeName, ...]] | None:

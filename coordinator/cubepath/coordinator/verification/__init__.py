@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, Verification, recover, verify
+    from cubepath.coordinator.verification.transcript import RECOVERED
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -21,10 +22,12 @@ else:
             "certificate": "check_certificate compare_cubes",
             "proof": "check_proof",
             "recording": "Recovered Verification recover verify",
+            "transcript": "RECOVERED",
         },
     )
 
 __all__ = [
+    "RECOVERED",
     "Recovered",
     "Verification",
     "check_certificate",

@@ -321,7 +321,7 @@ class Scene:
 
     `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is
     None; `goals` lists what each module knows of it from birth (for vehicles one vertex, for a
-    chain of hexagons all its cells in order).
+    chain of hexagons all its cells in order). Where there is a `goal`, all of that is in it.
     """
 
     spec: str
@@ -352,10 +352,7 @@ class Scene:
     def _check_sites(self, name: str, what: str, sites: Collection[Site]) -> None:
         if not sites:
             return
-        try:
-            self.system.check_state(in_order(sites))
-        except InputError as error:
-            raise InputError(f"{self.spec}: {name}: {error}") from None
+        self._check_together(f"{self.spec}: {name}", sites)
         seen: set[Site] = set()
         for site in sites:
             place = self.system.place_of(site)
@@ -369,17 +366,46 @@ class Scene:
 
     def _check_goals(self) -> None:
         labelled = self.system.labels is not None
+        # If every module knows one site, that is where it is to end; the same for each vehicle
+        # with a label. Otherwise modules may share what they know, and places with letters stay.
+        single = not self.system.letters and all(len(goals) == 1 for goals in self.goals)
+        own = labelled or single
+        # Where sites have letters, a place alone stands for its site of the goal.
+        wanted = set(self.goal or ())
+        if self.system.letters:
+            wanted.update(map(self.system.place_of, self.goal or ()))
         owners: dict[Site, int] = {}
         checked: set[int] = set()
         for number, goals in enumerate(self.goals):
             where = f"{self.spec}: goals[{number}]"
-            if id(goals) not in checked:  # modules of a chain share one tuple
+            first = id(goals) not in checked  # modules of a chain share one tuple
+            if first:
                 checked.add(id(goals))
                 self._check_goals_of(where, goals)
-            if labelled and len(goals) == 1:
-                other = owners.setdefault(goals[0], number)
+            if own and len(goals) == 1:
+                place = goals[0] if labelled else self.system.place_of(goals[0])
+                other = owners.setdefault(place, number)
                 if other != number:
                     raise InputError(f"{where}: {goals[0]!r} is the goal of module {other} too")
+            if self.goal is not None and (first or labelled):
+                self._check_in_goal(where, number, wanted)
+            elif self.goal is None and first and not own and len(goals) == len(self.start):
+                self._check_together(where, goals)
+        if self.goal is None and single and self.goals and not labelled:
+            self._check_together(f"{self.spec}: goals", [goals[0] for goals in self.goals])
+
+    def _check_in_goal(self, where: str, number: int, wanted: AbstractSet[Site]) -> None:
+        label = self.system.label_of(self.start[number])
+        for known in self.goals[number]:
+            site = known if label is None else (known, label)
+            if site not in wanted:
+                raise InputError(f"{where}: {site!r} is no site of the goal")
+
+    def _check_together(self, where: str, sites: Collection[Site]) -> None:
+        try:
+            self.system.check_state(in_order(sites))
+        except InputError as error:
+            raise InputError(f"{where}: {error}") from None
 
     def _check_goals_of(self, where: str, goals: Sequence[Site]) -> None:
         labelled = self.system.labels is not None

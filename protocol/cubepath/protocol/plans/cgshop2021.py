@@ -39,6 +39,7 @@ _NUMBER = re.compile(r"[0-9]{1,9}")
 _DIRECTIONS = {"N": (0, 1), "E": (1, 0), "S": (0, -1), "W": (-1, 0)}
 _MIRRORED = {
     "N and S exchanged, y downwards": {**_DIRECTIONS, "N": (0, -1), "S": (0, 1)},
+    "W and E exchanged, x leftwards": {**_DIRECTIONS, "W": (1, 0), "E": (-1, 0)},
     "x and y exchanged": {letter: (y, x) for letter, (x, y) in _DIRECTIONS.items()},
 }
 """Other readings of the directions that a plan may have been written with."""

@@ -40,7 +40,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -69,10 +70,12 @@ class _Plan:
     """The path of each agent, as written, and the line of each timestep in the file.
 
     `lines` holds the line number of each timestep; it is empty if the file has none per timestep.
+    `starts` and `goals` are those that the file tells apart from the paths.
     """
 
     paths: Sequence[Sequence[Cell]]
     lines: Sequence[int] = ()
+    starts: Sequence[Cell] | None = None
     goals: Sequence[Cell] | None = None
     map_name: str | None = None
 
@@ -88,18 +91,25 @@ class _Plan:
                 who: planned[step] for who, planned in enumerate(self.paths) if step < len(planned)
             }
 
-    def turned(self) -> _Plan:
-        """Return the plan with both numbers of each cell exchanged."""
-        return self._with(lambda cell: (cell[1], cell[0]))
-
-    def flipped(self, height: int) -> _Plan:
-        """Return the plan with rows counted from the other side; the last one is `height`."""
-        return self._with(lambda cell: (cell[0], height - cell[1]))
-
-    def _with(self, put: Callable[[Cell], Cell]) -> _Plan:
-        goals = None if self.goals is None else list(map(put, self.goals))
+    def with_cells(self, put: Callable[[Cell], Cell], *, paths_alone: bool = False) -> _Plan:
+        """Return the plan with other cells, those of `starts` and `goals` too unless told so."""
         paths = [list(map(put, path)) for path in self.paths]
-        return _Plan(paths, self.lines, goals, self.map_name)
+        if paths_alone:
+            return replace(self, paths=paths)
+        starts, goals = (
+            None if cells is None else list(map(put, cells)) for cells in (self.starts, self.goals)
+        )
+        return replace(self, paths=paths, starts=starts, goals=goals)
+
+
+def _turned(cell: Cell) -> Cell:
+    """Return a cell with its two numbers exchanged."""
+    return (cell[1], cell[0])
+
+
+def _flipped(height: int, cell: Cell) -> Cell:
+    """Return a cell with rows counted from the other side; the last one is `height`."""
+    return (cell[0], height - cell[1])
 
 
 def looks_like_log(head: bytes) -> bool:
@@ -163,12 +173,12 @@ def _log(file: InputFile) -> _Plan:
     steps, numbers = _timesteps(path, lines)
     if "agents" in head and head["agents"] != str(len(steps[0])):
         raise InputError(f"{path}: agents={head['agents']}, but {len(steps[0])} in the solution")
-    if "starts" in head and _cells(head["starts"], f"{path}: starts") != steps[0]:
-        raise InputError(f"{path}: timestep 0 differs from starts=, expected the same cells")
+    starts = _cells(head["starts"], f"{path}: starts") if "starts" in head else None
     goals = _cells(head["goals"], f"{path}: goals") if "goals" in head else None
     if goals is not None and len(goals) != len(steps[0]):
         raise InputError(f"{path}: {len(goals)} goals, expected one for each agent")
-    return _Plan(list(zip(*steps, strict=True)), numbers, goals, head.get("map_file"))
+    paths = list(zip(*steps, strict=True))
+    return _Plan(paths, numbers, starts, goals, head.get("map_file"))
 
 
 def _timesteps(path: Path, lines: Iterable[tuple[int, str]]) -> tuple[list[list[Cell]], list[int]]:
@@ -249,7 +259,7 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
 
     first = [planned[0] for planned in plan.paths]
     try:
-        _check_starts(first, starts or ())
+        _check_starts(first, plan.starts, starts or ())
         vehicles = Vehicles(first, free.__contains__, called="agent")
     except InputError as error:
         raise InputError(f"{path}: {error}{mirrored()}") from None
@@ -274,7 +284,11 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
     return Imported(moves(), plan.steps, scene, labelled_goals=True, unsolved=unsolved)
 
 
-def _check_starts(first: Sequence[Cell], starts: Sequence[Cell]) -> None:
+def _check_starts(
+    first: Sequence[Cell], own: Sequence[Cell] | None, starts: Sequence[Cell]
+) -> None:
+    if own is not None and first != own:
+        raise InputError("timestep 0 differs from starts=, expected the same cells")
     for number, (found, start) in enumerate(zip(first, starts, strict=False)):
         if found != start:
             raise InputError(
@@ -290,13 +304,19 @@ def _mirrored(
     goals: Sequence[Cell] | None,
 ) -> str:
     """Return how a plan's cells would fit, for the end of a line; `other` is the other order."""
-    if _fits(plan.turned(), free, starts, goals):
-        return f"; it fits with x and y exchanged, order={other}"
     rows = {y for _, y in free}
+    ways: list[tuple[str, str, Callable[[Cell], Cell]]] = [
+        ("x and y exchanged", f", order={other}", _turned)
+    ]
     # A border of obstacles is equally thick on both sides, or is missing below the last free row.
-    for height in sorted({min(rows) + max(rows), max(rows)}):
-        if _fits(plan.flipped(height), free, starts, goals):
-            return "; it fits with y counted from the bottom of the map"
+    heights = sorted({min(rows) + max(rows), max(rows)})
+    ways += [("y counted from the bottom of the map", "", partial(_flipped, h)) for h in heights]
+    for how, option, put in ways:
+        if _fits(plan.with_cells(put), free, starts, goals):
+            return f"; it fits with {how}{option}"
+        # The starts and goals of a log may be written in another way than its solution.
+        if _fits(plan.with_cells(put, paths_alone=True), free, starts, goals):
+            return f"; it fits with {how} in the solution alone"
     return ""
 
 
@@ -308,6 +328,8 @@ def _fits(
 ) -> bool:
     """Return whether a plan is legal on a map and agrees with the scenario, if there is one."""
     first = [planned[0] for planned in plan.paths]
+    if plan.starts is not None and first != plan.starts:
+        return False
     if starts is not None and first != list(starts[: len(first)]):
         return False
     known = plan.goals if goals is None else goals[: len(first)]
@@ -378,8 +400,8 @@ def _in_order(
     if order not in (*_ORDERS, ""):
         raise InputError(f"order={order}: expected xy or rc, for {' or '.join(_ORDERS.values())}")
     if order:
-        return plan if order == "xy" else plan.turned()
-    readings = [plan, plan.turned()]
+        return plan if order == "xy" else plan.with_cells(_turned)
+    readings = [plan, plan.with_cells(_turned)]
     if starts is not None:
         firsts = [[planned[0] for planned in each.paths] for each in readings]
         fits = [first == list(starts[: len(first)]) for first in firsts]

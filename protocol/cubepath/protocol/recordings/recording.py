@@ -45,7 +45,7 @@ _METADATA = "cubepath"
 class RecordingFull(CheckError):  # noqa: N818 - named for a state
     """The recording cannot be continued; what was flushed can be read.
 
-    If the file was removed, which is another cause, nothing can be read.
+    If the file was removed or cut, which are other causes, nothing or little can be read.
     """
 
 
@@ -80,6 +80,7 @@ class RecordingWriter:
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
+        self._size = 0
         try:
             self._guard(lambda: self._begin(text, parameters, schedule))
         except RecordingFull:
@@ -94,7 +95,7 @@ class RecordingWriter:
         self._attach(SCENE, "application/toml", scene.encode())
         if schedule is not None:
             self._attach(SCHEDULE, "application/jsonl", schedule)
-        self._writer.flush()
+        self._flush()
 
     def _attach(self, name: str, media_type: str, data: bytes) -> None:
         self._writer.add_attachment(
@@ -116,7 +117,7 @@ class RecordingWriter:
     def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
         """Append a message with the bytes that were on the wire.
 
-        Raises RecordingFull if the disk is full, or the file was removed or moved.
+        Raises RecordingFull if the disk is full, or the file was removed, moved or cut.
         """
         self._guard(lambda: self._add(topic, data, round_number, wall_ns))
 
@@ -145,14 +146,26 @@ class RecordingWriter:
         )
         self.messages += 1
         if self.messages % FLUSH_EVERY == 0:
-            self._writer.flush()
-            self._check_place()
+            self._flush()
+
+    def _flush(self) -> None:
+        self._check_size()
+        self._writer.flush()
+        self._check_place()
+
+    def _check_size(self) -> None:
+        """Check that nothing was cut off; the next write would fill the gap with zeros."""
+        found = os.fstat(self._stream.fileno())
+        if stat.S_ISREG(found.st_mode) and found.st_size < self._size:
+            why = f"its file was cut to {found.st_size} bytes, expected at least {self._size}"
+            raise OSError(errno.EIO, why)
 
     def _check_place(self) -> None:
-        """Check that the path still leads to the file; otherwise it would be lost."""
+        """Check that the path still leads to the whole file; otherwise it would be lost."""
         found = os.fstat(self._stream.fileno())
         if not stat.S_ISREG(found.st_mode):
             return
+        self._size = found.st_size
         with contextlib.suppress(OSError):
             if os.path.samestat(found, self.path.stat()):
                 return
@@ -167,6 +180,7 @@ class RecordingWriter:
         return known
 
     def _finish(self) -> None:
+        self._check_size()
         self._writer.finish()
         self._check_place()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from cubepath.protocol.core.system import Scene, System
 Values = Mapping[str, str]
 MODULES_MAX = 100_000
 """The largest number of modules, or of anything else, that a spec may ask for."""
+
+_WHOLE = re.compile(r"[+-]?[0-9]{1,18}")
 
 
 def _not_known(_system: System, _start: State) -> bool:
@@ -45,12 +48,11 @@ class Family:
 def whole(values: Values, key: str, *, least: int, most: int = MODULES_MAX) -> int:
     """Return the value of a key as a whole number within bounds; InputError names the key."""
     text = values[key]
-    try:
-        number = int(text)
-    except ValueError:
-        number = None
+    # Not all that int takes: it allows spaces around a number, 1_0 and the digits of any script.
+    number = int(text) if _WHOLE.fullmatch(text) else None
     if number is None or not least <= number <= most:
+        shown = text if text.isprintable() else repr(text)
         raise InputError(
-            f"{key}={text}: expected a whole number of at least {least}, at most {most}"
+            f"{key}={shown}: expected a whole number of at least {least}, at most {most}"
         )
     return number

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any, ClassVar, Self
@@ -166,10 +167,14 @@ class FlipSystem(System):
     # Answers that number all that could ever happen need the whole list.
 
     @cached_property
+    def _quadrilaterals(self) -> tuple[Quadrilateral, ...]:
+        return all_quadrilaterals(self.plane)
+
+    @cached_property
     def whole(self) -> TabledSystem:
         """Return the system with its flips listed; InputError if there are too many."""
         return TabledSystem(
-            map(self._flip, all_quadrilaterals(self.plane)),
+            map(self._flip, self._quadrilaterals),
             fixed=self.filled,
             drawing=self.drawing,
             positions=self.positions,
@@ -187,8 +192,12 @@ class FlipSystem(System):
 
     @cached_property
     def move_slots(self) -> int:  # type: ignore[override]
-        """Return the greatest number of flips of one diagonal."""
-        return self.whole.move_slots
+        """Return the greatest number of flips of one diagonal; InputError if there are too many.
+
+        It is counted without making the flips, so that a run can be refused before it begins.
+        """
+        found = Counter(edge for each in self._quadrilaterals for edge in each.diagonals)
+        return max(found.values())
 
     @cached_property
     def sense_slots(self) -> int:  # type: ignore[override]

@@ -53,7 +53,7 @@ def grid_graph(free: set[tuple[int, int]]) -> Graph:
     return Graph(vertices, edges, compass=True)
 
 
-_NAMED = re.compile(r"(grid(\d+)x(\d+)|([KCPS])(\d+))")
+_NAMED = re.compile(r"(grid([0-9]+)x([0-9]+)|([KCPS])([0-9]+))")
 
 
 def graph_from_name(name: str) -> Graph:
