@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         NumberedId,
         PathMove,
         cube_schema,
-        id_of,
         known_of_named,
         move_schemas,
         read_cubes,
@@ -76,7 +75,7 @@ else:
             ),
             "durations": ("Durations durations_in_words read_durations time_text"),
             "moves": (
-                "CubeName MoveName NumberedId PathMove cube_schema id_of known_of_named "
+                "CubeName MoveName NumberedId PathMove cube_schema known_of_named "
                 "move_schemas read_cubes read_moves write_cubes write_moves"
             ),
             "npz": (
@@ -109,7 +108,6 @@ __all__ = [
     "cube_schema",
     "durations_in_words",
     "holds_cubes",
-    "id_of",
     "is_npz",
     "known_of_named",
     "move_schemas",

@@ -90,14 +90,6 @@ class PathMove:
     before: frozenset[Site] | None = None
 
 
-def id_of(action: Action) -> str | int:
-    """Return the id of an action of a `PathMove`, from its label; InputError if it has none."""
-    try:
-        return _id(action.label)
-    except msgspec.DecodeError:
-        raise InputError(f"{action!r} has no id: expected the label to be one as JSON") from None
-
-
 def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]:
     """Yield the moves of a moves file in order, each as soon as its line is read and checked.
 
@@ -215,7 +207,6 @@ _CONTENTS = _Form(
     msgspec.json.Decoder(ContentsLine).decode,
     'the keys "id", "support", "trace", and "before" with "after" or neither',
 )
-_id: Callable[[str], str | int] = msgspec.json.Decoder(str | int).decode
 _cube = msgspec.json.Decoder(CubeLine).decode
 
 
