@@ -11,6 +11,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core import suggestions
 
 Capture = pytest.CaptureFixture[str]
+A_DAY = "about a round a day"
 
 
 def refused(capsys: Capture, *arguments: str) -> str:
@@ -59,8 +60,11 @@ def test_words_that_are_not_known(line: str, message: str, capsys: Capture) -> N
         ("shorten a --improve 1 --seed -3", "--seed: expected a whole number of at least 0"),
         ("complex hex --max-states 0", "--max-states: expected a whole number of at least 1"),
         *(
-            (f"replay a --rate={rate}", f"--rate: expected a number above 0, found '{rate}'")
-            for rate in ("inf", "nan", "0", "-1", "1e999", "fast")
+            (
+                f"replay a --rate={rate}",
+                f"--rate: expected a number of at least 0.00001 ({A_DAY}), found '{rate}'",
+            )
+            for rate in ("inf", "nan", "0", "-1", "1e999", "fast", "1e-300", "1e-12")
         ),
     ],
 )

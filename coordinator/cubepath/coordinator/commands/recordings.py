@@ -68,7 +68,9 @@ def add_recording_commands(command: AddCommand) -> None:
     replay.add_argument("log", type=input_path, metavar="LOG")
     replay.add_argument(
         "--rate",
-        type=number("a number above 0", lambda rate: rate > 0),
+        type=number(
+            "a number of at least 0.00001 (about a round a day)", lambda rate: rate >= 1e-5
+        ),
         metavar="R",
         help="rounds a second (default: as fast as it goes)",
     )
