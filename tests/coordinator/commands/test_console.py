@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -68,3 +70,19 @@ def test_a_run_with_all_streams_closed_writes_its_recording(tmp_path: Path) -> N
     assert done.returncode == 0
     told = cubepath("verify", "run.mcap", cwd=tmp_path)
     assert (told.returncode, told.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])
+def test_what_standard_output_cannot_encode_is_escaped(encoding: str, tmp_path: Path) -> None:
+    """As on standard error; a file name that is not UTF-8 is such a text too."""
+    shutil.copy(RECORDING, tmp_path / os.fsdecode(b"lo\xff.mcap"))
+    environment = {**os.environ, "PYTHONIOENCODING": encoding}
+    for line, shown in (
+        (f"cubepath shorten {RECORDING} -o 名.jsonl", "\\u540d.jsonl"),
+        ("cubepath info $'lo\\xff.mcap' .", "lo\\udcff.mcap"),
+    ):
+        done = in_shell(line, cwd=tmp_path, env=environment)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert (
+            shown if encoding != "utf-8:strict" or "udc" in shown else "名.jsonl"
+        ) in done.stdout

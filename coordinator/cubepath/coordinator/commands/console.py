@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import signal
@@ -61,6 +62,8 @@ class Interrupts:
 def prepare_streams() -> None:
     """Replace closed standard streams; CheckError if standard output is closed.
 
+    What standard output cannot encode is escaped, as on standard error.
+
     Otherwise the next file that is opened would get the file descriptor of the stream, and receive
     what is written to the stream.
     """
@@ -73,6 +76,8 @@ def prepare_streams() -> None:
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
     if is_closed(sys.stdout):
         raise CheckError("standard output: closed, expected a place for the answer")
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a caller may have put something else there
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def is_closed(stream: TextIO | None) -> bool:
