@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -72,17 +74,53 @@ def test_a_run_with_all_streams_closed_writes_its_recording(tmp_path: Path) -> N
     assert (told.returncode, told.stderr) == (0, "")
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])
-def test_what_standard_output_cannot_encode_is_escaped(encoding: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("encoding", "name"),
+    [("ascii", "\\u540d"), ("latin-1", "\\u540d"), ("utf-8:strict", "名")],
+)
+def test_what_standard_output_cannot_encode_is_escaped(
+    encoding: str, name: str, tmp_path: Path
+) -> None:
     """As on standard error; a file name that is not UTF-8 is such a text too."""
     shutil.copy(RECORDING, tmp_path / os.fsdecode(b"lo\xff.mcap"))
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     for line, shown in (
-        (f"cubepath shorten {RECORDING} -o 名.jsonl", "\\u540d.jsonl"),
+        (f"cubepath shorten {RECORDING} -o 名.jsonl", f"{name}.jsonl"),
         ("cubepath info $'lo\\xff.mcap' .", "lo\\udcff.mcap"),
     ):
         done = in_shell(line, cwd=tmp_path, env=environment)
         assert (done.returncode, done.stderr) == (0, "")
-        assert (
-            shown if encoding != "utf-8:strict" or "udc" in shown else "名.jsonl"
-        ) in done.stdout
+        assert shown in done.stdout
+
+
+def test_too_little_memory_is_told_in_one_line(tmp_path: Path) -> None:
+    """With exit code 1, and what helps; nothing is written."""
+    code = """
+import resource, sys
+from pathlib import Path
+from cubepath.coordinator.commands.main import main
+assert main(["complex", "agv:graph=grid4x4,n=3", "--json"]) == 0
+size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (size + (500 << 20),) * 2)
+sys.exit(main(sys.argv[1:]))
+"""
+    with (tmp_path / "large.mcap").open("wb") as large:
+        large.truncate(1 << 40)  # takes no place on the disk
+    for arguments, helps in (
+        (
+            ["complex", "agv:graph=grid8x8,n=6", "-o", "c.json"],
+            "a smaller system or --max-states N",
+        ),
+        (["info", "large.mcap"], "a smaller input"),
+    ):
+        done = subprocess.run(
+            [sys.executable, "-W", "error", "-c", code, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=100,
+            check=False,
+            cwd=tmp_path,
+        )
+        assert (done.returncode, done.stdout.count("\n")) == (1, 1)
+        assert done.stderr == f"cubepath: out of memory: expected more of it, or {helps}\n"
+        assert [path.name for path in tmp_path.iterdir()] == ["large.mcap"]

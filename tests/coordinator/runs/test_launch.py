@@ -383,6 +383,18 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(tmp_path: Path) -> 
     assert len(recording.records) > 50
 
 
+def test_a_run_without_memory_ends_with_its_recording_closed(tmp_path: Path) -> None:
+    """With a summary that says why, and all rounds so far."""
+    log = tmp_path / "a.mcap"
+    outcome = run(
+        Plan("agv:graph=P5,n=1", processes=0, log=log), lambda _gatherer: print(bytes(1 << 60))
+    )
+    assert (outcome.ended, outcome.error, outcome.rounds) == ("failed", "out of memory", 1)
+    recording = read_recording(log)
+    assert recording.problems == ()
+    assert summary_of(recording).error == "out of memory"
+
+
 def test_a_run_off_the_main_thread_needs_no_signals(tmp_path: Path) -> None:
     """The library can be used from any thread."""
     found: list[int] = []

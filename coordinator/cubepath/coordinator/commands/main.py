@@ -78,9 +78,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     """Carry out the command; turn an error into one line and an exit code."""
+    options = argparse.Namespace(smaller="a smaller input")
     try:
         prepare_streams()
-        options = _parser().parse_args(arguments)
+        _parser().parse_args(arguments, options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
@@ -88,8 +89,9 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
         return BAD_INPUT
     except BrokenPipeError:
         return CLOSED_PIPE
-    except (CubepathError, OSError) as error:
-        complain(error)
+    except (CubepathError, OSError, MemoryError) as error:
+        without_memory = f"out of memory: expected more of it, or {options.smaller}"
+        complain(without_memory if isinstance(error, MemoryError) else error)
         return FAILED
     except KeyboardInterrupt:
         complain("interrupted")

@@ -278,6 +278,8 @@ class _Run:
             ended, error = "interrupted", "interrupted"
         except CubepathError as problem:
             ended, error = "failed", self._with_stop(str(problem))
+        except MemoryError:
+            ended, error = "failed", self._with_stop("out of memory")
         try:
             self._finish(ended, error)
             self._writer.close()
