@@ -25,12 +25,18 @@ PATH_SUFFIXES = (".jsonl", ".npz")
 
 def input_path(text: str) -> Path:
     """Return the path of an input; ``-`` is standard input."""
-    return STANDARD_INPUT if text in {"-", "/dev/fd/0", "/proc/self/fd/0"} else Path(text)
+    return STANDARD_INPUT if text in {"-", "/dev/fd/0", "/proc/self/fd/0"} else _path(text)
 
 
 def output_path(text: str) -> Path:
     """Return the path of an output; ``-`` is standard output."""
-    return STANDARD_OUTPUT if text in {"-", "/dev/fd/1", "/proc/self/fd/1"} else Path(text)
+    return STANDARD_OUTPUT if text in {"-", "/dev/fd/1", "/proc/self/fd/1"} else _path(text)
+
+
+def _path(text: str) -> Path:
+    if not text:  # as a path it would be the current folder
+        raise argparse.ArgumentTypeError("expected a file, found ''")
+    return Path(text)
 
 
 def file_name(path: Path) -> str:

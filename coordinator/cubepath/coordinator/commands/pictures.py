@@ -11,7 +11,7 @@ from cubepath.coordinator.commands.console import DONE, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
 from cubepath.coordinator.commands.plan_options import INPUT_HELP, add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand
+from cubepath.coordinator.commands.usage import AddCommand, number
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 
@@ -45,7 +45,7 @@ def add_view_command(command: AddCommand) -> None:
     )
     view.add_argument(
         "--fps",
-        type=float,
+        type=number("a number from 0.01 to 50", lambda rate: 0.01 <= rate <= 50),
         metavar="N",
         help="frames a second of a film, 0.01 to 50 (default 4)",
     )
@@ -60,7 +60,6 @@ def _view(options: argparse.Namespace) -> int:
         FILM_SUFFIXES,
         FRAMES_PER_SECOND,
         animate,
-        check_frame_rate,
     )
 
     if options.output is None and options.input == STANDARD_INPUT:
@@ -68,10 +67,8 @@ def _view(options: argparse.Namespace) -> int:
     path: Path = options.output or options.input.with_suffix(".png")
     film = path.suffix.lower() in FILM_SUFFIXES
     check_files(options, [options.input], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
-    if options.fps is not None:
-        if not film:
-            raise InputError(f"{path}: a picture, expected --fps with a film (.gif) alone")
-        check_frame_rate(options.fps)
+    if options.fps is not None and not film:
+        raise InputError(f"{path}: a picture, expected --fps with a film (.gif) alone")
     with opened(options.input) as file:
         drawn = (_recorded if _is_recording(file) else _from_file)(options, file)
     if film:
