@@ -424,4 +424,13 @@ def test_a_run_that_no_recording_could_hold_is_refused_at_once(tmp_path: Path) -
     log = tmp_path / "run.mcap"
     with pytest.raises(InputError, match=r"65535 at most: expected at most 13105 modules"):
         run(Plan("agv:graph=grid130x130,n=13107", processes=2, log=log))
+    with pytest.raises(InputError, match=r"65535 at most: expected at most 10921 modules"):
+        run(Plan("agv:graph=grid130x130,n=13107", processes=1_000_000, log=log))
     assert not log.exists()
+
+
+@pytest.mark.slow
+def test_there_are_no_more_processes_than_modules(tmp_path: Path) -> None:
+    """However many are asked for, what they say fits into a recording."""
+    outcome = run(Plan("agv:graph=P3,n=1", processes=1_000_000, log=tmp_path / "run.mcap"))
+    assert (outcome.processes, outcome.ended) == (1, "goal")

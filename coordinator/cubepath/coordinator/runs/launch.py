@@ -219,13 +219,13 @@ def _check_topics(task: Task, processes: int) -> None:
     modules = len(task.scene.start)
     talks = rule_named(task.rule, task.scene.system).note_length(modules) > 0
     kinds = len(_SAID) - (not talks)
-    others = len(_SAID_HERE) + processes
-    topics = kinds * modules + others
+    here = len(_SAID_HERE)
+    topics = kinds * modules + here + min(processes, modules)
     if topics > TOPICS_MAX:
+        most = max((TOPICS_MAX - here - processes) // kinds, (TOPICS_MAX - here) // (kinds + 1))
         raise InputError(
             f"{task.scene.spec}: what {modules} modules say takes {topics} topics, and a recording"
-            f" has {TOPICS_MAX} at most: expected at most"
-            f" {(TOPICS_MAX - others) // kinds} modules"
+            f" has {TOPICS_MAX} at most: expected at most {most} modules"
         )
 
 
