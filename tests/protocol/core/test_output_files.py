@@ -112,6 +112,16 @@ def test_what_cannot_be_written_is_known_beforehand(tmp_path: Path) -> None:
     assert names(tmp_path) == ["file"]
 
 
+def test_a_link_to_no_folder_is_told_with_that_folder(tmp_path: Path) -> None:
+    """Not with the folder of the link, which is there."""
+    link = tmp_path / "link"
+    link.symlink_to(Path("nowhere") / "file")
+    with pytest.raises(InputError) as caught:
+        check_output(link)
+    folder = tmp_path.resolve() / "nowhere"
+    assert str(caught.value) == f"{link}: there is no folder {folder}, expected one to write to"
+
+
 def test_a_file_is_known_by_every_name(tmp_path: Path) -> None:
     """By links and other spellings, there or not; a device is never the same."""
     (tmp_path / "folder").mkdir()

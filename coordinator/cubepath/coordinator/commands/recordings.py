@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -164,7 +165,7 @@ def _each(
     before the next file is read, so that memory does not grow with their number.
     """
     paths: list[Path] = options.logs
-    if len(paths) == 1 and not paths[0].is_dir():
+    if len(paths) == 1 and not os.path.isdir(paths[0]):  # noqa: PTH112 - never raises
         with progress_bar(None, what, " rounds") as bar:
             told = one(paths[0], bar.update)
         answer(options, told.document, told.text)

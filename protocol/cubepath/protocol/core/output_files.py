@@ -96,12 +96,13 @@ def check_output(path: Path) -> None:
     """Check that a file can be written; InputError says why not. No folder is created."""
     if path == STANDARD_OUTPUT or is_special(path):
         return
-    if path.is_dir():
-        raise InputError(f"{path}: a folder, expected a file to write")
     try:
+        if path.is_dir():
+            raise InputError(f"{path}: a folder, expected a file to write")
         folder = _resolved(path).parent
         if not folder.is_dir():
-            raise InputError(f"{path}: there is no folder {path.parent}, expected one to write to")
+            named = folder if path.is_symlink() else path.parent
+            raise InputError(f"{path}: there is no folder {named}, expected one to write to")
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(13, os.strerror(13))
         if path.exists() and not os.access(path, os.W_OK):
