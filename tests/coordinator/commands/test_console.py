@@ -124,3 +124,14 @@ sys.exit(main(sys.argv[1:]))
         assert (done.returncode, done.stdout.count("\n")) == (1, 1)
         assert done.stderr == f"cubepath: out of memory: expected more of it, or {helps}\n"
         assert [path.name for path in tmp_path.iterdir()] == ["large.mcap"]
+
+
+def test_too_few_open_files_are_told_in_one_line(tmp_path: Path) -> None:
+    """Also where they do not suffice to load what a command needs."""
+    shutil.copy(RECORDING, tmp_path / "run.mcap")
+    for arguments in ("view run.mcap", "run hex:n=3 --log new.mcap"):
+        done = in_shell(f"ulimit -n 5; cubepath {arguments}", cwd=tmp_path)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert done.stderr.startswith("cubepath: too few open files are allowed: 5, expected ")
+        assert done.stderr.endswith(" (ulimit -n)\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]

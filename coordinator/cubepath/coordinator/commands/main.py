@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import logging
+import resource
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -90,8 +92,7 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     except BrokenPipeError:
         return CLOSED_PIPE
     except (CubepathError, OSError, MemoryError) as error:
-        without_memory = f"out of memory: expected more of it, or {options.smaller}"
-        complain(without_memory if isinstance(error, MemoryError) else error)
+        complain(_reason(error, options.smaller))
         return FAILED
     except KeyboardInterrupt:
         complain("interrupted")
@@ -101,6 +102,16 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
         if interrupts.came:
             return FAILED
         raise
+
+
+def _reason(error: Exception, smaller: str) -> object:
+    """Return what to say of an error; the system's own words are short of what helps."""
+    if isinstance(error, MemoryError):
+        return f"out of memory: expected more of it, or {smaller}"
+    if isinstance(error, OSError) and error.errno == errno.EMFILE:
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        return f"too few open files are allowed: {most}, expected more (ulimit -n)"
+    return error
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -52,6 +52,7 @@ from cubepath.protocol.wire.messages import (
     decode,
     encode,
 )
+from cubepath.protocol.wire.sessions import check_descriptors
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
@@ -141,6 +142,7 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     """
     task = task_of(plan)
     _check_topics(task, plan.processes)
+    check_descriptors(min(plan.processes, len(task.scene.start)), files=1)
     path = plan.log or Path("logs") / _file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
