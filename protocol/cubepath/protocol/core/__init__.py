@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         check_output,
         is_special,
         same_file,
+        unwritable,
         written_whole,
     )
     from cubepath.protocol.core.sites import (
@@ -105,7 +106,9 @@ else:
             "keyed_values": "Keys all_values given_values",
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
-            "output_files": "STANDARD_OUTPUT check_output is_special same_file written_whole",
+            "output_files": (
+                "STANDARD_OUTPUT check_output is_special same_file unwritable written_whole"
+            ),
             "sites": (
                 "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
                 "to_json"
@@ -184,6 +187,7 @@ __all__ = [
     "site_text",
     "sites_from_json",
     "to_json",
+    "unwritable",
     "why_inadmissible",
     "written_whole",
 ]
