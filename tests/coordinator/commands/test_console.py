@@ -12,9 +12,11 @@ from pathlib import Path
 import pytest
 
 from command_line import GOLDEN, cubepath, in_shell, without_reader
+from cubepath.coordinator.commands.main import main
 
 pytestmark = pytest.mark.slow
 
+Capture = pytest.CaptureFixture[str]
 RECORDING = str(GOLDEN / "agv-3.mcap")
 COMMANDS = {
     "systems": ("systems",),
@@ -135,3 +137,56 @@ def test_too_few_open_files_are_told_in_one_line(tmp_path: Path) -> None:
         assert done.stderr.startswith("cubepath: too few open files are allowed: 5, expected ")
         assert done.stderr.endswith(" (ulimit -n)\n")
     assert [path.name for path in tmp_path.iterdir()] == ["run.mcap"]
+
+
+WILD = "w\x1b[31m\n\x7f\x9b"
+SHOWN = r"w\x1b[31m\x0a\x7f\x9b"
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("info NAME.mcap", 0),
+        ("info FOLDER", 0),
+        ("verify FOLDER", 1),
+        ("verify FOLDER/NAME.mcap", 1),
+        ("verify NAME.mcap --recover FOLDER/NAME-new.mcap", 0),
+        ("shorten NAME.jsonl --explain --certificate NAME.json -o NAME-cubes.jsonl", 0),
+        ("shorten NAME.jsonl --explain --duration NAME=2", 0),
+        ("convert NAME.jsonl NAME-out.jsonl", 0),
+        ("complex arm:n=3 -o NAME.json", 0),
+        ("view NAME.mcap -o NAME.svg", 0),
+        ("info NAME-none.mcap", 2),
+        ("shorten NAME-none.jsonl -o o.jsonl", 2),
+    ],
+)
+def test_control_characters_of_names_are_shown(
+    line: str, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """In answers and in complaints, so that a name gives no orders to a terminal."""
+    monkeypatch.chdir(tmp_path)
+    folder = Path(f"folder{WILD}")
+    folder.mkdir()
+    shutil.copy(RECORDING, f"{WILD}.mcap")
+    whole = Path(RECORDING).read_bytes()
+    (folder / f"{WILD}.mcap").write_bytes(whole[: len(whole) * 3 // 4])
+    move = {"id": WILD, "support": [0], "trace": [0], "before": [], "after": [0]}
+    Path(f"{WILD}.jsonl").write_text(json.dumps(move) + "\n")
+    words = line.replace("FOLDER", "folderNAME").split()
+    assert main([word.replace("NAME", WILD) for word in words]) == code
+    told = capsys.readouterr()
+    said = told.out + told.err
+    assert SHOWN in said
+    assert WILD not in said
+    assert all(each.isprintable() for each in said.replace("\n", ""))
+    assert all(each.startswith("cubepath: ") for each in told.err.splitlines())
+
+
+def test_a_document_has_names_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    """JSON has escapes of its own."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(RECORDING, f"{WILD}.mcap")
+    assert main(["info", f"{WILD}.mcap", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["log"] == f"{WILD}.mcap"

@@ -62,6 +62,7 @@ from cubepath.coordinator.commands.search_options import (
     look_beyond,
 )
 from cubepath.coordinator.commands.usage import Parser, number, whole
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
@@ -362,7 +363,7 @@ def _shorten(options: argparse.Namespace) -> int:
     if options.output is not None:
         rows.append(("written to", file_name(options.output)))
     document = found.document() | ({} if known is None else known.document()) | told.document
-    answer(options, document, "\n".join([table(rows), *told.lines]))
+    answer(options, document, "\n".join([table(rows), *map(visible, told.lines)]))
     return solved(options, found.given.unsolved)
 
 
@@ -379,5 +380,6 @@ def _convert(options: argparse.Namespace) -> int:
             hints=hints(options),
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
-    answer(options, document, f"{found.count} {found.what} written to {file_name(options.output)}")
+    written = visible(file_name(options.output))
+    answer(options, document, f"{found.count} {found.what} written to {written}")
     return solved(options, found.unsolved)

@@ -12,6 +12,7 @@ from cubepath.coordinator.commands.files import Output, check_files, input_path,
 from cubepath.coordinator.commands.plan_options import INPUT_HELP, add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 
@@ -99,7 +100,8 @@ def _view(options: argparse.Namespace) -> int:
                 step_name=drawn.step_name,
                 what=options.what,
             )
-    answer(options, {"log": str(drawn.source), "picture": str(path)}, f"written to {path}")
+    document = {"log": str(drawn.source), "picture": str(path)}
+    answer(options, document, f"written to {visible(str(path))}")
     return DONE
 
 

@@ -36,6 +36,7 @@ from cubepath.coordinator.commands.files import (
 )
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
 
@@ -139,7 +140,7 @@ def _verified(recording: Recording, found: Verification) -> _Told:
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
     if found.ok and not found.complete:
         lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
-    text = "\n".join(lines)
+    text = "\n".join(map(visible, lines))
     if found.ok:
         return _Told(found.document(), text)
     wrong = ", ".join(check.name for check in found.checks if not check.ok)
@@ -183,7 +184,7 @@ def _each(
                     say(f"{between}{json.dumps(document)}", end="")
                     between = ",\n"
                 elif told.text:
-                    say(f"{between}==> {file_name(path)} <==\n{told.text}")
+                    say(f"{between}==> {visible(file_name(path))} <==\n{told.text}")
                     between = "\n"
                 worst = max(worst, _complained(told))
                 bar.update()

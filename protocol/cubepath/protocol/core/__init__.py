@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         Lattice,
         Move,
     )
+    from cubepath.protocol.core.control_characters import visible
     from cubepath.protocol.core.errors import (
         CheckError,
         CubepathError,
@@ -98,6 +99,7 @@ else:
                 "Catalogue Cell EDGES Generator HEXAGONS HEX_DIRECTIONS LATTICES Lattice Move "
                 "SQUARES"
             ),
+            "control_characters": "visible",
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "input_files": (
                 "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source opened read_text readable"
@@ -188,6 +190,7 @@ __all__ = [
     "sites_from_json",
     "to_json",
     "unwritable",
+    "visible",
     "why_inadmissible",
     "written_whole",
 ]
