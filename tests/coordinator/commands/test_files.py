@@ -239,3 +239,32 @@ def test_a_signal_leaves_the_old_file_and_nothing_else(folder: Path) -> None:
         _, told = child.communicate(timeout=60)
     assert (child.returncode, told) == (130, "cubepath: interrupted\n")
     assert contents(folder) == before
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "shorten moves.jsonl -o NAME.jsonl",
+        "shorten moves.jsonl --certificate NAME.json",
+        "convert moves.jsonl NAME.npz",
+        "complex arm:n=3 -o NAME.json",
+        "view run.mcap -o NAME.png",
+        "verify run.mcap --recover NAME.mcap",
+        "run arm:n=3 --log NAME.mcap",
+        "info NAME.mcap",
+        "verify NAME.mcap",
+        "shorten NAME.jsonl",
+        "shorten moves.jsonl --system NAME.toml",
+        "shorten moves.jsonl --system NAME",
+    ],
+)
+def test_a_name_that_is_too_long_is_told(line: str, folder: Path, capsys: Capture) -> None:
+    """In one line that begins with the file or is about the system; nothing is written."""
+    before = contents(folder)
+    assert main(line.replace("NAME", "a" * 300).split()) == 2
+    told = capsys.readouterr()
+    begin = "unknown system '" if line.endswith("NAME") else ""
+    assert told.err.startswith(f"cubepath: {begin}{'a' * 300}")
+    assert ("File name too long" in told.err) == (not begin)
+    assert (told.out, told.err.count("\n")) == ("", 1)
+    assert contents(folder) == before

@@ -70,8 +70,6 @@ def test_pictures_lie_beside_the_recording(log: Path, capsys: pytest.CaptureFixt
         ("a.jpeg", [], "a.jpeg: found the suffix .jpeg, expected one of .png, .svg, .pdf, .gif"),
         ("a", [], "a: found no suffix, expected one of .png, .svg, .pdf, .gif"),
         ("a.png", ["--fps", "5"], "a.png: a picture, expected --fps with a film (.gif) alone"),
-        ("a.gif", ["--fps", "0"], "0 frames a second: expected 0.01 to 50, as GIF counts in"),
-        ("a.gif", ["--fps", "nan"], "nan frames a second: expected 0.01 to 50, as GIF counts in"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_any_work(

@@ -11,6 +11,8 @@ from cubepath.coordinator.commands.main import main
 from cubepath.protocol.core import suggestions
 
 Capture = pytest.CaptureFixture[str]
+A_DAY = "about a round a day"
+SECONDS = "a number of seconds, 0 or more"
 
 
 def refused(capsys: Capture, *arguments: str) -> str:
@@ -57,16 +59,47 @@ def test_words_that_are_not_known(line: str, message: str, capsys: Capture) -> N
         ("run --hesitate nan", "--hesitate: expected a number from 0 to less than 1, found 'nan'"),
         ("run --hesitate=-0.1", "--hesitate: expected a number from 0 to less than 1"),
         ("shorten a --improve 1 --seed -3", "--seed: expected a whole number of at least 0"),
+        ("shorten a --max-states -1", "--max-states: expected a whole number of at least 0"),
+        *(
+            (f"shorten a --improve={time}", f"--improve: expected {SECONDS}, found '{time}'")
+            for time in ("x", "nan", "-1", "inf")
+        ),
+        *(
+            (f"view a --fps={rate}", f"--fps: expected a number from 0.01 to 50, found '{rate}'")
+            for rate in ("x", "nan", "0", "50.5", "inf")
+        ),
         ("complex hex --max-states 0", "--max-states: expected a whole number of at least 1"),
         *(
-            (f"replay a --rate={rate}", f"--rate: expected a number above 0, found '{rate}'")
-            for rate in ("inf", "nan", "0", "-1", "1e999", "fast")
+            (
+                f"replay a --rate={rate}",
+                f"--rate: expected a number of at least 0.00001 ({A_DAY}), found '{rate}'",
+            )
+            for rate in ("inf", "nan", "0", "-1", "1e999", "fast", "1e-300", "1e-12")
         ),
     ],
 )
 def test_numbers_out_of_their_bounds(line: str, message: str, capsys: Capture) -> None:
     """The option, what was found, and what was expected."""
     assert refused(capsys, *line.split()).startswith(f"argument {message}")
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        *((words, "LOG") for words in ("info", "verify", "replay")),
+        *((words, "INPUT") for words in ("shorten", "convert", "view")),
+        ("convert a", "OUTPUT"),
+        ("run --schedule", "--schedule"),
+        ("run --log", "--log"),
+        *((f"shorten a {option}", option) for option in ("--with", "--certificate", "--durations")),
+        *((f"verify a {option}", option) for option in ("--of", "--cubes", "--recover")),
+        *((f"{words} -o", "-o/--output") for words in ("shorten a", "view a", "complex hex")),
+    ],
+)
+def test_an_empty_name_of_a_file(words: str, name: str, capsys: Capture) -> None:
+    """It is no file, and not the folder where the command runs either."""
+    told = refused(capsys, *words.split(), "", *(["b"] if words == "convert" else []))
+    assert told.startswith(f"argument {name}: expected a file, found ''; see 'cubepath ")
 
 
 @pytest.mark.parametrize(

@@ -387,6 +387,18 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(tmp_path: Path) -> 
     assert len(recording.records) > 50
 
 
+def test_a_run_without_memory_ends_with_its_recording_closed(tmp_path: Path) -> None:
+    """With a summary that says why, and all rounds so far."""
+    log = tmp_path / "a.mcap"
+    outcome = run(
+        Plan("agv:graph=P5,n=1", processes=0, log=log), lambda _gatherer: print(bytes(1 << 60))
+    )
+    assert (outcome.ended, outcome.error, outcome.rounds) == ("failed", "out of memory", 1)
+    recording = read_recording(log)
+    assert recording.problems == ()
+    assert summary_of(recording).error == "out of memory"
+
+
 def test_a_run_off_the_main_thread_needs_no_signals(tmp_path: Path) -> None:
     """The library can be used from any thread."""
     found: list[int] = []
@@ -416,4 +428,13 @@ def test_a_run_that_no_recording_could_hold_is_refused_at_once(tmp_path: Path) -
     log = tmp_path / "run.mcap"
     with pytest.raises(InputError, match=r"65535 at most: expected at most 13105 modules"):
         run(Plan("agv:graph=grid130x130,n=13107", processes=2, log=log))
+    with pytest.raises(InputError, match=r"65535 at most: expected at most 10921 modules"):
+        run(Plan("agv:graph=grid130x130,n=13107", processes=1_000_000, log=log))
     assert not log.exists()
+
+
+@pytest.mark.slow
+def test_there_are_no_more_processes_than_modules(tmp_path: Path) -> None:
+    """However many are asked for, what they say fits into a recording."""
+    outcome = run(Plan("agv:graph=P3,n=1", processes=1_000_000, log=tmp_path / "run.mcap"))
+    assert (outcome.processes, outcome.ended) == (1, "goal")

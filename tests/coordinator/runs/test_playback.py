@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import json
 import socket
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
@@ -15,6 +17,7 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
+from command_line import GOLDEN
 from cubepath.coordinator.runs import playback as replay_module
 from cubepath.coordinator.runs.playback import SAID, replay
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -147,6 +150,28 @@ def test_a_rate_paces_the_rounds() -> None:
     found = replay(crowd(), rate=50)
     assert found.same
     assert found.seconds >= (rounds - 1) / 50
+
+
+@pytest.mark.slow
+def test_a_rate_too_slow_for_the_clock_only_waits() -> None:
+    """However far away the second round is, a signal ends the replay, and nothing else does."""
+    code = f"""
+import signal
+from pathlib import Path
+from cubepath.coordinator.runs.playback import replay
+from cubepath.protocol.recordings.recording import read_recording
+
+signal.signal(signal.SIGALRM, signal.default_int_handler)
+
+def progress(_number):
+    signal.alarm(1)  # the first messages have arrived: what is left is to wait
+
+replay(read_recording(Path({str(GOLDEN / "hex-5.mcap")!r})), rate=1e-300, progress=progress)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.stderr.splitlines()[-1] == "KeyboardInterrupt"
 
 
 def test_progress_is_told_of_every_message() -> None:

@@ -370,10 +370,6 @@ def test_the_command_line_says_which_gap_is_left(
     _, out, _ = run(capsys, "shorten", path, "--improve", 0.1)
     assert "improved       1\n" in out
     assert "lower bound    1" in out
-    for bad in (("--improve", "nan"), ("--improve", "-1"), ("--bounds", "--max-states", "-1")):
-        code, _, error = run(capsys, "shorten", path, *bad)
-        assert code == 2
-        assert "expected" in error
 
 
 @pytest.mark.slow

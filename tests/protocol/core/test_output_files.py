@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.output_files import check_output, same_file, written_whole
 
 FULL = """
@@ -70,6 +71,33 @@ def test_a_full_disk_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> Non
     assert (path.read_text(), names(tmp_path)) == ("old", ["file"])
 
 
+@pytest.mark.parametrize(
+    ("number", "raised"),
+    [
+        (errno.ENOSPC, CheckError),
+        (errno.EDQUOT, CheckError),
+        (errno.EIO, CheckError),
+        (errno.EFBIG, InputError),
+    ],
+)
+def test_a_disk_that_is_full_or_broken_is_no_bad_input(
+    number: int, raised: type[Exception], tmp_path: Path
+) -> None:
+    """Another name would not help; a name that cannot be written is bad input."""
+    path = tmp_path / "file"
+    with pytest.raises(raised) as caught, written_whole(path):
+        raise OSError(number, os.strerror(number))
+    assert str(caught.value) == f"{path}: cannot be written: {os.strerror(number)}"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="only some systems have /dev/full")
+def test_a_full_device_is_no_bad_input() -> None:
+    """It is told as a full standard output is."""
+    told = "/dev/full: cannot be written: No space left"
+    with pytest.raises(CheckError, match=told), written_whole(Path("/dev/full")) as stream:
+        stream.write(b"text")
+
+
 def test_a_link_stays_a_link(tmp_path: Path) -> None:
     """What it leads to is replaced, or made."""
     (tmp_path / "folder").mkdir()
@@ -110,6 +138,16 @@ def test_what_cannot_be_written_is_known_beforehand(tmp_path: Path) -> None:
     check_output(tmp_path / "file")
     check_output(Path(os.devnull))
     assert names(tmp_path) == ["file"]
+
+
+def test_a_link_to_no_folder_is_told_with_that_folder(tmp_path: Path) -> None:
+    """Not with the folder of the link, which is there."""
+    link = tmp_path / "link"
+    link.symlink_to(Path("nowhere") / "file")
+    with pytest.raises(InputError) as caught:
+        check_output(link)
+    folder = tmp_path.resolve() / "nowhere"
+    assert str(caught.value) == f"{link}: there is no folder {folder}, expected one to write to"
 
 
 def test_a_file_is_known_by_every_name(tmp_path: Path) -> None:

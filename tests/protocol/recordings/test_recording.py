@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -130,6 +132,46 @@ def test_a_copy_is_whole_and_says_what_it_is_of(tmp_path: Path) -> None:
     assert copied.parameters == {**PARAMETERS, "recovered": "from a cut one"}
     with pytest.raises(InputError, match="is the recording itself"):
         copy_recording(found, path)
+
+
+@pytest.mark.slow
+def test_a_copy_is_whole_or_not_there(tmp_path: Path) -> None:
+    """A file that may not grow so large: one line, and nothing of the copy is left."""
+    path = tmp_path / "run.mcap"
+    path.write_bytes(files()[0])
+    code = """
+import resource, sys
+from pathlib import Path
+from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.recordings.recording import copy_recording, read_recording
+found = read_recording(Path(sys.argv[1]))
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
+try:
+    copy_recording(found, Path(sys.argv[2]))
+except CubepathError as error:
+    print(error)
+"""
+    out = tmp_path / "out.mcap"
+    for most in (0, 1000, path.stat().st_size - 10):
+        done = subprocess.run(
+            [sys.executable, "-c", code, path, out, str(most)],
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=True,
+        )
+        assert done.stdout == f"{out}: cannot be written: File too large\n"
+        assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_copy_replaces_no_file(tmp_path: Path) -> None:
+    """What is there stays as it is."""
+    path, out = tmp_path / "run.mcap", tmp_path / "out.mcap"
+    path.write_bytes(files()[0])
+    out.write_text("other")
+    with pytest.raises(InputError, match="exists already, expected a new file"):
+        copy_recording(read_recording(path), out)
+    assert out.read_text() == "other"
 
 
 def test_schemas_describe_the_messages() -> None:

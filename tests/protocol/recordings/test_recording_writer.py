@@ -133,6 +133,17 @@ def test_after_a_full_disk_nothing_more_is_written(tmp_path: Path) -> None:
     assert read_recording(path).records == ()
 
 
+def test_a_disk_that_is_full_at_the_very_end_is_told(tmp_path: Path) -> None:
+    """The last bytes wait in a buffer until the file is closed."""
+    writer = RecordingWriter(tmp_path / "a.mcap", scene_from_spec("agv:graph=P3,n=1"), {})
+    writer.write("go/coordinator", encode(Go(1, "sense")), round_number=1, wall_ns=0)
+    full = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, writer._stream.fileno())
+    os.close(full)
+    with pytest.raises(RecordingFull, match="after 1 messages: No space left"):
+        writer.close()
+
+
 @pytest.mark.parametrize("way", ["removed", "moved", "replaced", "with its folder"])
 def test_a_file_that_is_gone_is_told_and_written_no_further(way: str, tmp_path: Path) -> None:
     """Within as many messages as lie between two flushes, and at the latest at the end."""

@@ -36,11 +36,22 @@ def with_descriptors(folder: Path, most: int, *arguments: str) -> subprocess.Com
 def test_too_few_descriptors_are_one_line(
     tmp_path: Path, arguments: tuple[str, ...], most: int
 ) -> None:
-    """With how many there are and how many it takes."""
+    """With how many there are and how many it takes; nothing is begun."""
     done = with_descriptors(tmp_path, most, *arguments)
     assert done.returncode == 1
     assert done.stderr.startswith(f"cubepath: too few open files are allowed: {most}, expected at")
     assert done.stderr.count("\n") == 1
+    assert (done.stdout, list(tmp_path.iterdir())) == ("", [])
+
+
+def test_the_least_that_is_asked_for_is_enough(tmp_path: Path) -> None:
+    """A run that is refused with one file less comes to its end; its recording is counted too."""
+    told = with_descriptors(tmp_path, 16, *RUN).stderr
+    least = int(told.partition("at least ")[2].partition(" ")[0])
+    assert with_descriptors(tmp_path, least - 1, *RUN).stderr.count(f" {least} ") == 1
+    assert list(tmp_path.iterdir()) == []
+    done = with_descriptors(tmp_path, least, *RUN)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("arguments", [REPLAY, RUN])

@@ -23,6 +23,7 @@ from cubepath.coordinator.commands.files import (
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.search_options import improving
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -255,7 +256,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
             f"proved: in the class of {file_name(options.of)},"
             f" and none in it has fewer than {cubes_told}"
         )
-    answer(options, document, "\n".join(lines))
+    answer(options, document, "\n".join(map(visible, lines)))
     if wrong:
         complain(f"{file_name(source)}: checks failed: {', '.join(wrong)}")
     return FAILED if wrong else DONE

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 def add_complex_commands(command: AddCommand) -> None:
     """Add the commands and their options."""
     complex_ = command("complex", _complex, "build a system's state complex and describe it")
+    complex_.set_defaults(smaller="a smaller system or --max-states N")
     complex_.add_argument(
         "system", metavar="SYSTEM", help=SYSTEM_HELP.replace(" (default hex)", "")
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 import os
 import signal
@@ -17,6 +18,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Self, TextIO
 
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
@@ -61,6 +63,8 @@ class Interrupts:
 def prepare_streams() -> None:
     """Replace closed standard streams; CheckError if standard output is closed.
 
+    What standard output cannot encode is escaped, as on standard error.
+
     Otherwise the next file that is opened would get the file descriptor of the stream, and receive
     what is written to the stream.
     """
@@ -73,6 +77,8 @@ def prepare_streams() -> None:
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
     if is_closed(sys.stdout):
         raise CheckError("standard output: closed, expected a place for the answer")
+    if isinstance(sys.stdout, io.TextIOWrapper):  # a caller may have put something else there
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def is_closed(stream: TextIO | None) -> bool:
@@ -89,8 +95,8 @@ def silence(stream: TextIO) -> None:
 
 
 def complain(what: object) -> None:
-    """Write one line to standard error."""
-    _note(f"cubepath: {what}")
+    """Write one line to standard error, with control characters shown."""
+    _note(f"cubepath: {visible(str(what))}")
 
 
 def _note(text: str) -> None:
@@ -119,6 +125,7 @@ def say(text: str, end: str = "\n") -> None:
 def answer(options: argparse.Namespace, document: object, text: str) -> None:
     """Print the answer of a command: the document with --json, else the text; errors as for `say`.
 
+    Its lines hold no control characters: `table` shows them, and so does `visible`.
     If the output of the command itself goes to standard output, the text goes to standard error.
     """
     if getattr(options, "output", None) == STANDARD_OUTPUT:
@@ -128,6 +135,6 @@ def answer(options: argparse.Namespace, document: object, text: str) -> None:
 
 
 def table(rows: Sequence[tuple[str, object]]) -> str:
-    """Return names and values in two columns."""
+    """Return names and values in two columns, with control characters shown."""
     width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+    return "\n".join(f"{name:<{width}}  {visible(str(value))}" for name, value in rows)

@@ -6,6 +6,7 @@ Room: coordinator. Everything is checked before the work begins, which may take 
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,12 +26,18 @@ PATH_SUFFIXES = (".jsonl", ".npz")
 
 def input_path(text: str) -> Path:
     """Return the path of an input; ``-`` is standard input."""
-    return STANDARD_INPUT if text in {"-", "/dev/fd/0", "/proc/self/fd/0"} else Path(text)
+    return STANDARD_INPUT if text in {"-", "/dev/fd/0", "/proc/self/fd/0"} else _path(text)
 
 
 def output_path(text: str) -> Path:
     """Return the path of an output; ``-`` is standard output."""
-    return STANDARD_OUTPUT if text in {"-", "/dev/fd/1", "/proc/self/fd/1"} else Path(text)
+    return STANDARD_OUTPUT if text in {"-", "/dev/fd/1", "/proc/self/fd/1"} else _path(text)
+
+
+def _path(text: str) -> Path:
+    if not text:  # as a path it would be the current folder
+        raise argparse.ArgumentTypeError("expected a file, found ''")
+    return Path(text)
 
 
 def file_name(path: Path) -> str:
@@ -79,8 +86,8 @@ def check_files(
         written.append(path)
     for output in outputs:
         if output.path is not None:
-            _check_no_recording(output.path)
             check_output(output.path)
+            _check_no_recording(output.path)
             _check_suffix(output.path, output)
 
 
@@ -92,7 +99,7 @@ def _files_of(system: str | None) -> list[Path]:
     if system is None:
         return []
     values = [part.partition("=")[2] for part in system.partition(":")[2].split(",")]
-    return [path for path in map(Path, [system, *values]) if path != Path() and path.exists()]
+    return [Path(each) for each in (system, *values) if each and os.path.exists(each)]  # noqa: PTH110 - never raises
 
 
 def _check_suffix(path: Path, output: Output) -> None:

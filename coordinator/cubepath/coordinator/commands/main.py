@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
 import logging
+import resource
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -60,6 +62,7 @@ from cubepath.coordinator.commands.search_options import (
     look_beyond,
 )
 from cubepath.coordinator.commands.usage import Parser, number, whole
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
@@ -78,9 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     """Carry out the command; turn an error into one line and an exit code."""
+    options = argparse.Namespace(smaller="a smaller input")
     try:
         prepare_streams()
-        options = _parser().parse_args(arguments)
+        _parser().parse_args(arguments, options)
         command: Callable[[argparse.Namespace], int] = options.command
         return command(options)
     except InputError as error:
@@ -88,8 +92,8 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
         return BAD_INPUT
     except BrokenPipeError:
         return CLOSED_PIPE
-    except (CubepathError, OSError) as error:
-        complain(error)
+    except (CubepathError, OSError, MemoryError) as error:
+        complain(_reason(error, options.smaller))
         return FAILED
     except KeyboardInterrupt:
         complain("interrupted")
@@ -99,6 +103,16 @@ def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
         if interrupts.came:
             return FAILED
         raise
+
+
+def _reason(error: Exception, smaller: str) -> object:
+    """Return what to say of an error; the system's own words are short of what helps."""
+    if isinstance(error, MemoryError):
+        return f"out of memory: expected more of it, or {smaller}"
+    if isinstance(error, OSError) and error.errno == errno.EMFILE:
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
+        return f"too few open files are allowed: {most}, expected more (ulimit -n)"
+    return error
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -349,7 +363,7 @@ def _shorten(options: argparse.Namespace) -> int:
     if options.output is not None:
         rows.append(("written to", file_name(options.output)))
     document = found.document() | ({} if known is None else known.document()) | told.document
-    answer(options, document, "\n".join([table(rows), *told.lines]))
+    answer(options, document, "\n".join([table(rows), *map(visible, told.lines)]))
     return solved(options, found.given.unsolved)
 
 
@@ -366,5 +380,6 @@ def _convert(options: argparse.Namespace) -> int:
             hints=hints(options),
         )
     document = {"what": found.what, "count": found.count, "output": str(options.output)}
-    answer(options, document, f"{found.count} {found.what} written to {file_name(options.output)}")
+    written = visible(file_name(options.output))
+    answer(options, document, f"{found.count} {found.what} written to {written}")
     return solved(options, found.unsolved)

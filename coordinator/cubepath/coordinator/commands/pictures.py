@@ -16,7 +16,8 @@ from cubepath.coordinator.commands.plan_options import (
     solved,
 )
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand
+from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 
@@ -50,7 +51,7 @@ def add_view_command(command: AddCommand) -> None:
     )
     view.add_argument(
         "--fps",
-        type=float,
+        type=number("a number from 0.01 to 50", lambda rate: 0.01 <= rate <= 50),
         metavar="N",
         help="frames a second of a film, 0.01 to 50 (default 4)",
     )
@@ -65,7 +66,6 @@ def _view(options: argparse.Namespace) -> int:
         FILM_SUFFIXES,
         FRAMES_PER_SECOND,
         animate,
-        check_frame_rate,
     )
 
     if options.output is None and options.input == STANDARD_INPUT:
@@ -73,10 +73,8 @@ def _view(options: argparse.Namespace) -> int:
     path: Path = options.output or options.input.with_suffix(".png")
     film = path.suffix.lower() in FILM_SUFFIXES
     check_files(options, [options.input], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
-    if options.fps is not None:
-        if not film:
-            raise InputError(f"{path}: a picture, expected --fps with a film (.gif) alone")
-        check_frame_rate(options.fps)
+    if options.fps is not None and not film:
+        raise InputError(f"{path}: a picture, expected --fps with a film (.gif) alone")
     with opened(options.input) as file:
         drawn = (_recorded if _is_recording(file) else _from_file)(options, file)
     if film:
@@ -107,7 +105,8 @@ def _view(options: argparse.Namespace) -> int:
                 step_name=drawn.step_name,
                 what=options.what,
             )
-    answer(options, {"log": str(drawn.source), "picture": str(path)}, f"written to {path}")
+    document = {"log": str(drawn.source), "picture": str(path)}
+    answer(options, document, f"written to {visible(str(path))}")
     return solved(options, drawn.unsolved)
 
 

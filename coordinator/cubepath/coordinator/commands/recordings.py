@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,7 @@ from cubepath.coordinator.commands.files import (
 )
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
 
@@ -68,7 +70,9 @@ def add_recording_commands(command: AddCommand) -> None:
     replay.add_argument("log", type=input_path, metavar="LOG")
     replay.add_argument(
         "--rate",
-        type=number("a number above 0", lambda rate: rate > 0),
+        type=number(
+            "a number of at least 0.00001 (about a round a day)", lambda rate: rate >= 1e-5
+        ),
         metavar="R",
         help="rounds a second (default: as fast as it goes)",
     )
@@ -136,7 +140,7 @@ def _verified(recording: Recording, found: Verification) -> _Told:
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
     if found.ok and not found.complete:
         lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
-    text = "\n".join(lines)
+    text = "\n".join(map(visible, lines))
     if found.ok:
         return _Told(found.document(), text)
     wrong = ", ".join(check.name for check in found.checks if not check.ok)
@@ -162,7 +166,7 @@ def _each(
     before the next file is read, so that memory does not grow with their number.
     """
     paths: list[Path] = options.logs
-    if len(paths) == 1 and not paths[0].is_dir():
+    if len(paths) == 1 and not os.path.isdir(paths[0]):  # noqa: PTH112 - never raises
         with progress_bar(None, what, " rounds") as bar:
             told = one(paths[0], bar.update)
         answer(options, told.document, told.text)
@@ -180,7 +184,7 @@ def _each(
                     say(f"{between}{json.dumps(document)}", end="")
                     between = ",\n"
                 elif told.text:
-                    say(f"{between}==> {file_name(path)} <==\n{told.text}")
+                    say(f"{between}==> {visible(file_name(path))} <==\n{told.text}")
                     between = "\n"
                 worst = max(worst, _complained(told))
                 bar.update()

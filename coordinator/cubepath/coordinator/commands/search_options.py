@@ -6,11 +6,10 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
-import math
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import whole
+from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -24,7 +23,7 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     """Add ``--improve``, ``--effort``, ``--seed``, ``--bounds`` and ``--max-states``."""
     parser.add_argument(
         "--improve",
-        type=float,
+        type=number("a number of seconds, 0 or more", lambda seconds: seconds >= 0),
         metavar="SECONDS",
         help="search for a shorter schedule in other homotopy classes; implies --bounds",
     )
@@ -44,7 +43,7 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--max-states",
-        type=int,
+        type=whole(0),
         metavar="N",
         help="states that the search for the exact optimum may look at (default 100000)",
     )
@@ -68,14 +67,10 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
         return None
     if seconds is not None and effort is not None:
         raise InputError("--improve and --effort: one counts seconds, one steps, expected one")
-    if seconds is not None and not (math.isfinite(seconds) and seconds >= 0):
-        raise InputError(f"--improve {seconds}: expected a number of seconds, 0 or more")
     from cubepath.coordinator.search.exact import MAX_STATES  # noqa: PLC0415
     from cubepath.coordinator.shortening.optimality import beyond, task_of  # noqa: PLC0415
 
     most: int = MAX_STATES if options.max_states is None else options.max_states
-    if most < 0:
-        raise InputError(f"--max-states {most}: expected 0 or more")
     task = task_of(found)
     with progress_bar(None, "bounds", " steps") as bar:
 

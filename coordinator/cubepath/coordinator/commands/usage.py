@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any, NoReturn, Protocol
@@ -82,14 +83,15 @@ class AddCommand(Protocol):
         ...
 
 
+_WHOLE = re.compile(r"[+-]?\d{1,18}", re.ASCII)
+
+
 def whole(least: int) -> Callable[[str], int]:
     """Return the type of an option whose value is an integer, `least` or more."""
 
     def read(text: str) -> int:
-        try:
-            found = int(text)
-        except ValueError:
-            found = least - 1
+        # Python's own reading takes digits of every script, and underscores between them.
+        found = int(text) if _WHOLE.fullmatch(text) else least - 1
         if found < least:
             raise argparse.ArgumentTypeError(
                 f"expected a whole number of at least {least}, found {text!r}"

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
         FILM_SUFFIXES,
         FRAMES_PER_SECOND,
         animate,
-        check_frame_rate,
     )
     from cubepath.coordinator.runs.gatherer import Gatherer, gathered
     from cubepath.coordinator.runs.launch import Outcome, Plan, run
@@ -27,7 +26,7 @@ else:
         {
             "contents": "info render",
             "drawing": "PICTURE_SUFFIXES run_picture",
-            "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate check_frame_rate",
+            "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "gatherer": "Gatherer gathered",
             "launch": "Outcome Plan run",
             "playback": "Replayed replay",
@@ -43,7 +42,6 @@ __all__ = [
     "Plan",
     "Replayed",
     "animate",
-    "check_frame_rate",
     "gathered",
     "info",
     "render",

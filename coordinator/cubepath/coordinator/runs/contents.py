@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import FORMAT, Recording
 from cubepath.protocol.wire.messages import Certified, Edges, Summary, decode
@@ -141,7 +142,7 @@ def _moment(wall_ns: int | None) -> str | None:
 
 
 def render(document: Mapping[str, Any]) -> str:
-    """Return the result of `info` as a readable table."""
+    """Return the result of `info` as a readable table, with control characters shown."""
     ended = _ENDED[document["ended"]]
     rows: list[tuple[str, object]] = [
         ("log", document["log"]),
@@ -189,4 +190,4 @@ def render(document: Mapping[str, Any]) -> str:
     rows += [(f"  {name}", version) for name, version in document["versions"].items()]
     rows += [("problem", problem) for problem in document["problems"]] or [("problems", "none")]
     width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+    return "\n".join(visible(f"{name:<{width}}  {value}") for name, value in rows)

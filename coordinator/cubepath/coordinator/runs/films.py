@@ -38,7 +38,7 @@ _LEAST, _DOTS = 3.2, 100
 """The least width in inches at which the legend can be read, and dots per inch."""
 
 
-def check_frame_rate(rate: float) -> None:
+def _check_frame_rate(rate: float) -> None:
     """Raise InputError if a film cannot have this number of frames a second."""
     if not _SLOWEST <= rate <= _FASTEST:
         raise InputError(
@@ -67,7 +67,7 @@ def animate(
     file cannot be written.
     """
     check_suffix(path, FILM_SUFFIXES)
-    check_frame_rate(frames_per_second)
+    _check_frame_rate(frames_per_second)
     found = list(snapshots(scene, steps))
     last = len(found) - 1
     shown = sorted({*range(0, last, 1 + last // _FRAMES_MAX), last})

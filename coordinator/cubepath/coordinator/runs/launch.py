@@ -52,6 +52,7 @@ from cubepath.protocol.wire.messages import (
     decode,
     encode,
 )
+from cubepath.protocol.wire.sessions import check_descriptors
 
 Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
@@ -141,6 +142,7 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     """
     task = task_of(plan)
     _check_topics(task, plan.processes)
+    check_descriptors(min(plan.processes, len(task.scene.start)), files=1)
     path = plan.log or Path("logs") / _file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
@@ -230,13 +232,13 @@ def _check_topics(task: Task, processes: int) -> None:
     modules = len(task.scene.start)
     talks = rule_named(task.rule, task.scene.system).note_length(modules) > 0
     kinds = len(_SAID) - (not talks)
-    others = len(_SAID_HERE) + processes
-    topics = kinds * modules + others
+    here = len(_SAID_HERE)
+    topics = kinds * modules + here + min(processes, modules)
     if topics > TOPICS_MAX:
+        most = max((TOPICS_MAX - here - processes) // kinds, (TOPICS_MAX - here) // (kinds + 1))
         raise InputError(
             f"{task.scene.spec}: what {modules} modules say takes {topics} topics, and a recording"
-            f" has {TOPICS_MAX} at most: expected at most"
-            f" {(TOPICS_MAX - others) // kinds} modules"
+            f" has {TOPICS_MAX} at most: expected at most {most} modules"
         )
 
 
@@ -289,6 +291,8 @@ class _Run:
             ended, error = "interrupted", "interrupted"
         except CubepathError as problem:
             ended, error = "failed", self._with_stop(str(problem))
+        except MemoryError:
+            ended, error = "failed", self._with_stop("out of memory")
         try:
             self._finish(ended, error)
             self._writer.close()

@@ -37,6 +37,8 @@ Announce = Callable[[str, str], object]
 """Called with the endpoint and the run id before the first message is put."""
 
 _PATIENCE_S_MAX = 30.0
+_REST_S_MAX = 3600.0
+"""The longest single wait: the system's clock cannot count the seconds of any rate."""
 _POLL_S = 0.001
 
 
@@ -193,7 +195,7 @@ class _Player:
     def _rest_until(self, due: float) -> None:
         while (left := due - time.monotonic()) > 0:
             with contextlib.suppress(Empty):
-                self._take(*self._queue.get(timeout=left))
+                self._take(*self._queue.get(timeout=min(left, _REST_S_MAX)))
 
     def _gather_what_is_there(self) -> None:
         with contextlib.suppress(Empty):

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         Lattice,
         Move,
     )
+    from cubepath.protocol.core.control_characters import visible
     from cubepath.protocol.core.errors import (
         CheckError,
         CubepathError,
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
         check_output,
         is_special,
         same_file,
+        unwritable,
         written_whole,
     )
     from cubepath.protocol.core.sites import (
@@ -97,6 +99,7 @@ else:
                 "Catalogue Cell EDGES Generator HEXAGONS HEX_DIRECTIONS LATTICES Lattice Move "
                 "SQUARES"
             ),
+            "control_characters": "visible",
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "input_files": (
                 "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source opened read_text readable"
@@ -105,7 +108,9 @@ else:
             "keyed_values": "Keys all_values given_values",
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
-            "output_files": "STANDARD_OUTPUT check_output is_special same_file written_whole",
+            "output_files": (
+                "STANDARD_OUTPUT check_output is_special same_file unwritable written_whole"
+            ),
             "sites": (
                 "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
                 "to_json"
@@ -184,6 +189,8 @@ __all__ = [
     "site_text",
     "sites_from_json",
     "to_json",
+    "unwritable",
+    "visible",
     "why_inadmissible",
     "written_whole",
 ]

@@ -14,11 +14,12 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import BinaryIO
 
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 
 STANDARD_OUTPUT = Path("/dev/stdout")
 """The path that writers take for standard output; on the command line it is ``-``."""
 _NAME_MAX = 100
+_FULL_OR_BROKEN = {errno.ENOSPC, errno.EDQUOT, errno.EIO}
 
 
 @contextlib.contextmanager
@@ -26,9 +27,9 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
     """Open a file for writing that is complete afterwards, or unchanged.
 
     A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
-    it cannot be written, CheckError if that is standard output, and BrokenPipeError if it has no
-    reader any more. An OSError of the body counts as a failure to write; other errors of the body
-    propagate.
+    it cannot be written, CheckError if that is standard output or the disk is full or broken, and
+    BrokenPipeError if it has no reader any more. An OSError of the body counts as a failure to
+    write; other errors of the body propagate.
     """
     if path == STANDARD_OUTPUT:
         with _standard_output() as stream:
@@ -49,7 +50,7 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
     except BrokenPipeError:
         raise
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise unwritable(path, error) from None
     finally:
         if part is not None:
             with contextlib.suppress(OSError):
@@ -96,18 +97,19 @@ def check_output(path: Path) -> None:
     """Check that a file can be written; InputError says why not. No folder is created."""
     if path == STANDARD_OUTPUT or is_special(path):
         return
-    if path.is_dir():
-        raise InputError(f"{path}: a folder, expected a file to write")
     try:
+        if path.is_dir():
+            raise InputError(f"{path}: a folder, expected a file to write")
         folder = _resolved(path).parent
         if not folder.is_dir():
-            raise InputError(f"{path}: there is no folder {path.parent}, expected one to write to")
+            named = folder if path.is_symlink() else path.parent
+            raise InputError(f"{path}: there is no folder {named}, expected one to write to")
         if not os.access(folder, os.W_OK | os.X_OK):
             raise PermissionError(13, os.strerror(13))
         if path.exists() and not os.access(path, os.W_OK):
             raise PermissionError(13, os.strerror(13))
     except OSError as error:
-        raise _unwritable(path, error) from None
+        raise unwritable(path, error) from None
 
 
 def _resolved(path: Path) -> Path:
@@ -117,5 +119,11 @@ def _resolved(path: Path) -> Path:
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP)) from error
 
 
-def _unwritable(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written: {error.strerror or error}")
+def unwritable(path: Path, error: OSError) -> CubepathError:
+    """Return the error to raise for a file that the system cannot write.
+
+    It is a CheckError if the disk is full or broken, where another name would not help, otherwise
+    an InputError.
+    """
+    kind = CheckError if error.errno in _FULL_OR_BROKEN else InputError
+    return kind(f"{path}: cannot be written: {error.strerror or error}")

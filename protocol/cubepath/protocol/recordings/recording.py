@@ -25,7 +25,7 @@ from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
-from cubepath.protocol.core.output_files import same_file
+from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.salvaging import MAGIC, Salvage, salvage
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
@@ -58,24 +58,19 @@ class RecordingWriter:
         scene: Scene,
         parameters: Mapping[str, str],
         schedule: bytes | None = None,
+        *,
+        stream: IO[bytes] | None = None,
     ) -> None:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
-        `schedule` is the text of the schedule that the run executes.
+        `schedule` is the text of the schedule that the run executes. A `stream` is written in place
+        of a new file: it stays open, and its errors propagate.
         """
         self.path = path
         self.messages = 0
+        self._owns = stream is None
         text = scene_to_toml(scene)  # before the file is created: not every scene can be written
-        try:
-            with contextlib.suppress(FileExistsError):  # opening it gives the reason
-                path.parent.mkdir(parents=True, exist_ok=True)
-            # Earlier recordings are never overwritten; a device may be written to.
-            new = path.is_file() or not path.exists()
-            self._stream: IO[bytes] = path.open("xb" if new else "wb")
-        except FileExistsError:
-            raise InputError(f"{path}: exists already, expected a new file") from None
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written: {error.strerror or error}") from None
+        self._stream = _new_file(path) if stream is None else stream
         self._writer = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -109,6 +104,8 @@ class RecordingWriter:
             write()
         except OSError as error:
             self._broken = True
+            if not self._owns:
+                raise
             raise RecordingFull(
                 f"{self.path}: recording stopped after {self.messages} messages:"
                 f" {error.strerror or error}"
@@ -162,6 +159,8 @@ class RecordingWriter:
 
     def _check_place(self) -> None:
         """Check that the path still leads to the whole file; otherwise it would be lost."""
+        if not self._owns:
+            return
         found = os.fstat(self._stream.fileno())
         if not stat.S_ISREG(found.st_mode):
             return
@@ -182,6 +181,7 @@ class RecordingWriter:
     def _finish(self) -> None:
         self._check_size()
         self._writer.finish()
+        self._stream.flush()  # what closing the file could not write would not be told
         self._check_place()
 
     def close(self) -> None:
@@ -192,9 +192,10 @@ class RecordingWriter:
             if not self._broken:
                 self._guard(self._finish)
         finally:
-            # After a full disk the tail of the buffer does not fit either.
-            with contextlib.suppress(OSError):
-                self._stream.close()
+            if self._owns:
+                # After a full disk the tail of the buffer does not fit either.
+                with contextlib.suppress(OSError):
+                    self._stream.close()
 
     def __enter__(self) -> Self:
         """Return the writer."""
@@ -203,6 +204,23 @@ class RecordingWriter:
     def __exit__(self, *_: object) -> None:
         """Close the file."""
         self.close()
+
+
+def _new_file(path: Path) -> IO[bytes]:
+    try:
+        with contextlib.suppress(FileExistsError):  # opening it gives the reason
+            path.parent.mkdir(parents=True, exist_ok=True)
+        # Earlier recordings are never overwritten; a device may be written to.
+        new = path.is_file() or not path.exists()
+        return path.open("xb" if new else "wb")
+    except FileExistsError:
+        raise _exists(path) from None
+    except OSError as error:
+        raise unwritable(path, error) from None
+
+
+def _exists(path: Path) -> InputError:
+    return InputError(f"{path}: exists already, expected a new file")
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,13 +372,20 @@ def _gap(records: Iterable[Record]) -> Iterator[str]:
 def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
     """Write what could be read as a complete recording; return the number of messages.
 
-    `notes` are parameters to add. Raises InputError if `out` is the recording itself or cannot be
-    written, and RecordingFull if the disk is full.
+    `notes` are parameters to add. Raises InputError if `out` is the recording itself, exists
+    already or cannot be written, and CheckError if the disk is full; then nothing is left of it.
     """
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     parameters = {**recording.parameters, **(notes or {})}
-    with RecordingWriter(out, recording.scene, parameters, recording.schedule) as writer:
+    if out.is_file():
+        raise _exists(out)
+    with (
+        written_whole(out) as stream,
+        RecordingWriter(
+            out, recording.scene, parameters, recording.schedule, stream=stream
+        ) as writer,
+    ):
         for record in recording.records:
             writer.write(
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         schema_of,
     )
     from cubepath.protocol.wire.sessions import (
+        check_descriptors,
         open_client,
         open_router,
         put,
@@ -59,7 +60,9 @@ else:
                 "Act Certified Claim Cube Edges Executed Go Heard Here Message Note Observed Ready "
                 "Report Reset Stopped Summary Verdict decode encode kind_of schema_of"
             ),
-            "sessions": "open_client open_router put subscribe wait_for_subscriber",
+            "sessions": (
+                "check_descriptors open_client open_router put subscribe wait_for_subscriber"
+            ),
         },
     )
 
@@ -82,6 +85,7 @@ __all__ = [
     "Stopped",
     "Summary",
     "Verdict",
+    "check_descriptors",
     "decode",
     "encode",
     "everything",

@@ -44,7 +44,13 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
     return config
 
 
-def _check_descriptors(needed: int) -> None:
+def check_descriptors(processes: int = 0, files: int = 0) -> None:
+    """Check that there are enough file descriptors; CubepathError says how many it takes.
+
+    They are for a router, two clients, a client in each of `processes` other processes, and so many
+    files. Without them zenoh would panic.
+    """
+    needed = _FOR_SESSIONS + _FOR_A_PROCESS * processes + files
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     if most == resource.RLIM_INFINITY:
         return
@@ -63,10 +69,9 @@ def open_router(endpoint: str | None = None, processes: int = 0) -> tuple[zenoh.
     """Open a router at an endpoint, or a free loopback port; return it with its endpoint.
 
     An endpoint is ``tcp/HOST:PORT``. Raises InputError if it is invalid or the router cannot listen
-    there, and CubepathError if too few file descriptors are left for the router, two clients and
-    one client in each of `processes` other processes: zenoh would panic instead.
+    there, and CubepathError if `check_descriptors` finds too few file descriptors for `processes`.
     """
-    _check_descriptors(_FOR_SESSIONS + _FOR_A_PROCESS * processes)
+    check_descriptors(processes)
     if endpoint is not None and not _ENDPOINT.fullmatch(endpoint):
         raise InputError(f"endpoint={endpoint}: expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
     settings: Mapping[str, Any] = {

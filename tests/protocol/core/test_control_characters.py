@@ -1,0 +1,27 @@
+"""Text for a terminal: control characters are shown, and nothing else changes."""
+
+from __future__ import annotations
+
+import doctest
+import unicodedata
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cubepath.protocol.core import control_characters
+from cubepath.protocol.core.control_characters import visible
+
+
+@given(st.text())
+def test_no_control_character_is_left(text: str) -> None:
+    """By the categories of Unicode, whatever the text; other characters stay in their order."""
+    kept = "".join(each for each in text if unicodedata.category(each) != "Cc")
+    shown = visible(text)
+    assert all(unicodedata.category(each) != "Cc" for each in shown)
+    assert (shown == text) == (kept == text)
+    assert len(shown) == len(text) + 3 * (len(text) - len(kept))
+
+
+def test_examples_hold() -> None:
+    """The docstring says what comes out."""
+    assert doctest.testmod(control_characters).failed == 0
