@@ -46,6 +46,7 @@ MIRRORED: dict[str, tuple[str, ...]] = {
         "tests/coordinator/search/test_lower_bounds.py",
     ),
     f"{_VERIFICATION}/certificate.py": (
+        "tests/coordinator/verification/test_certificate.py",
         "tests/coordinator/shortening/test_explain.py",
         *_RECORDED,
     ),

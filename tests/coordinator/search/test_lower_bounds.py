@@ -123,6 +123,15 @@ def test_the_greatest_bound_counts_and_of_equals_the_first() -> None:
     assert lower_bound(None, {0}, {0}, within=99) == Bound(0, "no move")
 
 
+def test_the_bounds_of_the_system_itself_count() -> None:
+    """From a fan to the next a diagonal crosses five, which halve with each round: 5, 2, 1, 0."""
+    system = FlipSystem(polygon_points(8))
+    one, other = fan(0, 8) | system.kept, fan(1, 8) | system.kept
+    found = lower_bound(system, one, other, within=99)
+    assert found == Bound(3, "an edge's crossings halve")
+    assert module_bound(system, one, other, within=99) < found.cubes
+
+
 class Silent(GraphSystem):
     """Vehicles of a class that does not say where they can go."""
 

@@ -1,4 +1,4 @@
-"""What a certificate says of the end: there where the start is known, and each site once."""
+"""What a certificate says of the end, and whether the cubes of a file are its cubes."""
 
 from __future__ import annotations
 
@@ -7,14 +7,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from msgspec.structs import replace
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.normal_form.certificate import certificate_of
-from cubepath.coordinator.verification.certificate import check_certificate
+from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
 from cubepath.protocol.wire.messages import Certified
 from recordings import all_edited, first
+from strategies import edge
 from tamperings import crowd, failing
 
 SYSTEM = "agv:graph=grid3x2,n=2"
@@ -77,6 +82,53 @@ def test_where_nobody_knows_the_start_no_end_is_expected() -> None:
     known = certificate_of(path, start=frozenset({1}))
     assert check_certificate(known, path)["end"] is not None
     assert check_certificate(known, path, frozenset({1}))["end"] is None
+
+
+def test_a_move_that_cannot_be_carried_out_is_named_by_its_number() -> None:
+    """Counted from 1: the path's own move, or the move of a cube where only the cubes fail."""
+    path = [edge(1, 2), edge(2, 3)]
+    certificate = certificate_of(path, start=frozenset({1}))
+
+    def told(proof: Certificate, start: int) -> str:
+        return str(check_certificate(proof, path, frozenset({start}))["end"]).partition(": ")[0]
+
+    assert told(certificate, 4) == "path, move 1"
+    assert told(certificate, 3) == "path, move 1"
+    assert told(certificate_of(path), 2) == "path, move 2"
+    assert told(replace(certificate, cubes=[[2], [1]]), 1) == "cube 1, move 2"
+
+
+@pytest.mark.parametrize("shared", ["a", 7])
+def test_of_a_shared_id_the_number_says_which_move_is_meant(shared: str | int) -> None:
+    """Text or number: alone it is unclear, and with the number of another move it is another."""
+    path = [
+        PathMove(edge(1, 2), "go"),
+        PathMove(edge(2, 3), shared),
+        PathMove(edge(3, 4), shared),
+    ]
+    certificate = certificate_of([move.action for move in path])
+    assert certificate.cubes == [[1], [2], [3]]
+
+    def told(*names: CubeName) -> str | None:
+        return compare_cubes(certificate, path, [[name] for name in names])
+
+    second, third = NumberedId(shared, 2), NumberedId(shared, 3)
+    assert told("go", second, third) is None
+    assert told(NumberedId("go", 1), second, third) is None
+    unclear = f"moves with different contents have the id {json.dumps(shared)}"
+    assert told("go", second, shared) == f"cube 3: {unclear}, expected [id, number of the move]"
+    assert told("go", third, second) == "cube 2 has other moves than the certificate"
+    assert told("go", second, second) == "cube 3 has other moves than the certificate"
+    assert told("go", second) == "2 cubes, and the certificate has 3"
+
+
+def test_a_move_by_its_generator_has_no_id_to_number() -> None:
+    """A cubes file that names it as a numbered id names another move."""
+    path = [PathMove(edge(1, 2), GeneratorPlacement("edge", [1, 2]))]
+    certificate = certificate_of([move.action for move in path])
+    assert compare_cubes(certificate, path, [[GeneratorPlacement("edge", [1, 2])]]) is None
+    told = compare_cubes(certificate, path, [[NumberedId("edge", 1)]])
+    assert told == "cube 1 has other moves than the certificate"
 
 
 def test_the_certificate_of_a_recording_has_an_end_too() -> None:

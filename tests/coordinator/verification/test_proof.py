@@ -80,6 +80,9 @@ def test_a_certificate_that_proves_is_accepted(
             [2],
             "cancelled: moves 1 and 5 are a pair, but move 2",
         ),
+        # What commutes is not what stands between.
+        ("wfrw", [(1, 4)], [[2, 3]], [3], "cancelled: moves 1 and 4 are a pair, but move 3 is"),
+        ("fwrw", [(2, 4)], [[1, 3]], [3], "cancelled: moves 2 and 4 are a pair, but move 3 is"),
         ("rwwr", [(1, 4)], [[2], [3]], [2, 3], "cancelled: moves 1 and 4 are a pair, but move 2"),
         ("wf", [(1, 2)], [], [], "cancelled: moves 1 and 2 are a pair, but they are not equal"),
         ("ww", [(2, 1)], [], [], "cancelled: moves 2 and 1 are a pair, but the later one"),
@@ -101,6 +104,10 @@ def test_a_certificate_that_proves_is_accepted(
             [1, 2],
             "schedule: move 3 does not commute with move 2 before it, but is in cube 2, and that",
         ),
+        # Nor is it what a move comes too early for; that is not gone, and in no lower cube.
+        ("frw", [], [[1, 2, 3]], [3], "schedule: move 3 does not commute with move 2 before it"),
+        ("wwrw", [(1, 2)], [[3, 4]], [3], "schedule: move 4 does not commute with move 3 before"),
+        ("fwrw", [], [[1, 2], [3, 4]], [2, 3], "schedule: move 4 does not commute with move 3"),
         (
             "ww",
             [],

@@ -28,8 +28,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
-from cubepath.protocol.wire.messages import Cube, decode
-from recordings import edited, first, record_of, recorded, with_records
+from cubepath.protocol.wire.messages import Cube, Executed, decode
+from recordings import all_edited, edited, first, record_of, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 
 SUMMARY: dict[str, Any] = {
@@ -113,6 +113,49 @@ def test_the_cubes_of_the_class_are_counted() -> None:
         assert found.cubes == count
         assert detail_of(found, "class") == f"{wrong} cubes, the moves have {count}"
         assert detail_of(found, "summary") == f"cubes is {wrong}, derived is {count}"
+
+
+def test_every_cube_that_the_summary_counts_is_there() -> None:
+    """The one that is missing is named, the last one too."""
+    whole = crowd()
+    cubes: list[Any] = [decode(record.data) for record in whole.of_kind("cube")]
+    for cube in cubes:
+        said = detail_of(verify(edited(whole, cube)), "complete")
+        assert said == f"cube {cube.index} of {len(cubes)} is missing"
+
+
+def test_where_the_cubes_end_elsewhere_the_site_is_named() -> None:
+    """The least that is on after the one and not after the other, not one that is on after both."""
+    whole = crowd()
+    summary = first(whole, "summary")
+    last = first(whole, "cube", lambda message: message.index == summary.cubes)
+    assert [move.at for move in last.moves] == [[[1, 1], [2, 1]]]
+    less = edited(whole, last, replace(last, moves=[]))
+    one_more = Cube(last.round, last.index + 1, [GeneratorPlacement("edge", [[2, 3], [3, 3]])])
+    more = edited(
+        edited(whole, last, last, one_more), summary, replace(summary, cubes=one_more.index)
+    )
+    for recording, where, site in ((less, "cubes", (1, 1)), (more, "moves", (2, 3))):
+        said = detail_of(verify(recording), "ends")
+        assert said == f"after the {where} {site!r} is on, but not after the other"
+
+
+def test_edges_are_compared_up_to_the_last_round() -> None:
+    """Only where a run was killed may those of the last round be missing, and never be wrong."""
+    whole = crowd()
+    killed = all_edited(whole, "summary", lambda _: None)
+    last = first(whole, "summary").rounds
+    edges = first(whole, "edges", lambda message: message.round == last)
+    before = first(whole, "edges", lambda message: message.round == last - 1)
+    wrong = replace(edges, moves=[Executed(0, "edge", [[0, 0], [0, 1]]), *edges.moves])
+    assert failing(verify(edited(killed, edges))) == {"complete"}
+    for recording, old, new, said in (
+        (whole, edges, [], f"round {last}: no edges on record"),
+        (whole, edges, [wrong], f"round {last}: the edges are not the moves reported"),
+        (killed, edges, [wrong], f"round {last}: the edges are not the moves reported"),
+        (killed, before, [], f"round {last - 1}: no edges on record"),
+    ):
+        assert detail_of(verify(edited(recording, old, *new)), "edges") == said
 
 
 CANNOT_BE_DERIVED = ("note", "failed", "error", "ended")

@@ -131,6 +131,38 @@ def test_a_corrupt_length_costs_no_more_than_its_chunk() -> None:
                 assert len(found.records) >= len(originals()) - FLUSH_EVERY
 
 
+def test_a_damaged_length_before_the_parameters_does_not_cost_them() -> None:
+    """The index tells where they begin, as it does for the scene and for chunks."""
+    whole = files()[0]
+    header, body = len(MAGIC), len(MAGIC) + 9
+    following = body + int.from_bytes(whole[header + 1 : body], "little")
+    assert (whole[header], whole[following]) == (Opcode.HEADER, Opcode.METADATA)
+    found = salvage(flipped(whole, body - 1))
+    assert found.problems == [
+        f"corrupt at byte {header}: a record is damaged, reading goes on at byte {following}"
+    ]
+    assert [each.name for each in found.metadata] == ["cubepath"]
+    assert len(found.attachments) == 1
+    assert len(found.messages) == len(originals())
+
+
+def test_topics_that_a_damaged_chunk_named_are_known_from_the_summary() -> None:
+    """A channel may stand in the first chunk alone, and later chunks use it."""
+    out = BytesIO()
+    writer = Writer(out, chunk_size=1)
+    writer.start()
+    channel = writer.register_channel("here/module_0", "json", 0)
+    for number in (1, 2):
+        writer.add_message(channel, number, b"{}", number, number)
+    writer.finish()  # type: ignore[no-untyped-call]
+    whole = out.getvalue()
+    (start, end), _ = chunks_of(whole)
+    found = salvage(flipped(whole, (start + end) // 2))
+    assert "chunk 1 (log times 1 to 1) cannot be read" in found.problems[0]
+    assert [message.sequence for message in found.messages] == [2]
+    assert found.topics == {channel: "here/module_0"}
+
+
 def test_a_damaged_scene_is_refused_by_name() -> None:
     """Without the scene nothing can be checked, so the recording is refused."""
     whole = files()[0]
