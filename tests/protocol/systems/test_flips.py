@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from fractions import Fraction
 from itertools import combinations
 from math import comb, factorial
 from pathlib import Path
@@ -21,15 +20,15 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.families.triangulations import (
-    polygon_points,
     random_points,
     read_points,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 from cubepath.protocol.systems.flips import FlipSystem
-from cubepath.protocol.systems.point_sets import SWEEPS, Edge, Point, PointSet
+from cubepath.protocol.systems.point_sets import Point, PointSet
 from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
+from point_grids import all_triangulations, on_grid
 
 GRID: list[Point] = [(x, y) for y in range(3) for x in range(3)]
 DOUBLE_6: list[Point] = [(0, 0), (60, 0), (30, 60), (30, 1), (44, 30), (16, 30)]
@@ -41,65 +40,6 @@ CROSSED = """{
 "points_x": [0, 1, 1, 0], "points_y": [0, 0, 1, 1], "triangulations": [[[0, 2]], [[0, 2], [1, 3]]]
 }"""
 SIDES: list[Point] = [(0, 0), (2, 0), (4, 0), (0, 3), (0, 6), (1, 2)]
-
-
-# The obvious triangulations of a point set, by code that shares nothing with the project's.
-
-
-def turn(a: Point, b: Point, c: Point) -> int:
-    value = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-    return (value > 0) - (value < 0)
-
-
-def between(a: Point, b: Point, c: Point) -> bool:
-    return turn(a, b, c) == 0 and min(a, b) < c < max(a, b)
-
-
-def meet(points: list[Point], one: Edge, other: Edge) -> bool:
-    """Tell whether two edges have more in common than a corner, from where their lines meet."""
-    (p, q), (r, s) = ((points[a], points[b]) for a, b in (one, other))
-    d, e = (q[0] - p[0], q[1] - p[1]), (s[0] - r[0], s[1] - r[1])
-    cross = d[0] * e[1] - d[1] * e[0]
-    if cross == 0:
-        return any(between(p, q, c) for c in (r, s)) or any(between(r, s, c) for c in (p, q))
-    w = (r[0] - p[0], r[1] - p[1])
-    t, u = Fraction(w[0] * e[1] - w[1] * e[0], cross), Fraction(w[0] * d[1] - w[1] * d[0], cross)
-    return 0 <= t <= 1 and 0 <= u <= 1 and not (t in (0, 1) and u in (0, 1))
-
-
-def all_triangulations(points: list[Point]) -> set[frozenset[Edge]]:
-    """Return the largest sets of edges that do not meet, by trying all."""
-    edges = [
-        (a, b)
-        for a, b in combinations(range(len(points)), 2)
-        if not any(between(points[a], points[b], c) for c in points)
-    ]
-    clash = {
-        edge: {other for other in edges if other != edge and meet(points, edge, other)}
-        for edge in edges
-    }
-    found: list[frozenset[Edge]] = []
-
-    def extend(chosen: list[Edge], left: list[Edge]) -> None:
-        if not left:
-            found.append(frozenset(chosen))
-            return
-        edge = left[0]
-        extend([*chosen, edge], [other for other in left[1:] if other not in clash[edge]])
-        if clash[edge] & set(left):
-            extend(chosen, left[1:])
-
-    extend([], edges)
-    most = max(map(len, found))
-    return {edges for edges in found if len(edges) == most}
-
-
-def on_grid(most: int) -> st.SearchStrategy[list[Point]]:
-    """Draw points on a small grid, of which many are collinear, but not all."""
-    cells = [(x, y) for x in range(4) for y in range(4)]
-    return st.lists(st.sampled_from(cells), min_size=3, max_size=most, unique=True).filter(
-        lambda points: any(turn(a, b, c) for a, b, c in combinations(points, 3))
-    )
 
 
 def scene_of(points: list[Point]) -> Scene:
@@ -181,35 +121,7 @@ def test_flips_commute_iff_they_share_no_triangle(spec: str) -> None:
     assert seen == {True, False}
 
 
-# Exact geometry.
-
-
-@pytest.mark.slow
-@given(on_grid(9))
-def test_quadrilaterals_by_their_definition(points: list[Point]) -> None:
-    """Those that turn left at every corner, or right, and hold no other point; each once."""
-    expected = set()
-    for four in combinations(range(len(points)), 4):
-        a, *rest = four
-        for b, c, d in (rest, [rest[0], rest[2], rest[1]], [rest[1], rest[0], rest[2]]):
-            p = [points[k] for k in (a, b, c, d)]
-            turns = {turn(p[k - 2], p[k - 1], p[k]) for k in range(4)}
-            sign = turns.pop()
-            if turns or sign == 0:
-                continue
-            inside = [
-                point
-                for point in points
-                if point not in p and all(turn(p[k - 1], p[k], point) * sign >= 0 for k in range(4))
-            ]
-            if not inside:
-                expected.add(four)
-    found = [each.corners for each in all_quadrilaterals(PointSet(points))]
-    assert set(found) == expected
-    assert len(found) == len(expected)
-    plane = PointSet(points)
-    for four in combinations(range(len(points)), 4):
-        assert (plane.why_no_flip(four) is None) == (four in expected)
+# Flips that are found where they are needed.
 
 
 @given(on_grid(10))
@@ -260,59 +172,6 @@ def test_discovery_finds_what_is_admissible_where_it_was(
         assert {(action, site) for action, site in here if site in state} == expected
         action, _ = random.choice(sorted(expected, key=lambda each: site_text(each[1])))
         state ^= action.trace
-
-
-@given(on_grid(10))
-def test_crossings_of_many_edges_at_once(points: list[Point]) -> None:
-    """They are those of each pair; the test of two sides alone would find lines that meet."""
-    plane = PointSet(points)
-    edges = list(combinations(range(len(points)), 2))
-    for edge in edges:
-        expected = [plane.cross(edge, other) for other in edges]
-        assert plane.crossings(edge, np.array(edges)).tolist() == expected
-
-
-@given(on_grid(9), st.sampled_from(sorted(SWEEPS)))
-def test_a_sweep_is_a_triangulation(points: list[Point], direction: str) -> None:
-    """Its edges pass through no point, do not meet, hold the hull, and are as many as can be."""
-    plane = PointSet(points)
-    edges = plane.sweep(direction)
-    for a, b in edges:
-        assert not any(between(points[a], points[b], c) for c in points)
-    assert not any(meet(points, one, other) for one, other in combinations(edges, 2))
-    assert plane.hull <= edges
-    assert len(edges) == 3 * len(points) - 3 - len(plane.hull)
-
-
-@given(on_grid(7))
-def test_edges_that_cross(points: list[Point]) -> None:
-    """Edges through no point cross iff they meet in more than a corner."""
-    plane = PointSet(points)
-    edges = [e for e in combinations(range(len(points)), 2) if not plane.on_the_way(*e)]
-    for one, other in combinations(edges, 2):
-        assert plane.cross(one, other) == meet(points, one, other)
-
-
-def test_sweeps_go_different_ways() -> None:
-    """The default start and goal of random points differ."""
-    assert len({PointSet(random_points(12, 1)).sweep(way) for way in SWEEPS}) == 4
-
-
-def test_no_rounding() -> None:
-    """Beside a line by one unit in 10^30 is not on it, at any size."""
-    far = 10**30
-    points = [(0, 0), (far, far), (2 * far, 2 * far - 1), (far, -far)]
-    assert [each.corners for each in all_quadrilaterals(PointSet(points))] == [(0, 1, 2, 3)]
-    straight = [*points[:2], (2 * far, 2 * far), points[3]]
-    assert all_quadrilaterals(PointSet(straight)) == ()
-
-
-def test_polygons_are_convex() -> None:
-    """Every four corners of a polygon on whole numbers can flip, up to the largest."""
-    for count in (*range(4, 12), 40):
-        p = polygon_points(count)
-        assert all(turn(p[k - 2], p[k - 1], p[k]) > 0 for k in range(count))
-    assert len(all_quadrilaterals(PointSet(polygon_points(12)))) == comb(12, 4)
 
 
 def test_modules_are_the_diagonals_that_can_move() -> None:
@@ -516,11 +375,3 @@ def test_a_thousand_points_are_a_system() -> None:
     assert all(move.possible(scene.start_state) for move in found)
     with pytest.raises(InputError, match="1000 points have too many flips to list them all"):
         system.moves(scene.start[0])
-
-
-@pytest.mark.slow
-@pytest.mark.thorough
-def test_too_many_flips_are_refused() -> None:
-    """Many points in convex position have more flips than a list should hold."""
-    with pytest.raises(InputError, match="more than 200000 flips among 60 points"):
-        _ = all_quadrilaterals(PointSet(polygon_points(60)))
