@@ -57,11 +57,12 @@ class Mutation:
 
 
 def mutations(tree: ast.Module) -> list[Mutation]:
-    """Return all changes of a module, in the order of its syntax tree."""
+    """Return all changes of a module, in the order of its syntax tree; none leaves it as it is."""
     return [
         Mutation(node.lineno, _head(node), _head(other), _put(parent, field, at, other))
         for parent, field, at, node in _places(tree)
         for other in _changed(node, parent)
+        if ast.dump(other) != ast.dump(node)
     ]
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import shutil
 import signal
 import subprocess
+import termios
+import time
 from pathlib import Path
 
 import pytest
@@ -220,6 +223,18 @@ def test_two_outputs_are_two_files(folder: Path, capsys: Capture) -> None:
     assert not (folder / "a.jsonl").exists()
 
 
+def wait_until_it_reads(pid: int, pipe: int) -> None:
+    """Wait until a process has read what is in a pipe, and sleeps for more."""
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline:
+        unread = fcntl.ioctl(pipe, termios.FIONREAD, bytes(4))
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        if not any(unread) and state == "S":
+            return
+        time.sleep(0.01)
+    raise TimeoutError("the command does not read")
+
+
 @pytest.mark.slow
 def test_a_signal_leaves_the_old_file_and_nothing_else(folder: Path) -> None:
     """SIGTERM in the middle of writing: one line, exit code 130."""
@@ -233,8 +248,9 @@ def test_a_signal_leaves_the_old_file_and_nothing_else(folder: Path) -> None:
         ) as child,
         pipe.open("wb") as moves,
     ):
-        # More than a pipe holds: once it is written, the command is in the middle of reading.
         moves.write(b'{"id": "a", "support": [1], "trace": [1]}\n' * 10_000)
+        moves.flush()
+        wait_until_it_reads(child.pid, moves.fileno())
         child.send_signal(signal.SIGTERM)
         _, told = child.communicate(timeout=60)
     assert (child.returncode, told) == (130, "cubepath: interrupted\n")

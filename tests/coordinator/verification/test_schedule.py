@@ -9,6 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.schedule import check_schedule
+from cubepath.coordinator.verification.transcript import transcript_of
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, decode
@@ -114,3 +117,28 @@ def first_made(recording: Recording) -> bytes:
         if report.round == stop.round and report.move is not None:  # type: ignore[union-attr]
             return record.data
     raise AssertionError("nobody moved in that round")
+
+
+def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:
+    """Not even one of the moves that were due has to be made; a move that was not due is named."""
+    recording = stopped()
+    transcript = transcript_of(recording, lambda _name, _where: None)
+    said = transcript.rounds[transcript.complete_rounds]
+    moved_by = next(number for number, each in said.reports.items() if each.move is not None)
+    report = said.reports[moved_by]
+    found: list[str] = []
+
+    def check() -> list[str]:
+        found.clear()
+        check_schedule(recording, transcript, lambda _name, where: found.append(where))
+        return [where for where in found if "cube" in where or "not made" in where]
+
+    assert check() == []
+    for number, each in said.reports.items():
+        said.reports[number] = replace(each, move=None)
+    assert check() == []
+    astray = GeneratorPlacement("edge", [[90, 0], [91, 0]])
+    said.reports[moved_by] = replace(report, move=astray)
+    assert check() == [
+        f"round {transcript.complete_rounds}: edge at [[90,0],[91,0]] is not in its cube"
+    ]

@@ -82,6 +82,7 @@ MOVE = "[[moves]]\ngenerator = {}\nat = {}\nduration = {}\n"
         (FORM + "[generators]\na = 1\n[ids]\na = 1", "'a' is among the generators and the ids"),
         (FORM + MOVE.format('"s"', "1", "1") * 2, "moves 2: generator 's' at 1 comes twice"),
         (FORM + "default = ", "not TOML: Invalid value (at end of document)"),
+        (FORM + "default = " + "[" * 50_000, "lists in lists, nested too deeply"),
     ],
 )
 def test_what_is_no_duration_is_refused(tmp_path: Path, text: str, reason: str) -> None:
@@ -112,7 +113,7 @@ def test_durations_that_are_not_there(tmp_path: Path) -> None:
         ('{"format": "cubepath-durations-1", "default": NaN}', "default: found the time 'NaN'"),
         ('{"format": "cubepath-durations-1", "default": null}', "default: found nothing, expected"),
         ('{"default": 1, "default": 2}', 'line 1: key "default" stands twice'),
-        ("[" * 100_000, "not JSON: "),
+        ("[" * 100_000, "lists in lists, nested too deeply"),
     ],
 )
 def test_what_is_wrong_in_json_is_told_as_in_toml(tmp_path: Path, text: str, reason: str) -> None:

@@ -7,6 +7,7 @@ uses none of the code that assigned the moves.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TypeAlias
 
 from cubepath.coordinator.verification.transcript import Fail, Round, Transcript, site_in
 from cubepath.protocol.core.errors import InputError
@@ -16,7 +17,7 @@ from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Go, Stopped, Summary, decode
 
-_Moves = set[tuple[str, Site | None]]
+_Moves: TypeAlias = set[tuple[str, Site | None]]
 
 
 def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> None:

@@ -87,6 +87,7 @@ if TYPE_CHECKING:
         one_to_one,
         region_of,
     )
+    from cubepath.protocol.core.toml_text import parsed_toml
     from cubepath.protocol.core.vehicle_graph import VehicleGraph
 else:
     __getattr__, __dir__ = lazy_face(
@@ -120,6 +121,7 @@ else:
                 "Bound CLOSED EMPTY FILLED FIRST_LABEL KEPT MODULE Scene System Ways local_only "
                 "one_to_one region_of"
             ),
+            "toml_text": "parsed_toml",
             "vehicle_graph": "VehicleGraph",
         },
     )
@@ -179,6 +181,7 @@ __all__ = [
     "one_to_one",
     "opened",
     "pairs_from_json",
+    "parsed_toml",
     "read_text",
     "readable",
     "region_of",

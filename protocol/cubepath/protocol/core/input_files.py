@@ -100,22 +100,23 @@ def opened(source: Source) -> Generator[InputFile]:
     path = _NAME if source == STANDARD_INPUT else source
     with contextlib.ExitStack() as stack:
         with readable(path):
-            stream = stack.enter_context(_stream(source))
+            opened_stream = stack.enter_context(_stream(source))
+            stream: BinaryIO = opened_stream
             if not stream.seekable() or stream.tell():
-                stream = _in_memory(stream)
+                stream = _in_memory(opened_stream)
         yield InputFile(path, stream)
 
 
-def _in_memory(stream: BinaryIO) -> BinaryIO:
+def _in_memory(stream: io.BufferedReader) -> BinaryIO:
     """Read the rest of a stream piece by piece: Python sees an interrupt only in between."""
     found = io.BytesIO()
-    while piece := stream.read(_PIECE):
+    while piece := stream.read1(_PIECE):
         found.write(piece)
     found.seek(0)
     return found
 
 
-def _stream(source: Path) -> BinaryIO:
+def _stream(source: Path) -> io.BufferedReader:
     if source != STANDARD_INPUT:
         return source.open("rb")
     stdin: object = sys.stdin  # None if it was closed when Python began, whatever its type says

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -22,6 +21,7 @@ from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.toml_text import parsed_toml
 from cubepath.protocol.path_files.moves import MoveName
 
 FORMAT = "cubepath-durations-1"
@@ -155,22 +155,17 @@ def read_durations(source: Source) -> Durations:
     try:
         if file.path.suffix.lower() == ".json":
             return _durations(_json(text))
-        return _durations(_toml(text))
+        return _durations(parsed_toml(text, _Decimal))
     except InputError as error:
         raise InputError(f"{file.path}: {error}") from None
-
-
-def _toml(text: str) -> object:
-    try:
-        return tomllib.loads(text, parse_float=_Decimal)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"not TOML: {error}") from None
 
 
 def _json(text: str) -> object:
     try:
         found: object = json.loads(text, parse_float=_Decimal, parse_constant=_Decimal)
-    except (ValueError, RecursionError) as error:
+    except RecursionError:
+        raise InputError("lists in lists, nested too deeply") from None
+    except ValueError as error:
         raise InputError(f"not JSON: {error}") from None
     check_keys(text.encode(), where="line ")
     return found

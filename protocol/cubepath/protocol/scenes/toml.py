@@ -6,7 +6,6 @@ system's table is defined by its class.
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.sites import Site, in_order, sites_from_json, to_json
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.core.toml_text import parsed_toml
 from cubepath.protocol.scenes.registry import OWN_KINDS, SCENE_KEYS, kinds
 
 FORMAT = "cubepath-system-1"
@@ -40,11 +40,9 @@ def read_scene(path: Path) -> Scene:
 def scene_from_toml(text: str, where: str) -> Scene:
     """Read a scene from TOML text; `where` names the text in errors."""
     try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{where}: not TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{where}: lists in lists, nested too deeply") from None
+        table = parsed_toml(text)
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
     if table.get("format") != FORMAT:
         raise InputError(f"{where}: format is {table.get('format')!r}, expected {FORMAT!r}")
     try:
