@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import ast
 import doctest
-import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 from random import Random
-from types import FrameType
-from typing import Any
 
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from counted_lines import lines_of
 from cubepath.coordinator.normal_form import certificate as builder
 from cubepath.coordinator.normal_form.certificate import certificate_of, link
 from cubepath.coordinator.normal_form.definitions import end_state, obvious_normal_form
@@ -529,21 +527,10 @@ def test_a_certificate_that_is_not_there(tmp_path: Path) -> None:
 
 
 def _steps(path: Word) -> int:
-    """Return how many lines checking the certificate of a path runs: a clock is not that exact."""
+    """Return how many lines checking the certificate of a path runs."""
     found = certificate_of(path)
-    count = 0
-
-    def tally(_frame: FrameType, event: str, _argument: object) -> Any:
-        nonlocal count
-        count += event == "line"
-        return tally
-
-    known = sys.gettrace()
-    sys.settrace(tally)
-    wrong = refused(path, found)
-    sys.settrace(known)
-    assert not wrong
-    return count
+    assert not refused(path, found)
+    return lines_of(lambda: refused(path, found))
 
 
 @pytest.mark.slow
