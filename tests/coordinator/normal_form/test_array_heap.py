@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import doctest
-import time
 from collections import Counter
 from collections.abc import Generator, Sequence
 from random import Random
@@ -258,17 +257,13 @@ def test_going_over_to_compiled_code_changes_nothing() -> None:
 @pytest.mark.slow
 @pytest.mark.thorough
 def test_a_million_moves_there_and_back() -> None:
-    """Half a million moves of 8 sites, undone in part and as a whole, in well under 5 seconds."""
+    """Half a million moves of 8 sites, undone in part and as a whole; tests/bench has the time."""
     out, table = ring(500, 500_000)
-    with plain_steps(COMPILED):
-        normal_form(out[:1], table)  # the compiler's time is not meant
     half = len(out) // 2
-    began = time.process_time()
     back = normal_form(np.concatenate([out, out[::-1]]), table)
     assert not back.levels.any()
     part = np.concatenate([out, out[half:][::-1]])
     found = normal_form(part, table)
-    assert time.process_time() - began < 5
     expected = normal_form(out[:half], table)
     assert expected.levels.max() > 5000
     assert pieces_of(part, found.levels) == pieces_of(out[:half], expected.levels)
