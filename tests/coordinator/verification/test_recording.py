@@ -67,6 +67,16 @@ def test_every_number_of_the_summary_is_derived(key: str) -> None:
     assert detail_of(found, "summary").startswith(f"{key} is ")
 
 
+@pytest.mark.parametrize("kind", ["report", "here"])
+def test_modules_are_numbered_from_0_and_below_their_count(kind: str) -> None:
+    """The first number that no module has is refused on either side."""
+    message = first(crowd(), kind)
+    for module in (-1, len(crowd().scene.start)):
+        found = verify(edited(crowd(), message, message, replace(message, module=module)))
+        check = "reports" if kind == "report" else "said"
+        assert "there is no such module in this run" in detail_of(found, check)
+
+
 @pytest.mark.parametrize("number", [10**9, 2**62])
 def test_a_count_that_no_memory_holds_is_only_a_wrong_number(number: int) -> None:
     """The first cube that is not there is named, without going through all of them."""
