@@ -142,3 +142,25 @@ def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:
     assert check() == [
         f"round {transcript.complete_rounds}: edge at [[90,0],[91,0]] is not in its cube"
     ]
+
+
+def test_a_stop_is_not_for_the_one_move_that_was_made() -> None:
+    """Where a round has a single move, and the summary says that it stopped there for that one."""
+    recording = stopped()
+    transcript = transcript_of(recording, lambda _name, _where: None)
+    number = transcript.complete_rounds
+    reports = transcript.rounds[number].reports
+    made = next(each for each in reports.values() if each.move is not None)
+    for module, each in reports.items():
+        reports[module] = each if each is made else replace(each, move=None)
+    summary = transcript.summary
+    assert summary is not None
+    stop = summary.schedule_stopped
+    assert stop is not None
+    assert made.move is not None
+    transcript.summary = replace(
+        summary, schedule_stopped=replace(stop, round=number, move=made.move)
+    )
+    found: list[str] = []
+    check_schedule(recording, transcript, lambda _name, where: found.append(where))
+    assert f"it did not stop for {made.move.generator}: not due, or it was made" in found

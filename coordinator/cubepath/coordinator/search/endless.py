@@ -1,4 +1,4 @@
-"""Whether modules can wander off for ever, so that a scene has states without end.
+"""Whether modules can move away for ever, so that a scene has infinitely many states.
 
 Room: coordinator; touches nothing.
 """
@@ -18,16 +18,16 @@ from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 
 _STEPS_MAX = 30_000
-"""Steps of the search: it takes a second at most."""
+"""The bound on the steps of the search, which takes at most a second."""
 _STATES_MAX = 500
-"""So many states of a few modules are looked at for one path."""
+"""The bound on the states that are searched for one path."""
 _FIRST = (0, 2, 4)
-"""After so many vectors they may be clear of the others."""
+"""The numbers of vectors after which the modules may be clear of the others."""
 
 
 @dataclass(frozen=True, slots=True)
 class Wandering:
-    """Some modules, and how many moves take all of them on by a vector of the lattice."""
+    """Some modules, and the number of moves that shift all of them by a vector of the lattice."""
 
     modules: tuple[Site, ...]
     by: Cell
@@ -35,14 +35,14 @@ class Wandering:
 
 
 def wandering(scene: Scene) -> Wandering | None:
-    """Return modules of the start that can wander off for ever, None where none were found.
+    """Return modules of the start that can move away for ever, None if none are found.
 
-    Why they can. The workspace is a whole lattice without obstacles, so what can be done in one
-    place can be done in every other. Alone in the world, the modules have a path that takes each of
-    their places on by one vector. From the start they come, with all others at rest, some multiples
-    of it further; from there on none of the sites that the path reads, moved on by any more
-    multiples, is the place of another module. So the path can be repeated without end, and no state
-    comes twice. Costs a bounded number of steps; where nothing is found nothing is known.
+    Proof. The workspace is a whole lattice without obstacles, so a path that is possible in one
+    place is possible in every other. Without other modules, these have a path that shifts their
+    places by one vector. From the start, a second path shifts them by some multiple of the vector
+    while all others stay where they are. From there on, no site that the first path reads, shifted
+    by any further multiple, is the place of another module. So the first path can be repeated for
+    ever, and no state occurs twice. Costs a bounded number of steps; None proves nothing.
     """
     catalogue = scene.system.catalogue
     if catalogue is None or not (scene.system.open and scene.system.local):
@@ -60,7 +60,7 @@ def wandering(scene: Scene) -> Wandering | None:
 
 
 def _some(scene: Scene) -> Iterator[tuple[Site, ...]]:
-    """Yield single modules, all, and pairs that see each other, of few neighbours first."""
+    """Yield single modules, all, and pairs that sense each other, fewest neighbours first."""
     start = in_order(scene.start)
     near = {site: set(scene.system.sensed(site)) & set(start) for site in start}
     yield from ((site,) for site in start)
@@ -77,7 +77,7 @@ def _vectors(dimension: int) -> Iterator[Cell]:
 
 @dataclass(frozen=True, slots=True)
 class _Walk:
-    """The question whether some modules can walk off by multiples of a vector."""
+    """A search for a walk of some modules by multiples of a vector."""
 
     steps: Transitions
     lattice: Lattice
@@ -90,7 +90,7 @@ class _Walk:
         return frozenset(lattice.shift(lattice.check(site), vector) for site in sites)
 
     def _path(self, times: int, others: State) -> list[Action] | None:
-        """Return moves that take the modules on; what is not to be moved, and others, rest."""
+        """Return moves that shift the modules; modules already at their ends, and others, stay."""
         steps, ends = self.steps, (frozenset(self.modules), self._moved(self.modules, times))
         still = steps.encode(others | (ends[0] & ends[1]))
         before, after = (steps.encode(end | others) for end in ends)
@@ -100,6 +100,7 @@ class _Walk:
         return [steps.actions[number] for cube in found for number in cube]
 
     def found(self) -> Wandering | None:
+        """Return the walk if it can be repeated for ever, else None."""
         alone = self._path(1, frozenset())
         if alone is None:
             return None
@@ -116,7 +117,7 @@ class _Walk:
 
 
 def _width(sites: Iterable[Site], by: Cell) -> int:
-    """Return how often sites must be moved on to be clear of where they were."""
+    """Return how many shifts by a vector take all of these sites clear of where they were."""
     axis = next(place for place, each in enumerate(by) if each)
     along = [int(site[axis]) for site in sites if isinstance(site, tuple)]
     return max(along) - min(along) + 1
