@@ -272,17 +272,18 @@ class Rederivation:
         self, report: Report, due: Mapping[tuple[str, int], ModuleMessage], said: Round
     ) -> None:
         heard: set[tuple[str, int]] = set()
-        for entry in report.heard:
-            key = (entry.kind, entry.module)
-            what = f"{named(report)} says it heard {entry.kind} of module_{entry.module}"
+        for kind, speaker, site in report.deliveries():
+            key = (kind, speaker)
+            what = f"{named(report)} says it heard {kind} of module_{speaker}"
             if key in heard:
                 self._fail("deliveries", f"{what} twice")
             elif key not in said.said:
                 self._fail("deliveries", f"{what}, which was not said")
             elif key not in due:
-                self._fail("deliveries", f"{what}, which stood at {entry.site}: out of earshot")
-            elif site_in(entry.site) != site_in(due[key].site):
-                self._fail("deliveries", f"{what} from {entry.site}, not from {due[key].site}")
+                stood = said.said[key].site
+                self._fail("deliveries", f"{what}, which stood at {stood}: out of earshot")
+            elif site is not None and site_in(site) != site_in(due[key].site):
+                self._fail("deliveries", f"{what} from {site}, not from {due[key].site}")
             heard.add(key)
         for kind, speaker in sorted(due.keys() - heard):
             self._fail("hearing", f"{named(report)}: it missed {kind} of module_{speaker}")

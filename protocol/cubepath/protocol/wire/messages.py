@@ -1,12 +1,17 @@
 """Messages on the wire, as msgspec structs in JSON; the same bytes are recorded.
 
-In each round a module sends `here`, optionally a `note` and a `claim`, the `verdict` on its claim
-to the modules that wait for it, and its `report`. The coordinator paces rounds with `go`, and
-processes answer `ready`; neither message carries any state.
+In each round a module says `here`, optionally a `note` and a `claim`, the `verdict` on its claim
+to the modules that wait for it, and makes its `report`. What the modules of one process say in a
+phase to a region travels as one message with its parts, `said`; their reports are one, `reports`.
+The coordinator paces rounds with `go`, and processes answer `ready`; both count the messages of the
+phase, so that a receiver knows what it misses and asks for it `again`, and carry nothing else.
+
+In recordings of format 1 (cubepath 0.1.0) every part is a message of its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any, Literal, TypeAlias
 
 import msgspec
@@ -54,7 +59,10 @@ class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
 
 
 class Heard(msgspec.Struct, frozen=True):
-    """One delivery to a module: the kind of message, its sender and where the sender stood."""
+    """One delivery to a module: the kind of message, its sender and where the sender stood.
+
+    Reports of format 1 have these.
+    """
 
     kind: str
     module: int
@@ -65,7 +73,8 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     """A module's announcement at the end of a round, one each, in any order of arrival.
 
     It stood at `before` and stands at `site`; `claim` is "none", "granted" or "lost", and `move`
-    is what it executed. `heard` is every message that it was delivered in this round.
+    is what it executed. `heard` is every part that it was delivered in this round: by kind the
+    modules that said it, in increasing order. In format 1 it is a list.
     """
 
     round: int
@@ -74,34 +83,99 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     site: Json
     claim: Literal["none", "granted", "lost"]
     move: GeneratorPlacement | None
-    heard: list[Heard]
+    heard: dict[str, list[int]] | list[Heard]
     failed: str | None = None
 
+    def deliveries(self) -> Iterator[tuple[str, int, Json | None]]:
+        """Yield the kind and the sender of each delivery, and where it stood if that is told."""
+        if isinstance(self.heard, dict):
+            for kind, senders in self.heard.items():
+                for sender in senders:
+                    yield kind, sender, None
+        else:
+            for one in self.heard:
+                yield one.kind, one.module, one.site
 
-class Go(msgspec.Struct, frozen=True, tag_field="kind", tag="go"):
-    """All processes may begin a phase of a round; or, with phase "stop", end.
 
-    With phase "over" the schedule that modules carried out ends with this round (0: before the
-    first): from the next on they follow their rule, each from where it stands.
+Part: TypeAlias = Here | Note | Claim | Verdict
+"""What a module says to the modules at some places."""
+
+
+class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
+    """What the modules of one process say in a phase to the places of one region.
+
+    `number` counts the messages of a process to a region in a phase from 0; in the phases "sense"
+    and "claim" there is one at most. The parts are in the order in which they were said.
     """
 
     round: int
-    phase: Literal["sense", "claim", "settle", "over", "stop"]
+    phase: Literal["sense", "claim", "settle"]
+    process: int
+    region: str
+    number: int
+    parts: list[Part]
+
+
+class Reports(msgspec.Struct, frozen=True, tag_field="kind", tag="reports"):
+    """The reports of the modules of one process at the end of a round, in increasing order."""
+
+    round: int
+    process: int
+    parts: list[Report]
+
+
+class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="go"):
+    """All processes may begin a phase of a round; or, with phase "stop", end.
+
+    `said` counts by region the messages that were said to it in the phase before, by all processes
+    together. With phase "observe" modules that are driven from outside send their observations.
+    With phase "over" the schedule that modules carried out ends with this round (0: before the
+    first): from the next on they follow their rule, each from where it stands. A process that has
+    answered already and is asked again repeats all that it said in the phase.
+    """
+
+    round: int
+    phase: Literal["sense", "observe", "claim", "settle", "over", "stop"]
+    said: dict[str, int] = {}
 
 
 class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
-    """All modules go back to their start, with another seed; processes answer `ready` to join."""
+    """All modules go back to their start, with another seed; processes answer `ready` to join.
+
+    The rounds of the wire go on counting from `round`; ranks and rules count from 1 again.
+    """
 
     round: int
     seed: int
 
 
-class Ready(msgspec.Struct, frozen=True, tag_field="kind", tag="ready"):
-    """A process has finished a phase of a round (round 0: it is connected); nothing more."""
+class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ready"):
+    """A process has finished a phase of a round (join: it is connected).
+
+    `said` counts by region the messages that it said in this phase.
+    """
 
     round: int
     process: int
-    phase: Literal["join", "sense", "claim", "settle"]
+    phase: Literal["join", "sense", "observe", "claim", "settle", "over"]
+    said: dict[str, int] = {}
+
+
+class Again(msgspec.Struct, frozen=True, tag_field="kind", tag="again"):
+    """A process misses messages of a phase to a region: whoever said some says them again."""
+
+    round: int
+    process: int
+    phase: Literal["sense", "claim", "settle"]
+    region: str
+
+
+class Waiting(msgspec.Struct, frozen=True, tag_field="kind", tag="waiting"):
+    """A process that was asked again is there, but cannot finish the phase without others."""
+
+    round: int
+    process: int
+    phase: Literal["observe", "claim", "settle"]
 
 
 class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
@@ -121,6 +195,22 @@ class Act(msgspec.Struct, frozen=True, tag_field="kind", tag="act"):
     module: int
     action: int
     note: list[int]
+
+
+class Observations(msgspec.Struct, frozen=True, tag_field="kind", tag="observations"):
+    """The observations of the modules of one process, which are driven from outside."""
+
+    round: int
+    process: int
+    parts: list[Observed]
+
+
+class Acts(msgspec.Struct, frozen=True, tag_field="kind", tag="acts"):
+    """The actions for all modules of one process."""
+
+    round: int
+    process: int
+    parts: list[Act]
 
 
 class Executed(msgspec.Struct, frozen=True):
@@ -194,11 +284,17 @@ Message: TypeAlias = (
     | Claim
     | Verdict
     | Report
+    | Observed
+    | Act
+    | Said
+    | Reports
+    | Observations
+    | Acts
     | Go
     | Reset
     | Ready
-    | Observed
-    | Act
+    | Again
+    | Waiting
     | Edges
     | Cube
     | Certified
@@ -211,11 +307,17 @@ KINDS: dict[str, type[Message]] = {
     "claim": Claim,
     "verdict": Verdict,
     "report": Report,
+    "observed": Observed,
+    "act": Act,
+    "said": Said,
+    "reports": Reports,
+    "observations": Observations,
+    "acts": Acts,
     "go": Go,
     "reset": Reset,
     "ready": Ready,
-    "observed": Observed,
-    "act": Act,
+    "again": Again,
+    "waiting": Waiting,
     "edges": Edges,
     "cube": Cube,
     "certificate": Certified,
@@ -232,6 +334,13 @@ def decode(data: bytes) -> Message:
         return _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"not a cubepath message: {error}") from None
+
+
+def parts_of(message: Message) -> Sequence[Message]:
+    """Return the messages of modules that a message brings; any other message is its own part."""
+    if isinstance(message, Said | Reports | Observations | Acts):
+        return message.parts
+    return (message,)
 
 
 def kind_of(message: Message) -> str:

@@ -1,0 +1,71 @@
+"""Nodes: the protocol as pure machines, between a wire and the code that decides.
+
+A node is told of messages and ticks, and gives effects as data: messages to put, keys to listen to,
+a timer to set. It opens no session, starts no thread and reads no clock, so the same node runs in a
+process on zenoh and under a simulator. A shell carries the effects out in their order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+from cubepath.protocol.wire.messages import Message
+
+
+@dataclass(frozen=True, slots=True)
+class Put:
+    """Put these bytes on a key; whoever listens to the key receives them, but not the putter."""
+
+    key: str
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Listen:
+    """Receive what is put on these keys from now on."""
+
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ignore:
+    """Receive no longer what is put on these keys."""
+
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Timer:
+    """Tick once after so many seconds, instead of at the time set before; None: do not tick."""
+
+    seconds: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """A message, put or received, that belongs on record; each comes once."""
+
+    data: bytes
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class End:
+    """The node has come to its end: nothing more needs to be told to it."""
+
+
+Effect: TypeAlias = Put | Listen | Ignore | Timer | Keep | End
+
+
+class Node(Protocol):
+    """Messages and ticks in, effects out."""
+
+    def start(self) -> list[Effect]:
+        """Begin; called once, before anything else."""
+
+    def receive(self, data: bytes) -> list[Effect]:
+        """Take the bytes of a message that was put on a key that the node listens to."""
+
+    def tick(self) -> list[Effect]:
+        """Take note that the timer has run out."""
