@@ -11,13 +11,15 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.processes.fleet import Fleet
     from cubepath.agents.processes.orders import OUTSIDE
+    from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "fleet": "Fleet",
             "orders": "OUTSIDE",
+            "pacer": "PATIENCE_S PATIENCE_S_MAX",
         },
     )
 
-__all__ = ["OUTSIDE", "Fleet"]
+__all__ = ["OUTSIDE", "PATIENCE_S", "PATIENCE_S_MAX", "Fleet"]
