@@ -1,4 +1,4 @@
-"""What a lockstep round costs in processor time, against the same bytes and work without a protocol.
+"""What a lockstep round costs in processor time, against its bytes and work without a protocol.
 
     python tests/bench/bench_round.py [--quick]
 
@@ -123,7 +123,7 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
             kept.append((message, data))
 
         with Fleet(scene, "random", processes=processes, sink=sink) as fleet:
-            pids = [os.getpid(), *fleet.pids]
+            pids = [os.getpid(), fleet.router_pid, *fleet.pids]
             times, walls = [], []
             fleet.play_round()  # whatever is done once is done
             for _ in range(rounds):

@@ -262,6 +262,13 @@ class Fleet:
         """Return the process ids of the module processes."""
         return [child.pid for child in self._children]
 
+    @property
+    def router_pid(self) -> int:
+        """Return the process id of the router, which may change if it dies."""
+        if self._router is None:
+            raise CubepathError("the fleet has ended: start another")
+        return self._router.pid
+
     def _end(self) -> None:
         try:
             if self._shell is not None:
