@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import replace as with_fields
 
+from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
-from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
 from recordings import all_edited, first, recorded, with_records
 
 
@@ -32,6 +33,16 @@ def test_info_says_what_was_run_and_what_came_of_it() -> None:
     assert document["bytes"] == crowd().path.stat().st_size
     assert document["seconds"] > 0
     assert document["problems"] == []
+
+
+def test_info_says_which_format_a_recording_has() -> None:
+    """That of the file, for machines and for people."""
+    for recording, name in (
+        (read_recording(GOLDEN / "agv-3.mcap"), "cubepath-recording-1"),
+        (crowd(), "cubepath-recording-2"),
+    ):
+        assert info(recording)["format"] == name
+        assert f"format           {name}" in render(info(recording))
 
 
 def test_without_a_summary_what_can_be_counted_is_counted() -> None:

@@ -13,7 +13,7 @@ import msgspec
 
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import FORMAT, Recording
+from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Certified, Edges, Summary, decode
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
@@ -49,7 +49,7 @@ def info(recording: Recording) -> dict[str, Any]:
     known = (*_DESCRIBED, *_VERSIONS)
     return {
         "log": str(recording.path),
-        "format": FORMAT,
+        "format": recording.format,
         **{key: _described(parameters, key) for key in _DESCRIBED},
         "modules": len(recording.scene.start),
         "versions": {key: parameters[key] for key in _VERSIONS if key in parameters},
@@ -146,6 +146,7 @@ def render(document: Mapping[str, Any]) -> str:
     ended = _ENDED[document["ended"]]
     rows: list[tuple[str, object]] = [
         ("log", document["log"]),
+        ("format", document["format"]),
         ("system", document["system"]),
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),

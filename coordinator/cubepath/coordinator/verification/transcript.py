@@ -5,7 +5,7 @@ Room: coordinator. Part of `cubepath verify`: it shares only the decoding of mes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
 
@@ -13,7 +13,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Record, Recording, topic_on_record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -28,6 +28,7 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     decode,
     kind_of,
+    parts_of,
 )
 
 ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
@@ -75,8 +76,7 @@ def transcript_of(recording: Recording, fail: Fail) -> Transcript:
     """
     found = Transcript()
     for record in recording.records:
-        message = _message(record, fail)
-        if message is not None:
+        for message in _parts(record, fail):
             _sort(found, message, len(recording.scene.start), fail)
     for this in found.rounds.values():
         # What is said of them is the same whatever the order of arrival.
@@ -98,17 +98,25 @@ def site_in(value: Json) -> Site | None:
         return None
 
 
-def _message(record: Record, fail: Fail) -> Message | None:
+def _parts(record: Record, fail: Fail) -> Sequence[Message]:
+    """Return the parts of a batch, or the message itself; nothing if it does not decode."""
     try:
         message = decode(record.data)
     except InputError as error:
         fail("messages", f"message {record.sequence} ({record.topic}): {error}")
-        return None
-    topic = topic_of(message)
+        return ()
+    topic = topic_on_record(message)
     if topic != record.topic or message.round != record.round:
-        where = f"message {record.sequence} ({record.topic}, round {record.round})"
-        fail("messages", f"{where} is {topic} of round {message.round}")
-    return message
+        fail("messages", f"{_place(record)} is {topic} of round {message.round}")
+    parts = parts_of(message)
+    for part in parts:
+        if part.round != message.round:
+            fail("messages", f"{_place(record)} holds {topic_of(part)} of round {part.round}")
+    return parts
+
+
+def _place(record: Record) -> str:
+    return f"message {record.sequence} ({record.topic}, round {record.round})"
 
 
 def _sort(found: Transcript, message: Message, modules: int, fail: Fail) -> None:
@@ -146,7 +154,7 @@ def _sort_said(
         known = this.reports.setdefault(message.module, message)
     else:
         known = this.said.setdefault((kind_of(message), message.module), message)
-    # The same message delivered twice counts once.
+    # What is said twice counts once: a part stands in a batch for each region that it goes to.
     if known != message:
         fail(check, f"{named(message)} comes twice, and differs")
 

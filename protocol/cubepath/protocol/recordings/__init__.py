@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         is_recording,
         read_recording,
         read_undamaged,
+        topic_on_record,
     )
 else:
     __getattr__, __dir__ = lazy_face(
@@ -26,7 +27,7 @@ else:
         {
             "recording": (
                 "FORMAT TOPICS_MAX Record Recording RecordingWriter copy_recording "
-                "is_recording read_recording read_undamaged"
+                "is_recording read_recording read_undamaged topic_on_record"
             ),
         },
     )
@@ -41,4 +42,5 @@ __all__ = [
     "is_recording",
     "read_recording",
     "read_undamaged",
+    "topic_on_record",
 ]

@@ -15,7 +15,7 @@ import errno
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from typing import IO, Self
@@ -30,9 +30,25 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.salvaging import MAGIC, Salvage, salvage
 from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import decode, schema_of
+from cubepath.protocol.wire.messages import (
+    Acts,
+    Again,
+    Message,
+    Observations,
+    Reports,
+    Said,
+    Waiting,
+    decode,
+    encode,
+    kind_of,
+    parts_of,
+    schema_of,
+)
 
-FORMAT = "cubepath-recording-1"
+FORMAT = "cubepath-recording-2"
+"""The format that is written: modules may say messages in batches, `said` and `reports`."""
+FORMATS = ("cubepath-recording-1", FORMAT)
+"""The formats that are read. In the first every part is a message of its own."""
 SCENE = "scene.toml"
 SCHEDULE = "schedule.jsonl"
 FLUSH_EVERY = 50
@@ -40,6 +56,13 @@ FLUSH_EVERY = 50
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 _METADATA = "cubepath"
+_BATCHES = {
+    "said": {"here", "note", "claim", "verdict"},
+    "reports": {"report"},
+    "observations": {"observed"},
+    "acts": {"act"},
+}
+"""The kinds of messages that are batches, with the kinds of their parts."""
 
 
 class RecordingFull(CheckError):  # noqa: N818 - named for a state
@@ -238,6 +261,23 @@ class Record:
         """Return the kind of the message, the first part of its topic."""
         return self.topic.partition("/")[0]
 
+    def parts(self) -> Iterator[Record]:
+        """Yield the parts of a batch, each as it would stand alone; any other record is its part.
+
+        They have the round, the wall clock and the sequence of the batch. A batch that cannot be
+        decoded is yielded as it is, so that whoever decodes it finds what is wrong.
+        """
+        if self.kind not in _BATCHES:
+            yield self
+            return
+        try:
+            parts = parts_of(decode(self.data))
+        except InputError:
+            yield self
+            return
+        for part in parts:
+            yield replace(self, topic=topic_of(part), data=encode(part))
+
 
 @dataclass(frozen=True, slots=True)
 class Recording:
@@ -252,10 +292,26 @@ class Recording:
     """The text of the schedule that was executed, if any."""
     size: int = 0
     """Number of bytes read."""
+    format: str = FORMAT
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
-        """Yield the messages of these kinds in order."""
-        return (record for record in self.records if record.kind in kinds)
+        """Yield the messages of these kinds in order, also those that are parts of batches."""
+        batches = {batch for batch, held in _BATCHES.items() if not held.isdisjoint(kinds)}
+        for record in self.records:
+            if record.kind in kinds:
+                yield record
+            elif record.kind in batches:
+                for part in record.parts():
+                    # What cannot be decoded may have held some.
+                    if part.kind in kinds or part.kind in batches:
+                        yield part
+
+
+def topic_on_record(message: Message) -> str:
+    """Return the topic under which a message stands; batches are said by processes."""
+    if isinstance(message, Said | Reports | Observations | Acts | Again | Waiting):
+        return f"{kind_of(message)}/process_{message.process}"
+    return topic_of(message)
 
 
 def is_recording(file: InputFile) -> bool:
@@ -277,7 +333,7 @@ def read_recording(source: Source) -> Recording:
         raise InputError(f"{path}: empty file, expected an MCAP recording")
     found = salvage(data)
     problems = list(found.problems)
-    parameters = _parameters(path, found, problems)
+    written_as, parameters = _parameters(path, found, problems)
     scene = _scene(path, found)
     records, lost = _records(found)
     if lost:
@@ -286,7 +342,9 @@ def read_recording(source: Source) -> Recording:
         problems += _gap(records)
     schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
     schedule = next(schedules, None)
-    return Recording(path, parameters, scene, records, tuple(problems), schedule, len(data))
+    return Recording(
+        path, parameters, scene, records, tuple(problems), schedule, len(data), written_as
+    )
 
 
 def read_undamaged(source: Source) -> Recording:
@@ -301,19 +359,21 @@ def read_undamaged(source: Source) -> Recording:
     return recording
 
 
-def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, str]:
+def _parameters(path: Path, found: Salvage, problems: list[str]) -> tuple[str, dict[str, str]]:
+    """Return the format and the parameters."""
     named = [record.metadata for record in found.metadata if record.name == _METADATA]
-    ours = [values for values in named if values.get("format") == FORMAT]
+    ours = [values for values in named if values.get("format") in FORMATS]
     if not ours:
         shown = repr(named[0].get("format")) if named else "none"
         detail = f" ({problems[0]})" if problems else ""
+        expected = " or ".join(map(repr, FORMATS))
         raise InputError(
-            f"{path}: no cubepath recording: format {shown}, expected {FORMAT!r}{detail}"
+            f"{path}: no cubepath recording: format {shown}, expected {expected}{detail}"
         )
     values = {key: value for key, value in ours[0].items() if key not in ("format", "checksum")}
     if ours[0].get("checksum") != _checksum(values):
         problems.append("corrupt: the parameters are not those of their checksum")
-    return values
+    return ours[0]["format"], values
 
 
 def _checksum(parameters: Mapping[str, str]) -> str:
@@ -356,7 +416,7 @@ def _records(found: Salvage) -> tuple[tuple[Record, ...], int]:
 def _topic_said(data: bytes) -> str | None:
     # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
     try:
-        return topic_of(decode(data))
+        return topic_on_record(decode(data))
     except InputError:
         return None
 
