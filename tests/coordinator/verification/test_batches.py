@@ -154,13 +154,12 @@ def test_what_a_module_heard_is_checked_by_kind_and_sender(change: str) -> None:
     recording = whole()
     place, batch = first_batch(recording, "report", 2)
     assert isinstance(batch, Reports)
-    at = next(n for n, part in enumerate(batch.parts) if len(dict(part.heard).get("here", ())) > 1)  # type: ignore[call-overload]
-    report = batch.parts[at]
-    assert isinstance(report.heard, dict)
-    here = report.heard["here"]
+    heard = [dict(part.heard) if isinstance(part.heard, dict) else {} for part in batch.parts]
+    at = next(place for place, each in enumerate(heard) if len(each.get("here", ())) > 1)
+    report, here = batch.parts[at], heard[at]["here"]
     told = {"twice": [here[0], *here], "unsaid": [*here, report.module], "missed": here[1:]}[change]
     parts = [*batch.parts]
-    parts[at] = replace(report, heard={**report.heard, "here": told})
+    parts[at] = replace(report, heard={**heard[at], "here": told})
     found = with_message(recording, place, replace(batch, parts=parts))
     assert failing(verify(found)) == {"hearing" if change == "missed" else "deliveries"}
 

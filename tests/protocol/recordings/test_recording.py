@@ -18,10 +18,8 @@ from mcap.writer import Writer
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.recordings.description import FORMAT, FORMATS, SCENE
 from cubepath.protocol.recordings.recording import (
-    FORMAT,
-    FORMATS,
-    SCENE,
     RecordingWriter,
     copy_recording,
     read_recording,
@@ -73,7 +71,7 @@ def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
         reader = make_reader(stream, validate_crcs=True)
         found = list(reader.iter_messages())
         (scene,) = reader.iter_attachments()
-        (metadata,) = reader.iter_metadata()
+        metadata, counts = reader.iter_metadata()
     assert [message.data for _, _, message in found] == [each.data for each in originals()]
     for schema, channel, _ in found:
         assert channel.message_encoding == "json"
@@ -84,6 +82,7 @@ def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
     assert scene.name == SCENE
     assert metadata.metadata["format"] == FORMAT
     assert metadata.metadata["seed"] == "7"
+    assert (counts.name, counts.metadata["messages"]) == ("cubepath-counts", "240")
 
 
 @pytest.mark.parametrize(
