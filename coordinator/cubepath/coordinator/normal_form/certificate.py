@@ -10,7 +10,10 @@ Room: coordinator; touches nothing.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from itertools import pairwise
 from typing import NamedTuple
+
+import numpy as np
 
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
@@ -36,14 +39,14 @@ def certificate_of(
     [2, 7]
     """
     found = cancellations(path) if found is None else found
-    levels, partners = (array.tolist() for array in found)
-    cubes: list[list[int]] = [[] for _ in range(max(levels, default=0))]
-    cancelled: list[tuple[int, int]] = []
-    for place, (level, partner) in enumerate(zip(levels, partners, strict=True)):
-        if level:
-            cubes[level - 1].append(place + 1)
-        elif partner < place:
-            cancelled.append((partner + 1, place + 1))
+    levels, partners = found
+    left = np.flatnonzero(levels)
+    order = left[np.argsort(levels[left], kind="stable")] + 1
+    starts = np.cumsum(np.bincount(levels[left], minlength=1)).tolist()
+    cubes: list[list[int]] = [order[begin:end].tolist() for begin, end in pairwise(starts)]
+    later = np.flatnonzero((levels == 0) & (partners < np.arange(len(levels))))
+    pairs = zip((partners[later] + 1).tolist(), (later + 1).tolist(), strict=True)
+    cancelled: list[tuple[int, int]] = list(pairs)
     return Certificate(
         moves=len(path),
         cancelled=cancelled,
