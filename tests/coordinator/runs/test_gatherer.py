@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from cubepath.coordinator.normal_form.certificate import certificate_of
+from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.gatherer import Gatherer, Step, gathered
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -161,7 +161,7 @@ def end_of_run(gatherer: Gatherer) -> None:
     for index, cube in enumerate(gatherer.cubes(), 1):
         encode(Cube(gatherer.rounds, index, list(cube)))
     heap, start = gatherer.heap, gatherer.scene.start_state
-    proof = certificate_of(gatherer.path, start=start, found=heap.normal_form())
+    proof = encodable_certificate(gatherer.path, start=start, found=heap.normal_form())
     assert len(proof.chain) == heap.cubes == gatherer.rounds
     encode(Certified(gatherer.rounds, proof))
 

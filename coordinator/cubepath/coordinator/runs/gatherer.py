@@ -20,7 +20,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Executed, Report, decode
@@ -66,17 +66,17 @@ class EdgePath:
     """The edge path of a run in arrays: for each move its mover and the number of its name.
 
     A name is a generator and a place as it was reported. There are few of them, so a move takes
-    8 bytes, and its action and its name are objects that all moves of that name share.
+    6 bytes, and its action and its name are objects that all moves of that name share.
     """
 
-    def __init__(self, system: System) -> None:
+    def __init__(self, scene: Scene) -> None:
         """Begin with the empty path."""
-        self._system = system
+        self._system = scene.system
         self._numbers: dict[bytes, int] = {}
         self.placed: list[GeneratorPlacement] = []
         self.actions: list[Action] = []
         """The name of each number, and its action."""
-        self.movers = array("i")
+        self.movers = array("H" if len(scene.start) <= 1 << 16 else "i")
         self.names = array("i")
         self.ends = array("q")
         """The number of moves up to the end of each round."""
@@ -142,7 +142,7 @@ class Gatherer:
         """Begin at the start of the scene."""
         self.scene = scene
         self._heap = FastHeap(telling=True)
-        self._path = EdgePath(scene.system)
+        self._path = EdgePath(scene)
         self.sites: list[Site] = list(scene.start)
         self._digest = PathDigest()
         self._watch = watch

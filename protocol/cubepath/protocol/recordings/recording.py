@@ -4,8 +4,8 @@ A recording holds every message as the exact bytes that were on the wire, on the
 with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds, and
 sequence the order of writing. The parameters and versions of the run are a metadata record, the
 scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
-CRCs and are flushed every few messages, so a killed process loses at most the messages since the
-last flush.
+CRCs and are flushed every few messages, or bytes, so a killed process loses at most the messages
+since the last flush.
 """
 
 from __future__ import annotations
@@ -68,6 +68,8 @@ from cubepath.protocol.wire.messages import (
 
 FLUSH_EVERY = 50
 """Messages between two flushes: a kill loses fewer than this, and those still in a queue."""
+FLUSH_BYTES = 1 << 16
+"""Bytes of messages between two flushes, if they come first: a batch may be long."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 
@@ -99,6 +101,7 @@ class RecordingWriter:
         self.path = path
         self.messages = 0
         self._counts = Counts()
+        self._waiting = self._waiting_bytes = 0
         self._owns = stream is None
         text = scene_to_toml(scene)  # before the file is created: not every scene can be written
         self._stream = _new_file(path) if stream is None else stream
@@ -172,13 +175,16 @@ class RecordingWriter:
         )
         self.messages += 1
         self._counts.add(topic, data, wall_ns)
-        if self.messages % FLUSH_EVERY == 0:
+        self._waiting += 1
+        self._waiting_bytes += len(data)
+        if self._waiting >= FLUSH_EVERY or self._waiting_bytes >= FLUSH_BYTES:
             self._flush()
 
     def _flush(self) -> None:
         self._check_size()
         self._writer.flush()
         self._check_place()
+        self._waiting = self._waiting_bytes = 0
 
     def _check_size(self) -> None:
         """Check that nothing was cut off; the next write would fill the gap with zeros."""
