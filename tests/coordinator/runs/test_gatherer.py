@@ -191,6 +191,8 @@ def test_rounds_cubes_and_path_are_made_when_they_are_asked_for() -> None:
         gatherer.receive(report)
     assert [*gatherer.steps] == told
     assert (gatherer.steps[-1], gatherer.steps[1:3]) == (told[-1], told[1:3])
+    last = gatherer.steps
+    assert [step is last[-1] for step in last] == [False] * 4 + [True]
     with pytest.raises(IndexError):
         gatherer.steps[5]
     path = [action for step in told for action in step.actions]

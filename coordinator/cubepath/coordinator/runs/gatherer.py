@@ -110,11 +110,12 @@ T_co = TypeVar("T_co", covariant=True)
 
 
 class _View(Sequence[T_co]):
-    """Things that are made when they are asked for, by their place."""
+    """Things that are made when they are asked for, by their place; the last one made is kept."""
 
     def __init__(self, count: int, make: Callable[[int], T_co]) -> None:
         self._places = range(count)
         self._make = make
+        self._kept: tuple[int, T_co] | None = None
 
     def __len__(self) -> int:
         return len(self._places)
@@ -128,7 +129,10 @@ class _View(Sequence[T_co]):
     def __getitem__(self, index: int | slice) -> T_co | Sequence[T_co]:
         if isinstance(index, slice):
             return [self._make(place) for place in self._places[index]]
-        return self._make(self._places[index])
+        place = self._places[index]
+        if self._kept is None or self._kept[0] != place:
+            self._kept = place, self._make(place)
+        return self._kept[1]
 
 
 class Gatherer:
