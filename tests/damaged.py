@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cache
 from io import BytesIO
 from pathlib import Path
@@ -12,12 +13,16 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.recordings.recording import (
     Record,
     Recording,
     RecordingWriter,
     read_recording,
 )
+from cubepath.protocol.recordings.salvaging import Message as FoundMessage
+from cubepath.protocol.recordings.salvaging import messages_in, salvage
+from cubepath.protocol.recordings.stored import Stored
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode
 
@@ -81,6 +86,38 @@ def reading(data: bytes) -> Recording | None:
     assert "damaged.mcap" in refusal
     assert "\n" not in refusal
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class Salvaged:
+    """What `salvage` finds in some bytes, with the messages."""
+
+    messages: list[FoundMessage]
+    topics: dict[int, str]
+    metadata: list[str]
+    attachments: list[str]
+    problems: list[str]
+
+
+def stored(data: bytes) -> Stored:
+    """Return bytes as those of a recording that was read from a pipe."""
+    return Stored(InputFile(Path("damaged.mcap"), BytesIO(data)))
+
+
+def salvaged(data: bytes) -> Salvaged:
+    """Return what can be read of the bytes of an MCAP file."""
+    source = stored(data)
+    found = salvage(source)
+    messages = [each for block in found.blocks for each in messages_in(source, block)]
+    messages += found.loose
+    assert len(messages) == found.messages
+    return Salvaged(
+        messages,
+        found.topics,
+        [each.name for each in found.metadata],
+        [each.name for each in found.attachments],
+        found.problems,
+    )
 
 
 def chunks_of(data: bytes) -> list[tuple[int, int]]:

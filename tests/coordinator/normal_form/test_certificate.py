@@ -16,7 +16,11 @@ from msgspec.structs import replace
 
 from counted_lines import lines_of
 from cubepath.coordinator.normal_form import certificate as builder
-from cubepath.coordinator.normal_form.certificate import certificate_of, link
+from cubepath.coordinator.normal_form.certificate import (
+    certificate_of,
+    encodable_certificate,
+    link,
+)
 from cubepath.coordinator.normal_form.definitions import end_state, obvious_normal_form
 from cubepath.coordinator.verification import proof as checker
 from cubepath.coordinator.verification.proof import check_proof
@@ -31,6 +35,7 @@ from cubepath.protocol.path_files.certificates import (
     read_certificate,
     write_certificate,
 )
+from cubepath.protocol.wire.messages import Certified, encode
 from strategies import (
     SCENES,
     Word,
@@ -539,3 +544,13 @@ def test_checking_grows_with_the_path_alone() -> None:
     short = random_walk("agv:graph=grid3x3,n=3", 500, seed=1)
     long = random_walk("agv:graph=grid3x3,n=3", 4000, seed=1)
     assert 0 < _steps(long + long[::-1]) < 12 * _steps(short + short[::-1])
+
+
+@given(words())
+def test_a_certificate_for_encoding_has_the_same_text(word: Word) -> None:
+    """Byte for byte, with and without the state at the end."""
+    start = frozenset(site for action in word for site in action.ends[0])
+    for state in (None, start):
+        one, other = certificate_of(word, start=state), encodable_certificate(word, start=state)
+        assert encode(one) == encode(other)
+        assert encode(Certified(3, one)) == encode(Certified(3, other))

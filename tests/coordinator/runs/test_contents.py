@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import json
+import random
+import re
 from dataclasses import replace as with_fields
+from pathlib import Path
 
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from batched import batched
+from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
-from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
 from recordings import all_edited, first, recorded, with_records
 
 
@@ -32,6 +40,16 @@ def test_info_says_what_was_run_and_what_came_of_it() -> None:
     assert document["bytes"] == crowd().path.stat().st_size
     assert document["seconds"] > 0
     assert document["problems"] == []
+
+
+def test_info_says_which_format_a_recording_has() -> None:
+    """That of the file, for machines and for people."""
+    for recording, name in (
+        (read_recording(GOLDEN / "agv-3.mcap"), "cubepath-recording-1"),
+        (crowd(), "cubepath-recording-2"),
+    ):
+        assert info(recording)["format"] == name
+        assert f"format           {name}" in render(info(recording))
 
 
 def test_without_a_summary_what_can_be_counted_is_counted() -> None:
@@ -72,3 +90,66 @@ def test_odd_recordings_are_described_too() -> None:
     document = info(odd)
     assert (document["seed"], document["parameters"]) == ("seven", {"mine": "yes"})
     assert "mine" in render(document)
+
+
+def test_what_a_file_says_of_itself_is_what_is_in_it(tmp_path: Path) -> None:
+    """The counts at its end, and those of its messages one by one, in both forms."""
+    for number, recording in enumerate((crowd(), batched(crowd()))):
+        path = tmp_path / f"{number}.mcap"
+        copy_recording(recording, path)
+        whole = read_recording(path)
+        document, counted = info(whole), info(with_fields(whole, records=tuple(whole.records)))
+        assert document == counted
+        assert document["complete"] is True
+        heard = sum(len([*each.parts()]) for each in recording.of_kind("report"))
+        assert document["parts"]["report"] == heard
+        assert set(document["parts"]) >= {"here", "note", "claim", "verdict", "report"}
+
+
+def test_only_the_end_of_a_whole_file_is_read(tmp_path: Path) -> None:
+    """A chunk is looked at for the summary, and no other; the CRC of the data vouches for them."""
+    path = tmp_path / "a.mcap"
+    noise = random.Random(1)  # noqa: S311 - a test's own
+    some = [Record("go/coordinator", noise.randbytes(30_000), n, 0, 0) for n in range(100)]
+    copy_recording(with_records(crowd(), [*some, *crowd().records]), path)
+    recording = read_recording(path)
+    with path.open("r+b") as stream:
+        stream.seek(recording.size // 2)
+        stream.write(bytes(400))
+    found = info(recording)
+    assert (found["ended"], found["messages"]) == ("max-rounds", len(crowd().records) + 100)
+    # Read again, the damage is found.
+    damaged = info(read_recording(path))
+    assert not damaged["complete"]
+    assert damaged["messages"] < found["messages"]
+
+
+def test_counts_that_do_not_fit_are_not_believed(tmp_path: Path) -> None:
+    """A closing record that was changed, with all CRCs made right: messages are counted."""
+    path, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    copy_recording(crowd(), path)
+    true = info(read_recording(path))
+    with path.open("rb") as stream, out.open("wb") as other:
+        reader = make_reader(stream)
+        writer = Writer(other, enable_data_crcs=True)
+        writer.start()
+        for each in reader.iter_metadata():
+            wrong = {key: value.replace("report", "repork") for key, value in each.metadata.items()}
+            writer.add_metadata(each.name, wrong)
+        for scene in reader.iter_attachments():
+            writer.add_attachment(0, 0, scene.name, scene.media_type, scene.data)
+        for record in read_recording(path).records:
+            channel = writer.register_channel(record.topic, "json", 0)
+            writer.add_message(channel, record.round, record.data, record.wall_ns, record.sequence)
+        writer.finish()  # type: ignore[no-untyped-call]
+    found = info(read_recording(out))
+    assert found["problems"] == []
+    assert (found["kinds"], found["parts"]) == (true["kinds"], true["parts"])
+
+
+def test_parts_of_batches_are_told_to_people() -> None:
+    """By kind, under the kinds of messages."""
+    text = render(info(batched(crowd())))
+    reports = len([*crowd().of_kind("report")])
+    assert re.search(rf"^  report +{reports}  in batches$", text, re.MULTILINE)
+    assert "in batches" not in render(info(crowd()))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Iterator
+from dataclasses import replace as replace_scene
 from functools import cache
 
 import pytest
@@ -9,12 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+from cubepath.coordinator.runs.gatherer import Gatherer, Step, gathered
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.wire.messages import Report
-from recordings import edited, first, parts, recorded, with_records
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import Certified, Cube, Report, decode, encode
+from recordings import edited, first, recorded, with_records
 
 SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
 
@@ -22,7 +28,8 @@ SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
 @cache
 def reports(spec: str) -> tuple[Report, ...]:
     """Return the reports of a real run."""
-    return tuple(parts(recorded(spec), "report"))
+    found = (decode(record.data) for record in recorded(spec).of_kind("report"))
+    return tuple(report for report in found if isinstance(report, Report))
 
 
 def fed(spec: str, arriving: list[Report]) -> Gatherer:
@@ -94,13 +101,13 @@ def test_gathering_a_recording_names_what_is_wrong_in_it() -> None:
     whole = recorded(SPECS[0])
     assert gathered(whole).digest == first(whole, "summary").path_digest
     report = first(whole, "report")
-    with pytest.raises(CheckError, match=r"report \d+ \(reports/process_0\): .* differently"):
+    with pytest.raises(CheckError, match=r"report \d+ \(report/module_\d\): .* differently"):
         gathered(edited(whole, report, report, replace(report, failed="no")))
     broken = [
         type(each)(each.topic, b"{}", each.round, each.wall_ns, each.sequence)
-        for each in whole.of_kind("reports")
+        for each in whole.of_kind("report")
     ]
-    with pytest.raises(InputError, match=r"report 0 \(reports/process_0\): not a cubepath message"):
+    with pytest.raises(InputError, match=r"report 0 \(report/module_\d\): not a cubepath message"):
         gathered(with_records(whole, broken))
 
 
@@ -137,3 +144,85 @@ def test_gathering_believes_the_name_of_a_move_and_not_where_its_mover_was(spec:
         wrong[due] = replace(known[due], move=placed)
         with pytest.raises(InputError, match=message):
             fed(spec, wrong)
+
+
+def rotating(rounds: int) -> Iterator[Report]:
+    """Yield the reports of ten vehicles that go round a circle, so that no move cancels."""
+    for number in range(1, rounds + 1):
+        for module in range(10):
+            before = (4 * module + number - 1) % 40
+            at = sorted((before, (before + 1) % 40))
+            move = GeneratorPlacement("edge", at)
+            yield Report(number, module, before, (before + 1) % 40, "granted", move, {})
+
+
+def end_of_run(gatherer: Gatherer) -> None:
+    """Encode what the coordinator says at the end of a run."""
+    for index, cube in enumerate(gatherer.cubes(), 1):
+        encode(Cube(gatherer.rounds, index, list(cube)))
+    heap, start = gatherer.heap, gatherer.scene.start_state
+    proof = encodable_certificate(gatherer.path, start=start, found=heap.normal_form())
+    assert len(proof.chain) == heap.cubes == gatherer.rounds
+    encode(Certified(gatherer.rounds, proof))
+
+
+@pytest.mark.slow
+def test_a_move_takes_some_bytes_until_the_end_of_the_run() -> None:
+    """At most 200 bytes for each of 30,000 further moves, with cubes and certificate."""
+    scene = circle()
+    peaks = []
+    for rounds in (1_000, 1_000, 4_000):  # the first time loads what stays
+        gatherer = Gatherer(scene)
+        tracemalloc.start()
+        for report in rotating(rounds):
+            gatherer.receive(report)
+        end_of_run(gatherer)
+        assert gatherer.heap.reduced_moves == 10 * rounds
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert (peaks[2] - peaks[1]) / 30_000 <= 200, peaks
+
+
+def test_rounds_cubes_and_path_are_made_when_they_are_asked_for() -> None:
+    """By place, from the end and in slices, as in a tuple; the path is that of the rounds."""
+    told: list[Step] = []
+    gatherer = Gatherer(circle(), told.append)
+    for report in rotating(5):
+        gatherer.receive(report)
+    assert [*gatherer.steps] == told
+    assert (gatherer.steps[-1], gatherer.steps[1:3]) == (told[-1], told[1:3])
+    last = gatherer.steps
+    assert [step is last[-1] for step in last] == [False] * 4 + [True]
+    with pytest.raises(IndexError):
+        gatherer.steps[5]
+    path = [action for step in told for action in step.actions]
+    assert ([*gatherer.path], len(gatherer.path), gatherer.path[7]) == (path, 50, path[7])
+    assert tuple(gatherer.cubes()) == gatherer.schedule()
+    # What was made before does not change when more is gathered.
+    steps = gatherer.steps
+    for report in rotating(6):
+        gatherer.receive(report)
+    assert ([*steps], gatherer.rounds) == (told[:5], 6)
+
+
+def test_a_cube_has_the_name_that_was_reported_last() -> None:
+    """An edge has two names; the digest and the rounds keep each as it was."""
+    scene = circle()
+    gatherer = Gatherer(scene)
+    there = [0, 1]
+    for number, at in enumerate((there, there[::-1], there, there[::-1], there[::-1]), 1):
+        for module, start in enumerate(scene.start):
+            move = GeneratorPlacement("edge", at) if module == 0 else None
+            site = (start, number % 2)[module == 0]
+            gatherer.receive(Report(number, module, start, site, "none", move, {}))
+    assert [step.executed[0].at for step in gatherer.steps] == [
+        *(there, there[::-1], there, there[::-1], there[::-1])
+    ]
+    assert gatherer.schedule() == ((GeneratorPlacement("edge", there[::-1]),),)
+
+
+def circle() -> Scene:
+    """Return ten vehicles on a circle, in the places from which they can all go on."""
+    scene = scene_from_spec("agv:graph=C40,n=10")
+    start = tuple(range(0, 40, 4))
+    return replace_scene(scene, start=start, goal=frozenset(start), goals=())

@@ -122,9 +122,9 @@ def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:
     """Not even one of the moves that were due has to be made; a move that was not due is named."""
     recording = stopped()
     transcript = transcript_of(recording, lambda _name, _where: None)
-    said = transcript.rounds[transcript.complete_rounds]
-    moved_by = next(number for number, each in said.reports.items() if each.move is not None)
-    report = said.reports[moved_by]
+    number = transcript.complete_rounds
+    carried = transcript.carried[number]
+    assert carried.made
     found: list[str] = []
 
     def check() -> list[str]:
@@ -133,11 +133,10 @@ def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:
         return [where for where in found if "cube" in where or "not made" in where]
 
     assert check() == []
-    for number, each in said.reports.items():
-        said.reports[number] = replace(each, move=None)
+    transcript.carried[number] = carried._replace(made=frozenset())
     assert check() == []
-    astray = GeneratorPlacement("edge", [[90, 0], [91, 0]])
-    said.reports[moved_by] = replace(report, move=astray)
+    astray = frozenset({("edge", ((90, 0), (91, 0)))})
+    transcript.carried[number] = carried._replace(made=astray)
     assert check() == [
         f"round {transcript.complete_rounds}: edge at [[90,0],[91,0]] is not in its cube"
     ]
@@ -148,18 +147,15 @@ def test_a_stop_is_not_for_the_one_move_that_was_made() -> None:
     recording = stopped()
     transcript = transcript_of(recording, lambda _name, _where: None)
     number = transcript.complete_rounds
-    reports = transcript.rounds[number].reports
-    made = next(each for each in reports.values() if each.move is not None)
-    for module, each in reports.items():
-        reports[module] = each if each is made else replace(each, move=None)
+    carried = transcript.carried[number]
+    made = min(carried.made, key=repr)
+    transcript.carried[number] = carried._replace(made=frozenset({made}))
     summary = transcript.summary
     assert summary is not None
     stop = summary.schedule_stopped
     assert stop is not None
-    assert made.move is not None
-    transcript.summary = replace(
-        summary, schedule_stopped=replace(stop, round=number, move=made.move)
-    )
+    move = GeneratorPlacement(made[0], made[1])
+    transcript.summary = replace(summary, schedule_stopped=replace(stop, round=number, move=move))
     found: list[str] = []
     check_schedule(recording, transcript, lambda _name, where: found.append(where))
-    assert f"it did not stop for {made.move.generator}: not due, or it was made" in found
+    assert f"it did not stop for {move.generator}: not due, or it was made" in found

@@ -18,9 +18,8 @@ from mcap.writer import Writer
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.recordings.description import FORMAT, FORMATS, SCENE
 from cubepath.protocol.recordings.recording import (
-    FORMAT,
-    SCENE,
     RecordingWriter,
     copy_recording,
     read_recording,
@@ -72,7 +71,7 @@ def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
         reader = make_reader(stream, validate_crcs=True)
         found = list(reader.iter_messages())
         (scene,) = reader.iter_attachments()
-        (metadata,) = reader.iter_metadata()
+        metadata, counts = reader.iter_metadata()
     assert [message.data for _, _, message in found] == [each.data for each in originals()]
     for schema, channel, _ in found:
         assert channel.message_encoding == "json"
@@ -83,6 +82,7 @@ def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
     assert scene.name == SCENE
     assert metadata.metadata["format"] == FORMAT
     assert metadata.metadata["seed"] == "7"
+    assert (counts.name, counts.metadata["messages"]) == ("cubepath-counts", "240")
 
 
 @pytest.mark.parametrize(
@@ -115,8 +115,23 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
             if metadata:
                 writer.add_metadata("cubepath", metadata)
             writer.finish()  # type: ignore[no-untyped-call]
-        with pytest.raises(InputError, match="no cubepath recording"):
+        with pytest.raises(InputError, match="no cubepath recording") as caught:
             read_recording(path)
+        shown = "'cubepath-recording-99'" if metadata else "none"
+        read = "'cubepath-recording-1' or 'cubepath-recording-2'"
+        assert str(caught.value).endswith(f": format {shown}, expected {read}")
+
+
+@pytest.mark.parametrize("written_as", FORMATS)
+def test_both_formats_are_read_and_the_second_is_written(written_as: str, tmp_path: Path) -> None:
+    """A recording says which format it has; a copy of either is in the second."""
+    path, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
+    path.write_bytes(files()[1].replace(FORMAT.encode(), written_as.encode()))
+    found = read_recording(path)
+    assert found.format == written_as
+    copy_recording(found, out)
+    copied = read_recording(out)
+    assert (copied.format, copied.records) == ("cubepath-recording-2", found.records)
 
 
 def test_a_copy_is_whole_and_says_what_it_is_of(tmp_path: Path) -> None:

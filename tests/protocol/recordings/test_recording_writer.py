@@ -12,6 +12,7 @@ import pytest
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import (
+    FLUSH_BYTES,
     FLUSH_EVERY,
     TOPICS_MAX,
     RecordingFull,
@@ -95,6 +96,19 @@ def test_a_full_disk_is_told_in_one_line_and_keeps_what_was_flushed(
     assert found.problems
     assert len(found.records) > written - 2 * FLUSH_EVERY
     assert [record.round for record in found.records] == [*range(1, len(found.records) + 1)]
+
+
+def test_long_messages_wait_for_no_others(tmp_path: Path) -> None:
+    """What was written but for less than `FLUSH_BYTES` can be read at any time."""
+    path = tmp_path / "a.mcap"
+    data = encode(Go(1, "sense", {"region": 1, "x" * 9_000: 1}))
+    with RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {}) as writer:
+        for number in range(1, 2 * FLUSH_EVERY):
+            writer.write("go/coordinator", data, round_number=1, wall_ns=0)
+            found = len(read_recording(path).records)
+            assert number - FLUSH_BYTES / len(data) < found <= number
+        writer.write("go/coordinator", data * 10, round_number=1, wall_ns=0)
+        assert len(read_recording(path).records) == 2 * FLUSH_EVERY
 
 
 @pytest.mark.slow

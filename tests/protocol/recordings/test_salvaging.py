@@ -21,7 +21,7 @@ from cubepath.protocol.recordings.recording import (
     RecordingWriter,
     read_recording,
 )
-from cubepath.protocol.recordings.salvaging import MAGIC, salvage
+from cubepath.protocol.recordings.salvaging import MAGIC
 from damaged import (
     PARAMETERS,
     SCENE_OF_ALL,
@@ -31,6 +31,7 @@ from damaged import (
     flipped,
     originals,
     reading,
+    salvaged,
     write,
 )
 
@@ -97,8 +98,8 @@ def test_any_bytes_overwritten_are_named_and_change_no_message(data: st.DataObje
 def test_any_other_file_is_refused_in_one_line(data: bytes) -> None:
     """What is no recording is refused by name; the reader of records raises nothing at all."""
     assert reading(data) is None
-    salvage(MAGIC + data)
-    salvage(MAGIC + data + MAGIC)
+    salvaged(MAGIC + data)
+    salvaged(MAGIC + data + MAGIC)
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -137,11 +138,11 @@ def test_a_damaged_length_before_the_parameters_does_not_cost_them() -> None:
     header, body = len(MAGIC), len(MAGIC) + 9
     following = body + int.from_bytes(whole[header + 1 : body], "little")
     assert (whole[header], whole[following]) == (Opcode.HEADER, Opcode.METADATA)
-    found = salvage(flipped(whole, body - 1))
+    found = salvaged(flipped(whole, body - 1))
     assert found.problems == [
         f"corrupt at byte {header}: a record is damaged, reading goes on at byte {following}"
     ]
-    assert [each.name for each in found.metadata] == ["cubepath"]
+    assert found.metadata == ["cubepath", "cubepath-counts"]
     assert len(found.attachments) == 1
     assert len(found.messages) == len(originals())
 
@@ -157,7 +158,7 @@ def test_topics_that_a_damaged_chunk_named_are_known_from_the_summary() -> None:
     writer.finish()  # type: ignore[no-untyped-call]
     whole = out.getvalue()
     (start, end), _ = chunks_of(whole)
-    found = salvage(flipped(whole, (start + end) // 2))
+    found = salvaged(flipped(whole, (start + end) // 2))
     assert "chunk 1 (log times 1 to 1) cannot be read" in found.problems[0]
     assert [message.sequence for message in found.messages] == [2]
     assert found.topics == {channel: "here/module_0"}
@@ -232,13 +233,13 @@ def summary_of(data: bytes) -> int:
 def test_what_is_wrong_is_said_once_and_where(name: str) -> None:
     """One problem, with its place; whatever else there is has been read."""
     data, problem = damages()[name]
-    found = salvage(data)
+    found = salvaged(data)
     assert found.problems == [problem]
     if data.startswith(MAGIC):
         count = 200 if "200 messages" in problem else 240
         assert [message.sequence for message in found.messages] == list(range(count))
         assert len(found.topics) == 6
-        assert [each.name for each in found.metadata] == ["cubepath"]
+        assert found.metadata == ["cubepath", "cubepath-counts"][: 1 + (count == 240)]
         assert len(found.attachments) == 1
 
 
@@ -250,7 +251,7 @@ def test_a_chunk_must_have_a_checksum_and_a_size_that_can_be() -> None:
     channel = writer.register_channel("a", "json", 0)
     writer.add_message(channel, 1, b"{}", 2, 0)
     writer.finish()  # type: ignore[no-untyped-call]
-    found = salvage(out.getvalue())
+    found = salvaged(out.getvalue())
     assert "chunk 1 (log times 1 to 1) cannot be read: it has no checksum" in found.problems[0]
     assert found.messages == []
     whole = files()[0]
@@ -259,7 +260,7 @@ def test_a_chunk_must_have_a_checksum_and_a_size_that_can_be() -> None:
     assert 0 < int.from_bytes(whole[size : size + 8], "little") < 1 << 20
     huge = whole[:size] + (2 << 30).to_bytes(8, "little") + whole[size + 8 :]
     said = f"cannot be read: it claims to hold {2 << 30} bytes"
-    (problem,) = salvage(huge).problems
+    (problem,) = salvaged(huge).problems
     assert problem.endswith(said)
     assert problem.startswith(f"corrupt at byte {start - 53}: chunk 2 (log times ")
 
@@ -270,7 +271,7 @@ def test_a_chunk_whose_head_is_damaged_is_named_without_times() -> None:
     start, _ = chunks_of(whole)[1]
     name = start - 16  # the length of the compression's name
     assert whole[name : name + 8] == b"\x04\x00\x00\x00zstd"
-    (problem,) = salvage(whole[:name] + b"\xff" * 4 + whole[name + 4 :]).problems
+    (problem,) = salvaged(whole[:name] + b"\xff" * 4 + whole[name + 4 :]).problems
     assert problem.startswith(f"corrupt at byte {start - 53}: chunk 2 cannot be read: ")
     assert not problem.endswith(": ")
 
@@ -291,7 +292,7 @@ def test_a_recording_needs_no_summary() -> None:
     writer.add_message(channel, 1, b"{}", 2, 0)
     writer.finish()  # type: ignore[no-untyped-call]
     assert summary_of(out.getvalue()) == 0
-    found = salvage(out.getvalue())
+    found = salvaged(out.getvalue())
     assert found.problems == []
     assert [message.data for message in found.messages] == [b"{}"]
     assert list(found.topics.values()) == ["a"]
@@ -313,7 +314,7 @@ def test_a_gap_is_named() -> None:
         whole = read_recording(path)
         path.unlink()
         writer = RecordingWriter(path, SCENE_OF_ALL, PARAMETERS)
-        for record in whole.records[:10] + whole.records[11:]:
+        for record in (*whole.records[:10], *whole.records[11:]):
             writer.messages = record.sequence
             writer.write(
                 record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
@@ -366,7 +367,7 @@ def test_a_chunk_without_a_checksum_is_not_taken() -> None:
     channel = writer.register_channel("go/coordinator", "json", 0)
     writer.add_message(channel, 1, b"{}", 0, 0)
     writer.finish()  # type: ignore[no-untyped-call]
-    found = salvage(out.getvalue())
+    found = salvaged(out.getvalue())
     assert found.messages == []
     assert "it has no checksum" in found.problems[0]
 

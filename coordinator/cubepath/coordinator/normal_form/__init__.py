@@ -12,7 +12,11 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
     from cubepath.coordinator.normal_form.array_heap import NormalForm
-    from cubepath.coordinator.normal_form.certificate import certificate_of, link
+    from cubepath.coordinator.normal_form.certificate import (
+        certificate_of,
+        encodable_certificate,
+        link,
+    )
     from cubepath.coordinator.normal_form.compiled_heap import (
         FastHeap,
         cancellations,
@@ -34,7 +38,7 @@ else:
         {
             "admissibility": "InadmissibleMove carried_out",
             "array_heap": "NormalForm",
-            "certificate": "certificate_of link",
+            "certificate": "certificate_of encodable_certificate link",
             "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
             "definitions": "end_state is_cube is_normal obvious_normal_form too_late",
             "heap": "Heap normal_cube_path",
@@ -54,6 +58,7 @@ __all__ = [
     "cubes_of",
     "durations_of",
     "earliest",
+    "encodable_certificate",
     "end_state",
     "is_cube",
     "is_normal",

@@ -8,7 +8,7 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -219,13 +219,17 @@ class FastHeap:
         The actions of a cube are in the canonical order of the least sites of their traces: the
         order depends only on the content of the cube, not on the input or the process.
         """
+        return tuple(self.each_cube())
+
+    def each_cube(self) -> Iterator[tuple[Action, ...]]:
+        """Yield the cubes of `cube_path` one by one, so that there need not be room for all."""
         actions, labelled = self._numbering.actions, self._labelled
         pieces, starts = in_cubes(self._all().pieces(), actions)
-        path = [
-            labelled.get(move) or actions[number]
-            for number, move in zip(pieces.actions.tolist(), pieces.moves.tolist(), strict=True)
-        ]
-        return tuple(tuple(path[begin:end]) for begin, end in pairwise(starts.tolist()))
+        for begin, end in pairwise(starts.tolist()):
+            cube = zip(
+                pieces.actions[begin:end].tolist(), pieces.moves[begin:end].tolist(), strict=True
+            )
+            yield tuple([labelled.get(move) or actions[number] for number, move in cube])
 
     def changes(self) -> Changes:
         """Return the changes of the cube path since the last call; at first, all of it.

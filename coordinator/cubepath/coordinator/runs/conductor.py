@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from cubepath.coordinator.normal_form.certificate import certificate_of
+from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.runs.gatherer import Gatherer, Step
 from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
 from cubepath.protocol.core.system import Scene
@@ -121,11 +121,12 @@ class Conductor:
     def results(self, ending: Ending) -> Iterator[Message]:
         """Yield what came of the run: its cubes, their certificate and the summary."""
         gatherer = self.gatherer
-        for index, cube in enumerate(gatherer.schedule(), 1):
+        for index, cube in enumerate(gatherer.cubes(), 1):
             yield Cube(gatherer.rounds, index, list(cube))
         heap = gatherer.heap
-        path = [action for step in gatherer.steps for action in step.actions]
-        proof = certificate_of(path, start=self._scene.start_state, found=heap.normal_form())
+        proof = encodable_certificate(
+            gatherer.path, start=self._scene.start_state, found=heap.normal_form()
+        )
         yield Certified(gatherer.rounds, proof)
         yield Summary(
             round=gatherer.rounds,

@@ -5,7 +5,7 @@ Room: coordinator.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import Any
 
@@ -13,8 +13,10 @@ import msgspec
 
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import FORMAT, Recording
-from cubepath.protocol.wire.messages import Certified, Edges, Summary, decode
+from cubepath.protocol.recordings.counts import Counts
+from cubepath.protocol.recordings.description import FORMATS
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Certified, Edges, Message, Summary, decode
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
 _NUMBERS = ("reduced_moves", "cubes", "max_cube_dimension", "goal_reached", "path_digest")
@@ -41,15 +43,16 @@ def info(recording: Recording) -> dict[str, Any]:
     """Return the contents of a recording as one JSON document; what is not on record is None.
 
     The numbers are those of its summary. If it has none, rounds and moves are counted from the
-    coordinator's edges.
+    coordinator's edges. Of a file that is whole only its end is read.
     """
     parameters = recording.parameters
     summary, rounds, moves = _result(recording)
-    walls = [record.wall_ns for record in recording.records]
+    counts = recording.counts()
+    first, last = counts.first_wall_ns, counts.last_wall_ns
     known = (*_DESCRIBED, *_VERSIONS)
     return {
         "log": str(recording.path),
-        "format": FORMAT,
+        "format": recording.format,
         **{key: _described(parameters, key) for key in _DESCRIBED},
         "modules": len(recording.scene.start),
         "versions": {key: parameters[key] for key in _VERSIONS if key in parameters},
@@ -62,13 +65,14 @@ def info(recording: Recording) -> dict[str, Any]:
         "ended": None if summary is None else summary.ended,
         "complete": summary is not None and not recording.problems,
         "error": None if summary is None else summary.error,
-        "messages": len(recording.records),
-        "kinds": _kinds(recording),
-        "topics": len({record.topic for record in recording.records}),
+        "messages": counts.messages,
+        "kinds": _kinds(counts),
+        **_parts(recording, counts),
+        "topics": counts.topics,
         "bytes": recording.size,
-        "message_bytes": sum(len(record.data) for record in recording.records),
-        "began": _moment(min(walls, default=None)),
-        "seconds": round((max(walls) - min(walls)) / 1e9, 3) if walls else 0.0,
+        "message_bytes": sum(kind.bytes for kind in counts.kinds.values()),
+        "began": _moment(first),
+        "seconds": 0.0 if first is None or last is None else round((last - first) / 1e9, 3),
         "problems": list(recording.problems),
     }
 
@@ -84,22 +88,25 @@ def _described(parameters: Mapping[str, str], key: str) -> object:
 def _result(recording: Recording) -> tuple[Summary | None, int, int]:
     """Return the summary, and the numbers of rounds and moves."""
     summary: Summary | None = None
+    for message in _decoded(recording, "summary"):
+        if isinstance(message, Summary):
+            summary = message
+    if summary is not None:
+        return summary, summary.rounds, summary.moves
     edges: dict[int, int] = {}
-    for record in recording.of_kind("edges", "summary"):
+    for message in _decoded(recording, "edges"):
+        if isinstance(message, Edges):
+            edges[message.round] = len(message.moves)
+    return None, len(edges), sum(edges.values())
+
+
+def _decoded(recording: Recording, kind: str) -> Iterator[Message]:
+    for record in recording.of_kind(kind):
         try:
             message = decode(record.data)
         except InputError:
             continue  # left to `cubepath verify`
-        match message:
-            case Summary():
-                summary = message
-            case Edges():
-                edges[message.round] = len(message.moves)
-            case _:
-                pass
-    if summary is not None:
-        return summary, summary.rounds, summary.moves
-    return None, len(edges), sum(edges.values())
+        yield message
 
 
 def _schedule(summary: Summary | None) -> dict[str, Any]:
@@ -112,24 +119,24 @@ def _schedule(summary: Summary | None) -> dict[str, Any]:
 
 def _certificate(recording: Recording) -> dict[str, Any]:
     """Return how many pairs of moves cancelled, and the length of the certificate's chain."""
-    for record in recording.of_kind("certificate"):
-        try:
-            message = decode(record.data)
-        except InputError:
-            continue  # left to `cubepath verify`
+    for message in _decoded(recording, "certificate"):
         if isinstance(message, Certified):
             found = message.certificate
             return {"certificate": {"cancelled": len(found.cancelled), "chain": len(found.chain)}}
     return {}
 
 
-def _kinds(recording: Recording) -> dict[str, dict[str, int]]:
-    found: dict[str, dict[str, int]] = {}
-    for record in recording.records:
-        kind = found.setdefault(record.kind, {"messages": 0, "bytes": 0})
-        kind["messages"] += 1
-        kind["bytes"] += len(record.data)
-    return dict(sorted(found.items()))
+def _kinds(counts: Counts) -> dict[str, dict[str, int]]:
+    return {
+        name: {"messages": kind.messages, "bytes": kind.bytes}
+        for name, kind in sorted(counts.kinds.items())
+    }
+
+
+def _parts(recording: Recording, counts: Counts) -> dict[str, Any]:
+    """Return what modules said by kind, in batches or alone; in format 1 the messages tell it."""
+    known = recording.format == FORMATS[0]
+    return {} if known else {"parts": dict(sorted(counts.parts.items()))}
 
 
 def _moment(wall_ns: int | None) -> str | None:
@@ -146,6 +153,7 @@ def render(document: Mapping[str, Any]) -> str:
     ended = _ENDED[document["ended"]]
     rows: list[tuple[str, object]] = [
         ("log", document["log"]),
+        ("format", document["format"]),
         ("system", document["system"]),
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),
@@ -179,6 +187,11 @@ def render(document: Mapping[str, Any]) -> str:
     rows += [
         (f"  {kind}", f"{found['messages']:>7}  {found['bytes']:>10} bytes")
         for kind, found in document["kinds"].items()
+    ]
+    rows += [
+        (f"  {kind}", f"{found:>7}  in batches")
+        for kind, found in document.get("parts", {}).items()
+        if kind not in document["kinds"]
     ]
     rows.append(
         (

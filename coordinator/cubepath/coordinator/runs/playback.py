@@ -156,7 +156,9 @@ class _Player:
         began = time.monotonic()
         self._progress = progress
         sent = 0
-        for record in self._recording.of_kind(*kinds):
+        for record in self._recording.records:
+            if record.kind not in kinds:
+                continue
             key = key_of(self.run, _message(self._recording, record))
             if rate is not None:
                 self._rest_until(began + (record.round - 1) / rate)

@@ -158,10 +158,9 @@ def check_recorded_certificate(
             fail("certificate", f"{check}: {why}")
     if found["form"] is not None:
         return
-    ours = [frozenset(path[move - 1] for move in cube) for cube in certificate.cubes]
-    theirs = [_actions(scene.system, cube.moves) for cube in transcript.result]
+    ours, theirs = certificate.cubes, transcript.result
     for number, (one, other) in enumerate(zip(ours, theirs, strict=False), 1):
-        if one != other:
+        if frozenset(path[move - 1] for move in one) != _actions(scene.system, other.moves):
             fail("certificate", f"cube {number} is another than on record")
             return
     if len(ours) != len(theirs):

@@ -7,22 +7,23 @@ neither the gatherer nor the heap, nor anything from the agents.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from itertools import pairwise
+from math import inf
 from pathlib import Path
 from typing import Any
 
-import msgspec
-
-from cubepath.coordinator.normal_form.definitions import is_cube, obvious_normal_form, too_late
+from cubepath.coordinator.normal_form.definitions import is_cube, too_late
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
+from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.rounds import Rederivation, make, why_not
 from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
     Fail,
+    OutOfOrder,
+    Sorting,
     Transcript,
     site_in,
     transcript_of,
@@ -31,7 +32,12 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording
+from cubepath.protocol.recordings.recording import (
+    Record,
+    Recording,
+    copy_recording,
+    read_recording,
+)
 from cubepath.protocol.wire.messages import Cube, Summary
 
 CHECKS = {
@@ -105,15 +111,26 @@ class Recovered:
 
 
 class _Failures:
-    """The first failure of each check, and the number of failures."""
+    """The first failure of each check, and the number of failures.
+
+    Rounds are derived while later ones are still being sorted. Which failure is the first does not
+    depend on when a round was closed: what is found by sorting comes before what is derived.
+    """
 
     def __init__(self) -> None:
-        self._first: dict[str, str] = {}
+        self._first: dict[str, tuple[int, str]] = {}
         self._count: dict[str, int] = dict.fromkeys(CHECKS, 0)
 
-    def __call__(self, check: str, detail: str) -> None:
-        self._first.setdefault(check, detail)
-        self._count[check] += 1
+    def stage(self, number: int) -> Fail:
+        """Return what to call for a failure found in a stage; earlier stages come first."""
+
+        def fail(check: str, detail: str) -> None:
+            known = self._first.get(check)
+            if known is None or number < known[0]:
+                self._first[check] = number, detail
+            self._count[check] += 1
+
+        return fail
 
     def checks(self) -> tuple[Check, ...]:
         return tuple(
@@ -122,7 +139,7 @@ class _Failures:
 
     def _said(self, name: str) -> str:
         more = self._count[name] - 1
-        return self._first.get(name, "") + (f" (and {more} more)" if more > 0 else "")
+        return self._first.get(name, (0, ""))[1] + (f" (and {more} more)" if more > 0 else "")
 
 
 def verify(recording: Recording, progress: Progress | None = None) -> Verification:
@@ -131,46 +148,64 @@ def verify(recording: Recording, progress: Progress | None = None) -> Verificati
     Every check of `CHECKS` is made, whether the others pass or fail. Checks on rounds are made on
     the rounds, from the first on, that all modules have reported. If the end of a recording is
     lost, only `complete` fails, or no check if the recording says that it was recovered. Nothing is
-    raised.
+    raised, unless the file is changed while it is read.
+
+    Messages stand in the order of their rounds, more or less: a round is checked and dropped as
+    soon as nothing of it can be still to come.
     """
-    fail = _Failures()
+    try:
+        return _verified(recording, recording.blocks(), progress)
+    except OutOfOrder:
+        return _verified(recording, [(recording.records, inf)], progress)
+
+
+def _verified(
+    recording: Recording,
+    blocks: Iterable[tuple[Iterable[Record], float]],
+    progress: Progress | None,
+) -> Verification:
+    failures = _Failures()
     for problem in recording.problems:
-        fail("readable", problem)
-    transcript = transcript_of(recording, fail)
-    derived = Rederivation(recording.scene, _seed(recording), fail)
-    for number in range(1, transcript.complete_rounds + 1):
-        derived.round(number, transcript.rounds[number])
-        if progress is not None:
-            progress(1)
+        failures.stage(0)("readable", problem)
+    sorting = Sorting(recording, failures.stage(0))
+    transcript = sorting.found
+    derived = Rederivation(recording.scene, _seed(recording), failures.stage(1))
+    for records, least in blocks:
+        sorting.take(records)
+        for number, this in sorting.close(least):
+            derived.round(number, this)
+            if progress is not None:
+                progress(1)
+    sorting.end()
+    fail = failures.stage(2)
     check_schedule(recording, transcript, fail)
     derived.check_edges(transcript)
-    normal_form = obvious_normal_form(derived.actions)
-    digest = _digest(derived)
+    normal_form = cubes_of(derived.actions)
     _check_cubes(recording.scene, transcript, derived, normal_form, fail)
     check_recorded_certificate(recording.scene, transcript, derived.actions, fail)
     if transcript.summary is not None:
         expected = {
             "round": transcript.complete_rounds,
             "rounds": transcript.complete_rounds,
-            "moves": len(derived.executed),
+            "moves": derived.moves,
             "reduced_moves": sum(map(len, normal_form)),
             "cubes": len(normal_form),
             "max_cube_dimension": max(map(len, normal_form), default=0),
             "goal_reached": frozenset(derived.sites) == recording.scene.goal,
-            "path_digest": digest,
+            "path_digest": derived.digest,
         }
         most = recording.parameters.get("max_rounds")
         _check_summary(transcript.summary, expected, most, fail)
-    checks = fail.checks()
+    checks = failures.checks()
     whole = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),
         complete=whole and transcript.summary is not None,
         checks=checks,
-        moves=len(derived.executed),
+        moves=derived.moves,
         rounds=transcript.complete_rounds,
         cubes=len(normal_form),
-        path_digest=digest,
+        path_digest=derived.digest,
     )
 
 
@@ -181,7 +216,7 @@ def recover(source: Path | Recording, out: Path) -> Recovered:
     is the recording itself, or if `out` cannot be written.
     """
     recording = source if isinstance(source, Recording) else read_recording(source)
-    transcript = transcript_of(recording, _Failures())
+    transcript = transcript_of(recording, _Failures().stage(0))
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
     note = f"{count} messages of {recording.path.name}: {problems}"
@@ -196,20 +231,11 @@ def _seed(recording: Recording) -> int | None:
         return None
 
 
-def _digest(derived: Rederivation) -> str:
-    """Return the SHA-256 over one line ``[round, module, generator, at]`` per move, in order."""
-    lines = [
-        msgspec.json.encode([number, move.module, move.generator, move.at]) + b"\n"
-        for number, move in derived.executed
-    ]
-    return sha256(b"".join(lines)).hexdigest()
-
-
 def _check_cubes(
     scene: Scene,
     transcript: Transcript,
     derived: Rederivation,
-    normal_form: Sequence[frozenset[Action]],
+    normal_form: Sequence[Sequence[Action]],
     fail: Fail,
 ) -> None:
     cubes: list[list[Action]] = []
@@ -220,20 +246,20 @@ def _check_cubes(
         cubes.append(actions)
     _check_normal(cubes, fail)
     end = _end(scene, cubes, fail)
-    found = tuple(map(frozenset, cubes))
     if transcript.summary is None:
         # That the end is missing is reported already: the cubes on record must be the first ones.
-        normal_form = normal_form[: len(found)]
+        normal_form = normal_form[: len(cubes)]
     elif end is not None and end != derived.state:
         stray = min(end ^ derived.state, key=repr)
         where = "cubes" if stray in end else "moves"
         fail("ends", f"after the {where} {stray!r} is on, but not after the other")
-    for number, (one, other) in enumerate(zip(found, normal_form, strict=False), 1):
-        if one != other:
-            fail("class", f"cube {number} is not that of the moves: {_apart(one, other)}")
+    for number, (one, other) in enumerate(zip(cubes, normal_form, strict=False), 1):
+        apart = _apart(frozenset(one), frozenset(other))
+        if apart is not None:
+            fail("class", f"cube {number} is not that of the moves: {apart}")
             return
-    if len(found) != len(normal_form):
-        fail("class", f"{len(found)} cubes, the moves have {len(normal_form)}")
+    if len(cubes) != len(normal_form):
+        fail("class", f"{len(cubes)} cubes, the moves have {len(normal_form)}")
 
 
 def _actions(scene: Scene, cube: Cube, fail: Fail) -> list[Action] | None:
@@ -271,7 +297,9 @@ def _end(scene: Scene, cubes: Sequence[Sequence[Action]], fail: Fail) -> set[Sit
     return state
 
 
-def _apart(one: frozenset[Action], other: frozenset[Action]) -> str:
+def _apart(one: frozenset[Action], other: frozenset[Action]) -> str | None:
+    if one == other:
+        return None
     extra = min((action.label for action in one - other), default=None)
     if extra is not None:
         return f"{extra} is too many"

@@ -8,7 +8,9 @@ winners and deliveries are derived again, by their definitions.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from hashlib import blake2b
+from hashlib import blake2b, sha256
+
+import msgspec
 
 from cubepath.coordinator.verification.transcript import (
     Fail,
@@ -53,6 +55,9 @@ def make(action: Action, state: set[Site]) -> None:
     state |= come
 
 
+_NO_EDGES = "no edges on record"
+
+
 class Rederivation:
     """The edge path, derived a round at a time; `fail` is called for each violation."""
 
@@ -61,8 +66,10 @@ class Rederivation:
         self.state: set[Site] = set(scene.start) | scene.system.filled
         self.sites: list[Site] = list(scene.start)
         self.actions: list[Action] = []
-        self.executed: list[tuple[int, Executed]] = []
-        """The moves as reported, with their rounds, in order of rounds and modules."""
+        self.moves = 0
+        """The number of moves as reported."""
+        self._digest = sha256()
+        self._odd_edges: list[tuple[int, str]] = []
         self._scene = scene
         self._system = scene.system
         self._seed = seed
@@ -81,28 +88,34 @@ class Rederivation:
         before = list(self.sites)
         self._execute(where, moves)
         self._check_sites(said.reports, before)
-        for module, report in said.reports.items():
-            placed = report.move
-            if placed is not None:
-                self.executed.append((number, Executed(module, placed.generator, placed.at)))
+        executed = [
+            Executed(module, report.move.generator, report.move.at)
+            for module, report in said.reports.items()
+            if report.move is not None
+        ]
+        self.moves += len(executed)
+        for move in executed:
+            line = [number, move.module, move.generator, move.at]
+            self._digest.update(msgspec.json.encode(line) + b"\n")
+        if said.edges is None:
+            self._odd_edges.append((number, _NO_EDGES))
+        elif said.edges.moves != executed:
+            self._odd_edges.append((number, "the edges are not the moves reported"))
+
+    @property
+    def digest(self) -> str:
+        """Return the SHA-256 over one line ``[round, module, generator, at]`` per move."""
+        return self._digest.hexdigest()
 
     def check_edges(self, transcript: Transcript) -> None:
         """Check that the coordinator's edges are the moves that modules reported."""
         last = transcript.complete_rounds
-        for number in sorted(transcript.edges):
-            if not 1 <= number <= last:
-                self._fail("edges", f"round {number}: edges, but not every module has reported")
-        by_round: dict[int, list[Executed]] = {}
-        for number, move in self.executed:
-            by_round.setdefault(number, []).append(move)
-        for number in range(1, last + 1):
-            edges = transcript.edges.get(number)
-            if edges is None:
-                # A run that was killed may have had no time to write the edges of its last round.
-                if number < last or transcript.summary is not None:
-                    self._fail("edges", f"round {number}: no edges on record")
-            elif edges.moves != by_round.get(number, []):
-                self._fail("edges", f"round {number}: the edges are not the moves reported")
+        for number in transcript.stray_edges:
+            self._fail("edges", f"round {number}: edges, but not every module has reported")
+        for number, why in self._odd_edges:
+            # A run that was killed may have had no time to write the edges of its last round.
+            if why != _NO_EDGES or number < last or transcript.summary is not None:
+                self._fail("edges", f"round {number}: {why}")
 
     def _move(self, module: int, generator: str, at: Json) -> Move | None:
         """Return the move of that name that the module can propose from its place, or None."""

@@ -7,17 +7,16 @@ uses none of the code that assigned the moves.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TypeAlias
 
-from cubepath.coordinator.verification.transcript import Fail, Round, Transcript, site_in
+from cubepath.coordinator.verification.transcript import Carried, Fail, Made, Transcript, site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.path_files.schedules import Cubes, schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Go, Stopped, Summary, decode
+from cubepath.protocol.wire.messages import Stopped, Summary
 
-_Moves: TypeAlias = set[tuple[str, Site | None]]
+_NOTHING = Carried(frozenset(), ())
 
 
 def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> None:
@@ -37,14 +36,14 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
     except InputError as error:
         fail("schedule", str(error))
         return
-    over = _over(recording)
+    over = transcript.schedule_over
     last = transcript.complete_rounds if over is None else min(over, transcript.complete_rounds)
     for number in range(1, last + 1):
         if number > len(cubes):
             fail("schedule", f"round {number}: the schedule has {len(cubes)} cubes")
             return
         _check_round(
-            number, cubes[number - 1], transcript.rounds[number], fail, last=number == last
+            number, cubes[number - 1], transcript.carried[number], fail, last=number == last
         )
     if summary is not None:
         _check_told(summary, cubes, transcript, last, fail)
@@ -57,38 +56,14 @@ def check_schedule(recording: Recording, transcript: Transcript, fail: Fail) -> 
                 fail("schedule", f"the run ended after {last} of {len(cubes)} cubes")
 
 
-def _over(recording: Recording) -> int | None:
-    """Return the last round of the schedule if the rule took over after it, else None."""
-    for record in recording.of_kind("go"):
-        try:
-            message = decode(record.data)
-        except InputError:
-            continue  # another check reports it
-        if isinstance(message, Go) and message.phase == "over":
-            return message.round
-    return None
-
-
-def _moves(placed: Iterable[GeneratorPlacement]) -> _Moves:
-    return {(move.generator, site_in(move.at)) for move in placed}
-
-
-def _made(said: Round) -> _Moves:
-    return _moves(report.move for report in said.reports.values() if report.move is not None)
-
-
-def _gave_up(said: Round) -> list[tuple[int, str]]:
-    return [
-        (module, report.failed)
-        for module, report in said.reports.items()
-        if report.failed is not None
-    ]
+def _moves(placed: Iterable[GeneratorPlacement]) -> Made:
+    return frozenset((move.generator, site_in(move.at)) for move in placed)
 
 
 def _check_round(
-    number: int, cube: tuple[GeneratorPlacement, ...], said: Round, fail: Fail, *, last: bool
+    number: int, cube: tuple[GeneratorPlacement, ...], carried: Carried, fail: Fail, *, last: bool
 ) -> None:
-    due, made, gave_up = _moves(cube), _made(said), _gave_up(said)
+    due, made, gave_up = _moves(cube), carried.made, carried.gave_up
     for what, moves in (("is not in its cube", made - due), ("is not made", due - made)):
         if moves and not (gave_up and moves <= due):
             generator, at = min(moves, key=repr)
@@ -106,8 +81,7 @@ def _check_told(
             "schedule",
             f"the summary counts {summary.schedule_cubes} cubes, on record are {len(cubes)}",
         )
-    said = transcript.rounds.get(last, Round())
-    gave_up = _gave_up(said)
+    gave_up = transcript.carried.get(last, _NOTHING).gave_up
     stopped = summary.schedule_stopped
     if gave_up:
         due = (last, *gave_up[0])
@@ -123,4 +97,4 @@ def _check_told(
 def _was_due(stopped: Stopped, cubes: Cubes, transcript: Transcript) -> bool:
     cube = cubes[stopped.round - 1] if 1 <= stopped.round <= len(cubes) else ()
     move = _moves([stopped.move])
-    return move <= _moves(cube) and not move <= _made(transcript.rounds.get(stopped.round, Round()))
+    return move <= _moves(cube) and not move <= transcript.carried.get(stopped.round, _NOTHING).made

@@ -5,12 +5,15 @@ Room: coordinator. Part of `cubepath verify`: it shares only the decoding of mes
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from math import inf
+from typing import NamedTuple, TypeAlias
+
+from msgspec.structs import replace
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.recording import Record, Recording
@@ -20,6 +23,7 @@ from cubepath.protocol.wire.messages import (
     Claim,
     Cube,
     Edges,
+    Go,
     Here,
     Message,
     Note,
@@ -39,28 +43,52 @@ Fail = Callable[[str, str], None]
 """Called with the name of a check that fails, and one line on where and why."""
 
 
+class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
+    """A message is of a round that was closed, since it stands where that round is over.
+
+    Recordings with such messages are wrong, but what else is wrong with them can still be told: all
+    rounds have to be kept to the end.
+    """
+
+
 @dataclass(slots=True)
 class Round:
     """The messages of modules in a round, by kind and speaker, and their reports at its end.
 
-    Both are in the order of their keys.
+    When the round is closed, both are in the order of their keys. `edges` are the coordinator's.
     """
 
     said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
     reports: dict[int, Report] = field(default_factory=dict)
+    edges: Edges | None = None
+
+
+Made: TypeAlias = frozenset[tuple[str, Site | None]]
+"""Moves by generator and place."""
+
+
+class Carried(NamedTuple):
+    """What a round did of a schedule: the moves made, and the modules that gave up, with why."""
+
+    made: Made
+    gave_up: tuple[tuple[int, str], ...]
 
 
 @dataclass(slots=True)
 class Transcript:
-    """Everything in a recording that counts for its result."""
+    """Everything in a recording that counts for its result, but for the rounds themselves."""
 
-    rounds: dict[int, Round] = field(default_factory=dict)
-    edges: dict[int, Edges] = field(default_factory=dict)
     cubes: dict[int, Cube] = field(default_factory=dict)
     certificate: Certificate | None = None
     summary: Summary | None = None
     complete_rounds: int = 0
     """The number of rounds, from the first on, that every module has reported."""
+    stray_edges: list[int] = field(default_factory=list)
+    """The rounds of the coordinator's edges that not every module has reported."""
+    schedule_over: int | None = None
+    """The last round of the schedule if the rule took over after it."""
+    carried: dict[int, Carried] = field(default_factory=dict)
+    """What each round did, if a schedule was to be carried out."""
 
     @property
     def result(self) -> tuple[Cube, ...]:
@@ -68,27 +96,154 @@ class Transcript:
         return tuple(self.cubes[index] for index in sorted(self.cubes))
 
 
-def transcript_of(recording: Recording, fail: Fail) -> Transcript:
-    """Sort the messages of a recording; `fail` is called for what is wrong without any derivation.
+class Sorting:
+    """Sorts the messages of a recording; `fail` is called for what is wrong without any derivation.
 
     That is `messages` (each decodes, and stands under its own topic and round), messages that come
     twice and differ (`said`, `reports`, `edges`, `certificate`), missing reports, and `complete`.
+
+    A round is closed when none of its messages is still to come. It is dropped then, so that memory
+    holds only the rounds in progress.
     """
-    found = Transcript()
-    for record in recording.records:
-        message = _message(record, fail)
-        for part in () if message is None else parts_of(message):
-            _sort(found, part, len(recording.scene.start), fail)
-    for this in found.rounds.values():
-        # What is said of them is the same whatever the order of arrival.
-        this.said = dict(sorted(this.said.items()))
-        this.reports = dict(sorted(this.reports.items()))
-    modules = set(range(len(recording.scene.start)))
-    while found.rounds.get(found.complete_rounds + 1, Round()).reports.keys() == modules:
-        found.complete_rounds += 1
-    _check_reports(found, len(modules), fail)
-    _check_complete(found, fail, cut_off=RECOVERED in recording.parameters)
-    return found
+
+    def __init__(self, recording: Recording, fail: Fail) -> None:
+        """Begin before the first message."""
+        self.found = Transcript()
+        self._fail = fail
+        self._modules = len(recording.scene.start)
+        self._everyone = set(range(self._modules))
+        self._cut_off = RECOVERED in recording.parameters
+        self._scheduled = recording.schedule is not None
+        self._rounds: dict[int, Round] = {}
+        self._closed = -inf
+        self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
+        # The rounds with reports, and who has reported the first that is not complete.
+        self._first, self._last = inf, -inf
+        self._known: frozenset[int] = frozenset()
+
+    def take(self, records: Iterable[Record]) -> None:
+        """Sort some records; OutOfOrder if one is of a round that is closed."""
+        for record in records:
+            for message in _parts(record, self._fail):
+                self._sort(message)
+
+    def close(self, least: float) -> Iterator[tuple[int, Round]]:
+        """Yield the complete rounds from the first on, once each; none below `least` is to come."""
+        self._closed = max(self._closed, least)
+        found = self.found
+        for number in sorted(number for number in self._rounds if number < least):
+            this = self._rounds.pop(number)
+            # What is said of them is the same whatever the order of arrival.
+            this.said = dict(sorted(this.said.items()))
+            this.reports = dict(sorted(this.reports.items()))
+            if self._scheduled and this.reports:
+                found.carried[number] = _carried(this.reports)
+            after = found.complete_rounds + 1
+            if number == after and this.reports.keys() == self._everyone:
+                found.complete_rounds += 1
+                yield number, this
+                continue
+            if number == after:
+                self._known = frozenset(this.reports)
+            if this.edges is not None:
+                found.stray_edges.append(number)
+
+    def end(self) -> None:
+        """Check what can be known only at the end, when all rounds are closed."""
+        self._check_reports()
+        _check_complete(self.found, self._fail, cut_off=self._cut_off)
+
+    def _sort(self, message: Message) -> None:
+        match message:
+            case Here() | Note() | Claim() | Verdict() | Report():
+                self._sort_said(message)
+            case Edges(round=number):
+                this = self._round(number)
+                if this.edges is None:
+                    this.edges = message
+                elif this.edges != message:
+                    self._fail("edges", f"round {number}: its edges come twice, and differ")
+            case Go(phase="over", round=number) if self.found.schedule_over is None:
+                self.found.schedule_over = number
+            case Cube() | Certified() | Summary():
+                self._sort_result(message)
+            case _:
+                pass
+
+    def _sort_result(self, message: Cube | Certified | Summary) -> None:
+        found, fail = self.found, self._fail
+        match message:
+            case Cube(index=index):
+                cube = replace(message, moves=[*map(self._shared, message.moves)])
+                if found.cubes.setdefault(index, cube) != cube:
+                    fail("complete", f"cube {index} comes twice, and differs")
+            case Certified(certificate=certificate):
+                if found.certificate not in (None, certificate):
+                    fail("certificate", "the certificate comes twice, and differs")
+                found.certificate = certificate
+            case Summary():
+                if found.summary not in (None, message):
+                    fail("complete", "the summary comes twice, and differs")
+                found.summary = message
+
+    def _shared(self, placed: GeneratorPlacement) -> GeneratorPlacement:
+        """Return one object for equal moves: there are few of them in many cubes."""
+        at = site_in(placed.at)
+        return placed if at is None else self._placed.setdefault((placed.generator, at), placed)
+
+    def _round(self, number: int) -> Round:
+        if number < self._closed:
+            raise OutOfOrder
+        found = self._rounds.get(number)
+        if found is None:
+            found = self._rounds[number] = Round()
+        return found
+
+    def _sort_said(self, message: ModuleMessage | Report) -> None:
+        check = "reports" if isinstance(message, Report) else "said"
+        if not 0 <= message.module < self._modules:
+            self._fail(check, f"{named(message)}: there is no such module in this run")
+            return
+        this = self._round(message.round)
+        known: ModuleMessage | Report
+        if isinstance(message, Report):
+            known = this.reports.setdefault(message.module, message)
+            self._first = min(self._first, message.round)
+            self._last = max(self._last, message.round)
+        else:
+            known = this.said.setdefault((kind_of(message), message.module), message)
+        # What is said twice counts once: a part stands in a batch for each region that it goes to.
+        if known is not message and known != message:
+            self._fail(check, f"{named(message)} comes twice, and differs")
+
+    def _check_reports(self) -> None:
+        found = self.found
+        after = found.complete_rounds + 1
+        # A run that was interrupted may stop between two reports of its last round.
+        ended_well = found.summary is not None and found.summary.ended in ("goal", "max-rounds")
+        if self._last > after or (self._last == after and ended_well):
+            absent = next(module for module in range(self._modules) if module not in self._known)
+            self._fail("reports", f"round {after}, module_{absent}: no report")
+        if self._first < 1:
+            self._fail("reports", f"round {self._first}: rounds count from 1")
+
+
+def transcript_of(recording: Recording, fail: Fail) -> Transcript:
+    """Sort the messages of a recording and close its rounds without looking at them."""
+    sorting = Sorting(recording, fail)
+    sorting.take(recording.records)
+    for _ in sorting.close(inf):
+        pass
+    sorting.end()
+    return sorting.found
+
+
+def _carried(reports: Mapping[int, Report]) -> Carried:
+    moves = (report.move for report in reports.values())
+    return Carried(
+        frozenset((move.generator, site_in(move.at)) for move in moves if move is not None),
+        tuple((n, each.failed) for n, each in reports.items() if each.failed is not None),
+    )
 
 
 def site_in(value: Json) -> Site | None:
@@ -99,76 +254,30 @@ def site_in(value: Json) -> Site | None:
         return None
 
 
-def _message(record: Record, fail: Fail) -> Message | None:
+def _parts(record: Record, fail: Fail) -> Sequence[Message]:
+    """Return the parts of a batch, or the message itself; nothing if it does not decode."""
     try:
         message = decode(record.data)
     except InputError as error:
         fail("messages", f"message {record.sequence} ({record.topic}): {error}")
-        return None
+        return ()
     topic = topic_of(message)
     if topic != record.topic or message.round != record.round:
-        where = f"message {record.sequence} ({record.topic}, round {record.round})"
-        fail("messages", f"{where} is {topic} of round {message.round}")
-    return message
+        fail("messages", f"{_place(record)} is {topic} of round {message.round}")
+    parts = parts_of(message)
+    for part in parts:
+        if part.round != message.round:
+            fail("messages", f"{_place(record)} holds {topic_of(part)} of round {part.round}")
+    return parts
 
 
-def _sort(found: Transcript, message: Message, modules: int, fail: Fail) -> None:
-    match message:
-        case Here() | Note() | Claim() | Verdict() | Report():
-            _sort_said(found, message, modules, fail)
-        case Edges(round=number):
-            if found.edges.setdefault(number, message) != message:
-                fail("edges", f"round {number}: its edges come twice, and differ")
-        case Cube(index=index):
-            if found.cubes.setdefault(index, message) != message:
-                fail("complete", f"cube {index} comes twice, and differs")
-        case Certified(certificate=certificate):
-            if found.certificate not in (None, certificate):
-                fail("certificate", "the certificate comes twice, and differs")
-            found.certificate = certificate
-        case Summary():
-            if found.summary not in (None, message):
-                fail("complete", "the summary comes twice, and differs")
-            found.summary = message
-        case _:
-            pass
-
-
-def _sort_said(
-    found: Transcript, message: ModuleMessage | Report, modules: int, fail: Fail
-) -> None:
-    check = "reports" if isinstance(message, Report) else "said"
-    if not 0 <= message.module < modules:
-        fail(check, f"{named(message)}: there is no such module in this run")
-        return
-    this = found.rounds.setdefault(message.round, Round())
-    known: ModuleMessage | Report
-    if isinstance(message, Report):
-        known = this.reports.setdefault(message.module, message)
-    else:
-        known = this.said.setdefault((kind_of(message), message.module), message)
-    # The same message delivered twice counts once.
-    if known != message:
-        fail(check, f"{named(message)} comes twice, and differs")
+def _place(record: Record) -> str:
+    return f"message {record.sequence} ({record.topic}, round {record.round})"
 
 
 def named(message: ModuleMessage | Report) -> str:
     """Return the name of a module's message in error messages."""
     return f"round {message.round}, module_{message.module}: {kind_of(message)}"
-
-
-def _check_reports(found: Transcript, modules: int, fail: Fail) -> None:
-    reported = [number for number, each in found.rounds.items() if each.reports]
-    after = found.complete_rounds + 1
-    last = max(reported, default=0)
-    # A run that was interrupted may stop between two reports of its last round.
-    ended_well = found.summary is not None and found.summary.ended in ("goal", "max-rounds")
-    if last > after or (last == after and ended_well):
-        known = found.rounds.get(after, Round()).reports
-        absent = next(module for module in range(modules) if module not in known)
-        fail("reports", f"round {after}, module_{absent}: no report")
-    if min(reported, default=1) < 1:
-        fail("reports", f"round {min(reported)}: rounds count from 1")
 
 
 def _check_complete(found: Transcript, fail: Fail, *, cut_off: bool) -> None:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.protocol.recordings.counts import Counts
+    from cubepath.protocol.recordings.description import FORMAT, FORMATS
     from cubepath.protocol.recordings.recording import (
-        FORMAT,
         TOPICS_MAX,
         Record,
         Recording,
@@ -24,8 +25,10 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "counts": "Counts",
+            "description": "FORMAT FORMATS",
             "recording": (
-                "FORMAT TOPICS_MAX Record Recording RecordingWriter copy_recording "
+                "TOPICS_MAX Record Recording RecordingWriter copy_recording "
                 "is_recording read_recording read_undamaged"
             ),
         },
@@ -33,7 +36,9 @@ else:
 
 __all__ = [
     "FORMAT",
+    "FORMATS",
     "TOPICS_MAX",
+    "Counts",
     "Record",
     "Recording",
     "RecordingWriter",

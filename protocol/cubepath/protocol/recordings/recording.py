@@ -4,8 +4,8 @@ A recording holds every message as the exact bytes that were on the wire, on the
 with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds, and
 sequence the order of writing. The parameters and versions of the run are a metadata record, the
 scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
-CRCs and are flushed every few messages, so a killed process loses at most the messages since the
-last flush.
+CRCs and are flushed every few messages, or bytes, so a killed process loses at most the messages
+since the last flush.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import contextlib
 import errno
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from hashlib import sha256
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
+from itertools import chain
+from math import inf
 from pathlib import Path
-from typing import IO, Self
+from typing import IO, Self, overload
 
 import msgspec
 from mcap.writer import CompressionType, Writer
@@ -27,19 +29,41 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.salvaging import MAGIC, Salvage, salvage
-from cubepath.protocol.scenes.toml import scene_from_toml, scene_to_toml
+from cubepath.protocol.recordings.counts import BATCHES, Counts, counts_of
+from cubepath.protocol.recordings.counts import METADATA as COUNTS
+from cubepath.protocol.recordings.description import (
+    FORMAT,
+    METADATA,
+    SCENE,
+    SCHEDULE,
+    metadata_of,
+    parameters_in,
+    scene_in,
+)
+from cubepath.protocol.recordings.salvaging import (
+    MAGIC,
+    Message,
+    Salvage,
+    messages_in,
+    outline,
+    salvage,
+)
+from cubepath.protocol.recordings.stored import Stored
+from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import decode, schema_of
+from cubepath.protocol.wire.messages import (
+    decode,
+    encode,
+    parts_of,
+    schema_of,
+)
 
-FORMAT = "cubepath-recording-1"
-SCENE = "scene.toml"
-SCHEDULE = "schedule.jsonl"
 FLUSH_EVERY = 50
 """Messages between two flushes: a kill loses fewer than this, and those still in a queue."""
+FLUSH_BYTES = 1 << 16
+"""Bytes of messages between two flushes, if they come first: a batch may be long."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
-_METADATA = "cubepath"
 
 
 class RecordingFull(CheckError):  # noqa: N818 - named for a state
@@ -68,6 +92,8 @@ class RecordingWriter:
         """
         self.path = path
         self.messages = 0
+        self._counts = Counts()
+        self._waiting = self._waiting_bytes = 0
         self._owns = stream is None
         text = scene_to_toml(scene)  # before the file is created: not every scene can be written
         self._stream = _new_file(path) if stream is None else stream
@@ -84,9 +110,7 @@ class RecordingWriter:
 
     def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
         self._writer.start(profile="cubepath", library="cubepath")
-        self._writer.add_metadata(
-            _METADATA, {**parameters, "format": FORMAT, "checksum": _checksum(parameters)}
-        )
+        self._writer.add_metadata(METADATA, metadata_of(parameters))
         self._attach(SCENE, "application/toml", scene.encode())
         if schedule is not None:
             self._attach(SCHEDULE, "application/jsonl", schedule)
@@ -142,13 +166,17 @@ class RecordingWriter:
             sequence=self.messages,
         )
         self.messages += 1
-        if self.messages % FLUSH_EVERY == 0:
+        self._counts.add(topic, data, wall_ns)
+        self._waiting += 1
+        self._waiting_bytes += len(data)
+        if self._waiting >= FLUSH_EVERY or self._waiting_bytes >= FLUSH_BYTES:
             self._flush()
 
     def _flush(self) -> None:
         self._check_size()
         self._writer.flush()
         self._check_place()
+        self._waiting = self._waiting_bytes = 0
 
     def _check_size(self) -> None:
         """Check that nothing was cut off; the next write would fill the gap with zeros."""
@@ -180,6 +208,9 @@ class RecordingWriter:
 
     def _finish(self) -> None:
         self._check_size()
+        self._writer.flush()
+        self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
+        self._writer.add_metadata(COUNTS, self._counts.to_metadata())
         self._writer.finish()
         self._stream.flush()  # what closing the file could not write would not be told
         self._check_place()
@@ -238,24 +269,138 @@ class Record:
         """Return the kind of the message, the first part of its topic."""
         return self.topic.partition("/")[0]
 
+    def parts(self) -> Iterator[Record]:
+        """Yield the parts of a batch, each as it would stand alone; any other record is its part.
+
+        They have the round, the wall clock and the sequence of the batch. A batch that cannot be
+        decoded is yielded as it is, so that whoever decodes it finds what is wrong.
+        """
+        if self.kind not in BATCHES:
+            yield self
+            return
+        try:
+            parts = parts_of(decode(self.data))
+        except InputError:
+            yield self
+            return
+        for part in parts:
+            yield replace(self, topic=topic_of(part), data=encode(part))
+
+
+class _StoredRecords(Sequence[Record]):
+    """The messages of a file, read a chunk at a time whenever they are asked for."""
+
+    def __init__(self, stored: Stored, found: Salvage, counts: Counts | None) -> None:
+        self.counts = counts
+        self._stored = stored
+        self._blocks = found.blocks
+        self._loose = found.loose
+        self._topics = found.topics
+        self.lost = 0
+        """The number of messages whose topic is lost."""
+        named = found.topics.keys() >= {message.channel for message in found.loose}
+        if not named or any("" in block.kinds for block in found.blocks):
+            self.lost = found.messages - sum(1 for _ in self)
+        self._count = found.messages - self.lost
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Record]:
+        return chain.from_iterable(records for records, _ in self.blocks())
+
+    @overload
+    def __getitem__(self, index: int) -> Record: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Record, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> Record | tuple[Record, ...]:
+        """Return a message, or some, at the cost of reading all."""
+        return tuple(self)[index]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Sequence):
+            return NotImplemented
+        return len(self) == len(other) and all(a == b for a, b in zip(self, other, strict=True))
+
+    __hash__ = None  # type: ignore[assignment]  # as a list
+
+    def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
+        rounds = [message.round for message in self._loose]
+        least = [min(rounds, default=inf)]
+        for block in reversed(self._blocks):
+            least.append(min(block.first_round, least[-1]))
+        for block, ahead in zip(self._blocks, reversed(least[:-1]), strict=True):
+            yield self._records(messages_in(self._stored, block)), ahead
+        yield self._records(self._loose), inf
+
+    def of_kinds(self, kinds: AbstractSet[str]) -> Iterator[Record]:
+        for block in self._blocks:
+            if "" in block.kinds or not kinds.isdisjoint(block.kinds):
+                yield from self._records(messages_in(self._stored, block))
+        yield from self._records(self._loose)
+
+    def _records(self, messages: Iterable[Message]) -> Iterator[Record]:
+        topics = self._topics
+        for channel, sequence, number, wall_ns, data in messages:
+            topic = topics.get(channel) or _topic_said(data)
+            if topic is not None:
+                yield Record(topic, data, number, wall_ns, sequence)
+
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """What could be read of a recording; `problems` is empty if that is everything."""
+    """What could be read of a recording; `problems` is empty if that is everything.
+
+    Its messages may stay in the file, and are then read whenever they are asked for.
+    """
 
     path: Path
     parameters: Mapping[str, str]
     scene: Scene
-    records: tuple[Record, ...]
+    records: Sequence[Record]
     problems: tuple[str, ...]
     schedule: bytes | None = None
     """The text of the schedule that was executed, if any."""
     size: int = 0
     """Number of bytes read."""
+    format: str = FORMAT
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
-        """Yield the messages of these kinds in order."""
-        return (record for record in self.records if record.kind in kinds)
+        """Yield the messages of these kinds in order, also those that are parts of batches."""
+        batches = {batch for batch, held in BATCHES.items() if not held.isdisjoint(kinds)}
+        records: Iterable[Record] = self.records
+        if isinstance(records, _StoredRecords):
+            records = records.of_kinds({*kinds, *batches})
+        for record in records:
+            if record.kind in kinds:
+                yield record
+            elif record.kind in batches:
+                for part in record.parts():
+                    # What cannot be decoded may have held some.
+                    if part.kind in kinds or part.kind in batches:
+                        yield part
+
+    def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
+        """Yield the messages some at a time, each time with the least round of those to come.
+
+        That is the round under which they were written; infinity if nothing is to come. So what was
+        collected of the rounds before it is complete.
+        """
+        if isinstance(self.records, _StoredRecords):
+            return self.records.blocks()
+        return iter([(self.records, inf)])
+
+    def counts(self) -> Counts:
+        """Return how much is in the recording; it is read only if the file does not say so."""
+        records = self.records
+        if isinstance(records, _StoredRecords) and records.counts is not None:
+            return records.counts
+        found = Counts()
+        for record in records:
+            found.add(record.topic, record.data, record.wall_ns)
+        return found
 
 
 def is_recording(file: InputFile) -> bool:
@@ -268,25 +413,31 @@ def read_recording(source: Source) -> Recording:
     """Read a recording with all checks; `problems` lists what is wrong.
 
     A truncated file yields all its whole chunks, and only a corrupt chunk itself is left out. No
-    message is returned without a valid CRC. Raises InputError if the file is no recording, or has
-    lost its parameters or its scene.
+    message is returned without a valid CRC. If the CRCs of the whole file hold, messages are not
+    looked at before they are asked for. Raises InputError if the file is no recording, or has lost
+    its parameters or its scene.
     """
     with opened(source) as file:
-        path, data = file.path, file.whole()
-    if not data:
+        stored = Stored(file)
+    path = stored.path
+    if not stored.size:
         raise InputError(f"{path}: empty file, expected an MCAP recording")
-    found = salvage(data)
+    whole = outline(stored)
+    counts = None if whole is None else counts_of(whole)
+    found = salvage(stored) if whole is None or counts is None else whole
     problems = list(found.problems)
-    parameters = _parameters(path, found, problems)
-    scene = _scene(path, found)
-    records, lost = _records(found)
-    if lost:
-        problems.append(f"{lost} messages belong to channels that are lost")
-    if not problems:
-        problems += _gap(records)
+    written_as, parameters = parameters_in(path, found, problems)
+    scene = scene_in(path, found)
+    records = _StoredRecords(stored, found, counts)
+    if records.lost:
+        problems.append(f"{records.lost} messages belong to channels that are lost")
+    if found.gap is not None and not problems:
+        problems.append(found.gap)
     schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
     schedule = next(schedules, None)
-    return Recording(path, parameters, scene, records, tuple(problems), schedule, len(data))
+    return Recording(
+        path, parameters, scene, records, tuple(problems), schedule, stored.size, written_as
+    )
 
 
 def read_undamaged(source: Source) -> Recording:
@@ -301,72 +452,12 @@ def read_undamaged(source: Source) -> Recording:
     return recording
 
 
-def _parameters(path: Path, found: Salvage, problems: list[str]) -> dict[str, str]:
-    named = [record.metadata for record in found.metadata if record.name == _METADATA]
-    ours = [values for values in named if values.get("format") == FORMAT]
-    if not ours:
-        shown = repr(named[0].get("format")) if named else "none"
-        detail = f" ({problems[0]})" if problems else ""
-        raise InputError(
-            f"{path}: no cubepath recording: format {shown}, expected {FORMAT!r}{detail}"
-        )
-    values = {key: value for key, value in ours[0].items() if key not in ("format", "checksum")}
-    if ours[0].get("checksum") != _checksum(values):
-        problems.append("corrupt: the parameters are not those of their checksum")
-    return values
-
-
-def _checksum(parameters: Mapping[str, str]) -> str:
-    # A metadata record has no CRC, and the CRC of the data section comes at the end of the file.
-    return sha256(msgspec.json.encode(sorted(parameters.items()))).hexdigest()
-
-
-def _scene(path: Path, found: Salvage) -> Scene:
-    for attachment in found.attachments:
-        if attachment.name == SCENE:
-            where = f"{path} ({SCENE})"
-            try:
-                text = attachment.data.decode()
-            except UnicodeDecodeError as error:
-                raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
-            return scene_from_toml(text, where)
-    raise InputError(f"{path}: the attachment {SCENE} is lost, so nothing can be checked")
-
-
-def _records(found: Salvage) -> tuple[tuple[Record, ...], int]:
-    """Return the messages with their topics, and the number of messages whose topic is lost."""
-    records, lost = [], 0
-    for message in found.messages:
-        topic = found.topics.get(message.channel_id) or _topic_said(message.data)
-        if topic is None:
-            lost += 1
-            continue
-        records.append(
-            Record(
-                topic,
-                message.data,
-                message.log_time,
-                message.publish_time,
-                message.sequence,
-            )
-        )
-    return tuple(records), lost
-
-
 def _topic_said(data: bytes) -> str | None:
     # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
     try:
         return topic_of(decode(data))
     except InputError:
         return None
-
-
-def _gap(records: Iterable[Record]) -> Iterator[str]:
-    """Yield the first error in the order of writing, if any."""
-    for expected, record in enumerate(records):
-        if record.sequence != expected:
-            yield f"message {record.sequence} stands where message {expected} should be"
-            return
 
 
 def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:

@@ -1,0 +1,59 @@
+"""What a recording says of itself: its format, its parameters, and the scene of the run.
+
+Room: protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.counts import checksum
+from cubepath.protocol.recordings.salvaging import Salvage
+from cubepath.protocol.scenes.toml import scene_from_toml
+
+FORMAT = "cubepath-recording-2"
+"""The format that is written: modules may say messages in batches, `said` and `reports`."""
+FORMATS = ("cubepath-recording-1", FORMAT)
+"""The formats that are read. In the first every part is a message of its own."""
+METADATA = "cubepath"
+"""The name of the metadata record with the parameters."""
+SCENE = "scene.toml"
+SCHEDULE = "schedule.jsonl"
+
+
+def metadata_of(parameters: Mapping[str, str]) -> dict[str, str]:
+    """Return the metadata record of a new recording."""
+    return {**parameters, "format": FORMAT, "checksum": checksum(parameters)}
+
+
+def parameters_in(path: Path, found: Salvage, problems: list[str]) -> tuple[str, dict[str, str]]:
+    """Return the format and the parameters; InputError if there are none in a known format."""
+    named = [record.metadata for record in found.metadata if record.name == METADATA]
+    ours = [values for values in named if values.get("format") in FORMATS]
+    if not ours:
+        shown = repr(named[0].get("format")) if named else "none"
+        detail = f" ({problems[0]})" if problems else ""
+        expected = " or ".join(map(repr, FORMATS))
+        raise InputError(
+            f"{path}: no cubepath recording: format {shown}, expected {expected}{detail}"
+        )
+    values = {key: value for key, value in ours[0].items() if key not in ("format", "checksum")}
+    if ours[0].get("checksum") != checksum(values):
+        problems.append("corrupt: the parameters are not those of their checksum")
+    return ours[0]["format"], values
+
+
+def scene_in(path: Path, found: Salvage) -> Scene:
+    """Return the scene; InputError if it is lost or none."""
+    for attachment in found.attachments:
+        if attachment.name == SCENE:
+            where = f"{path} ({SCENE})"
+            try:
+                text = attachment.data.decode()
+            except UnicodeDecodeError as error:
+                raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
+            return scene_from_toml(text, where)
+    raise InputError(f"{path}: the attachment {SCENE} is lost, so nothing can be checked")

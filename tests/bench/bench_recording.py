@@ -1,0 +1,121 @@
+"""How long recordings are written, described and verified, against reading their bytes alone.
+
+    python tests/bench/bench_recording.py [--quick]
+
+A recording is made of 60 vehicles that move at random, in one process, with each part as a message
+of its own and in batches. Times are processor times of one thread, in parts a second; ``write``
+appends the same messages to a new file. The floor is bare reading in the same run: each chunk
+unpacked by the mcap package with its CRC, each message decoded by msgspec. ``info`` is in
+milliseconds. Memory is the greatest that Python has allocated while verifying, measured in a run of
+its own, in bytes a part. The growth exponent of verifying is the slope of log time over log parts
+against the row before; linear is 1. Nothing is asserted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from math import log
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+
+from cubepath.coordinator.runs.contents import info
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.recordings.recording import copy_recording, read_recording
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import decode
+
+sys.path.append(str(Path(__file__).parents[1]))
+from long_runs import write
+
+SPEC = "agv:graph=grid10x10,n=60"
+SIZES = (20_000, 60_000, 180_000)
+QUICK_SIZES = (5_000, 10_000)
+_WIDTHS = (10, 10, 9, 10, 10, 9, 9, 8)
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Return the processor time of some work."""
+    began = time.process_time()
+    work()
+    return time.process_time() - began
+
+
+def floor(path: Path) -> None:
+    """Read a recording and decode its messages, and nothing else."""
+    with path.open("rb") as stream:
+        for record in StreamReader(stream, emit_chunks=True).records:
+            if isinstance(record, Chunk):
+                for each in breakup_chunk(record, validate_crc=True):
+                    if isinstance(each, Message):
+                        decode(each.data)
+
+
+def check(path: Path) -> None:
+    """Verify a recording, which is right."""
+    found = verify(read_recording(path))
+    if not found.ok:
+        raise AssertionError([each for each in found.checks if not each.ok])
+
+
+def peak(work: Callable[[], object]) -> int:
+    """Return the greatest number of bytes allocated during some work."""
+    tracemalloc.start()
+    work()
+    found = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return found
+
+
+def row(path: Path, copy: Path, parts: int, before: tuple[int, float] | None) -> float:
+    """Print a line for a recording; return how long verifying took."""
+    recording = read_recording(path)
+    messages = len(recording.records)
+    in_memory = replace(recording, records=tuple(recording.records))
+    writing = seconds(partial(copy_recording, in_memory, copy))
+    del in_memory
+    telling = seconds(lambda: info(read_recording(path)))
+    least = seconds(partial(floor, path))
+    checking = seconds(partial(check, path))
+    growth = ""
+    if before is not None:
+        growth = f"{log(checking / before[1]) / log(parts / before[0]):.2f}"
+    memory = peak(partial(check, path)) / parts
+    print(
+        f"{parts:>9}{messages:>10}{parts / writing:>10.0f}{telling * 1e3:>9.1f}"
+        f"{parts / least:>10.0f}{parts / checking:>10.0f}{checking / least:>9.1f}"
+        f"{memory:>9.0f}{growth:>8}",
+        flush=True,
+    )
+    return checking
+
+
+def main() -> None:
+    """Print the tables."""
+    options = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    options.add_argument("--quick", action="store_true", help="small sizes")
+    sizes = QUICK_SIZES if options.parse_args().quick else SIZES
+    heads = ("messages", "write", "info ms", "floor", "verify", "x floor", "B/part", "growth")
+    columns = [f"{head:>{wide}}" for head, wide in zip(heads, _WIDTHS, strict=True)]
+    scene = scene_from_spec(SPEC)
+    with TemporaryDirectory() as folder:
+        for name, batched in (("single messages", False), ("batches", True)):
+            print(f"{name}\n{'parts':>9}" + "".join(columns))
+            before: tuple[int, float] | None = None
+            for size in sizes:
+                path = Path(folder) / f"{batched}-{size}.mcap"
+                parts = write(path, scene, size, batched=batched)
+                took = row(path, path.with_suffix(".copy"), parts, before)
+                before = parts, took
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,193 @@
+"""Verifying recordings of batches: whatever is wrong is found and named as in single messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from msgspec.structs import replace
+
+import tamperings_of_certificates
+import tamperings_of_results
+import tamperings_of_schedules
+from batched import batched, counted, first_batch
+from cubepath.coordinator.runs.gatherer import gathered
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import (
+    Again,
+    Go,
+    Message,
+    Ready,
+    Report,
+    Reports,
+    Said,
+    Waiting,
+    decode,
+    encode,
+    kind_of,
+)
+from recordings import all_edited, first, with_records
+from tamperings import TAMPERINGS, Tampering, crowd, failing
+
+MODULES_OF_RESULTS = (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules)
+"""Imported for the tamperings that they add."""
+
+
+def whole() -> Recording:
+    """Return a real run in batches, with reports as in format 2."""
+    return batched(all_edited(crowd(), "report", counted))
+
+
+def with_message(recording: Recording, place: int, *messages: Message) -> Recording:
+    """Return the recording with messages in place of one."""
+    records = list(recording.records)
+    records[place : place + 1] = [
+        Record(topic_of(each), encode(each), each.round, 0, 0) for each in messages
+    ]
+    return with_records(recording, records)
+
+
+def said_of(recording: Recording, check: str) -> str:
+    """Return what is said of a check."""
+    return next(each.detail for each in verify(recording).checks if each.name == check)
+
+
+def test_a_recording_in_batches_passes_with_the_same_result() -> None:
+    """Moves, rounds, cubes and digest are those of the same run in single messages."""
+    found, single = verify(whole()), verify(crowd())
+    assert found == single
+    assert found.ok
+    kinds = {record.kind for record in whole().records}
+    assert {"said", "reports"} <= kinds
+    assert not {"here", "note", "claim", "verdict", "report"} & kinds
+    assert len(whole().records) < len(crowd().records)
+
+
+@pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
+def test_what_is_tampered_with_is_found_in_batches(
+    make: Tampering, checks: tuple[str, ...]
+) -> None:
+    """The same checks fail, with the same words, as where each part is a message of its own."""
+    recording = make()
+    if checks[0] == "messages":
+        pytest.skip("is about single messages")
+    found, single = verify(batched(recording)), verify(recording)
+    assert failing(found) == failing(single)
+    # Of a part that stands in several batches it is said more than once that nobody spoke it.
+    some = [each for each in found.checks if each.name != "said"]
+    assert some == [each for each in single.checks if each.name != "said"]
+
+
+def test_the_parts_of_a_kind_are_found_in_both_forms() -> None:
+    """`of_kind` gives the reports of batches as records of their own, with their own topics."""
+    one = {(each.topic, each.round, each.data) for each in crowd().of_kind("report")}
+    other = {(each.topic, each.round, each.data) for each in batched(crowd()).of_kind("report")}
+    assert one == other
+    heres = {each.data for each in crowd().of_kind("here", "verdict")}
+    assert {each.data for each in whole().of_kind("here", "verdict")} == heres
+    batch = next(whole().of_kind("reports"))
+    parts = list(batch.parts())
+    assert {(each.sequence, each.wall_ns) for each in parts} == {(batch.sequence, batch.wall_ns)}
+    summary = next(crowd().of_kind("summary"))
+    assert list(summary.parts()) == [summary]
+
+
+def test_what_is_said_or_asked_again_is_no_fault() -> None:
+    """Batches that come twice, parts for several regions, `again`, `waiting`, `go` and `ready`."""
+    recording = whole()
+    twice = [each for each in recording.records for _ in range(2)]
+    assert verify(with_records(recording, twice)).ok
+    place, batch = first_batch(recording, "claim", 2)
+    elsewhere = replace(batch, region="elsewhere", number=3)
+    more: tuple[Message, ...] = (
+        Again(2, 0, "claim", "elsewhere"),
+        Go(2, "claim", {"elsewhere": 1}),
+        Waiting(2, 1, "claim"),
+        Ready(2, 0, "claim", {"elsewhere": 1}),
+    )
+    assert verify(with_message(recording, place, batch, *more, elsewhere, *more)).ok
+
+
+def test_a_part_that_differs_between_two_batches_is_named() -> None:
+    """By its own kind and module."""
+    recording = whole()
+    place, batch = first_batch(recording, "note", 3)
+    assert isinstance(batch, Said)
+    at = next(n for n, part in enumerate(batch.parts) if kind_of(part) == "note")
+    parts: list[Any] = [*batch.parts]
+    parts[at] = replace(parts[at], note=[9 for _ in parts[at].note])
+    found = with_message(recording, place, batch, replace(batch, region="other", parts=parts))
+    module = parts[at].module
+    assert said_of(found, "said") == f"round 3, module_{module}: note comes twice, and differs"
+
+
+def test_a_part_of_another_round_than_its_batch_is_named() -> None:
+    """With the message that holds it."""
+    recording = whole()
+    place, batch = first_batch(recording, "report", 4)
+    assert isinstance(batch, Reports)
+    late = replace(batch.parts[0], round=5)
+    found = with_message(recording, place, replace(batch, parts=[late, *batch.parts[1:]]))
+    where = f"message {place} (reports/process_{batch.process}, round 4)"
+    told = said_of(found, "messages")
+    assert told == f"{where} holds report/module_{late.module} of round 5"
+
+
+def test_a_batch_under_another_topic_or_round_is_named() -> None:
+    """As a single message is."""
+    recording = whole()
+    place, batch = first_batch(recording, "here", 2)
+    records = list(recording.records)
+    wrong = Record("said/process_7", encode(batch), 3, 0, place)
+    records[place] = wrong
+    told = said_of(with_records(recording, records), "messages")
+    assert told == (
+        f"message {place} (said/process_7, round 3) is said/process_{batch.process} of round 2"
+    )
+
+
+@pytest.mark.parametrize("change", ["twice", "unsaid", "missed"])
+def test_what_a_module_heard_is_checked_by_kind_and_sender(change: str) -> None:
+    """A report of format 2 tells senders alone; one too many or too few is found."""
+    recording = whole()
+    place, batch = first_batch(recording, "report", 2)
+    assert isinstance(batch, Reports)
+    heard = [dict(part.heard) if isinstance(part.heard, dict) else {} for part in batch.parts]
+    at = next(place for place, each in enumerate(heard) if len(each.get("here", ())) > 1)
+    report, here = batch.parts[at], heard[at]["here"]
+    told = {"twice": [here[0], *here], "unsaid": [*here, report.module], "missed": here[1:]}[change]
+    parts = [*batch.parts]
+    parts[at] = replace(report, heard={**heard[at], "here": told})
+    found = with_message(recording, place, replace(batch, parts=parts))
+    assert failing(verify(found)) == {"hearing" if change == "missed" else "deliveries"}
+
+
+def test_gathering_from_batches_is_gathering_from_messages() -> None:
+    """The same path; what contradicts or cannot be read is named by report or batch."""
+    assert (
+        gathered(whole()).digest
+        == gathered(crowd()).digest
+        == first(crowd(), "summary").path_digest
+    )
+    recording = whole()
+    place, batch = first_batch(recording, "report", 2)
+    assert isinstance(batch, Reports)
+    other = replace(batch, parts=[replace(part, failed="no") for part in batch.parts])
+    with pytest.raises(CheckError, match=r"report \d+ \(report/module_\d\): .* differently"):
+        gathered(with_message(recording, place, batch, other))
+    records = list(recording.records)
+    records[place] = Record(records[place].topic, b"{}", 2, 0, place)
+    with pytest.raises(InputError, match=r"report \d+ \(reports/process_\d\): not a cubepath"):
+        gathered(with_records(recording, records))
+
+
+def test_reports_of_both_forms_may_stand_in_one_recording() -> None:
+    """A batch and single messages with the same reports are the same reports."""
+    recording = whole()
+    place, batch = first_batch(recording, "report", 1)
+    assert all(isinstance(part, Report) for part in batch.parts)
+    assert verify(with_message(recording, place, *batch.parts)).ok
+    assert decode(recording.records[place].data) == batch

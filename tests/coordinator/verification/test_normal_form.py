@@ -1,0 +1,38 @@
+"""The normal form that verification derives: by definition, in two linear passes."""
+
+from __future__ import annotations
+
+from itertools import chain
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cubepath.coordinator.normal_form.definitions import obvious_normal_form
+from cubepath.coordinator.verification.normal_form import cubes_of, remaining
+from cubepath.protocol.core.actions import Action
+from strategies import Word, crowded_words, words
+
+
+@given(st.one_of(words(), crowded_words()))
+def test_the_cubes_are_those_of_the_definition(path: Word) -> None:
+    """Whatever moves there are, with sites that are only read, and whatever cancels."""
+    assert tuple(map(frozenset, cubes_of(path))) == obvious_normal_form(path)
+
+
+@given(st.one_of(words(), crowded_words()))
+def test_what_remains_is_what_stands_in_the_cubes(path: Word) -> None:
+    """In the order of the path; a path there and back leaves nothing."""
+    left = [path[place] for place in remaining(path)]
+    cubes = cubes_of(path)
+    assert sorted(map(id, left)) == sorted(map(id, chain.from_iterable(cubes)))
+    assert [*remaining(left)] == [*range(len(left))]
+    assert not remaining([*path, *reversed(path)])
+
+
+@given(st.integers(1, 30))
+def test_readers_hold_a_writer_back(readers: int) -> None:
+    """Many moves read one site, and a move that writes it there cannot cancel before they do."""
+    door = Action(["hub"], ["hub"], [], ["hub"])
+    through = [Action(["hub", n], [n], [n], []) for n in range(readers)]
+    assert len(remaining([door, *through, door])) == readers + 2
+    assert not remaining([door, *through, *through, door])

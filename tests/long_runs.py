@@ -1,0 +1,133 @@
+"""Long runs without zenoh: modules in one process, and what a coordinator would put on record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from batched import batches, counted
+from cubepath.agents.local.module import ModuleCore
+from cubepath.agents.local.observation import goal_sets
+from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.uniform import RANDOM
+from cubepath.coordinator.normal_form.certificate import certificate_of
+from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.wire.keys import addressees, topic_of
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Claim,
+    Cube,
+    Edges,
+    Go,
+    Here,
+    Message,
+    Note,
+    Part,
+    Report,
+    Summary,
+    Verdict,
+    encode,
+)
+
+
+def said(scene: Scene, rule: RuleType = RANDOM, seed: int = 0) -> Iterator[list[Part | Report]]:
+    """Yield what modules say, round by round without end, as they say it."""
+    goals, system = goal_sets(scene), scene.system
+    note_length = rule.note_length(len(scene.start))
+    actors = actors_for(scene, rule, seed=seed, hesitate=0.0)
+    cores = [
+        ModuleCore(system, module=n, site=site, goals=goals[n], seed=seed, note_length=note_length)
+        for n, site in enumerate(scene.start)
+    ]
+    number = 0
+    while True:
+        number += 1
+        found: list[Part | Report] = []
+        at = {core.place: core for core in cores}
+
+        def deliver(
+            post: Iterable[Message],
+            at: dict[Site, ModuleCore] = at,
+            found: list[Part | Report] = found,
+        ) -> None:
+            waiting = [*post]
+            for message in waiting:
+                assert isinstance(message, Here | Note | Claim | Verdict)
+                found.append(message)
+                for place in addressees(system, message) or ():
+                    if place in at:
+                        waiting += at[place].hear(message)
+
+        deliver([message for core in cores for message in core.sense(number)])
+        claims: list[Message] = []
+        for core in cores:
+            choice = actors[core.module].act(core.observation())
+            claims += core.claim(choice.action, choice.note)
+        deliver(claims)
+        deliver([message for core in cores for message in core.arbitrate()])
+        found += [core.report() for core in cores]
+        yield found
+
+
+def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int = 0) -> int:
+    """Write the recording of a run of random moves; return the number of parts in it."""
+    written = 0
+    gatherer = Gatherer(scene)
+    parameters = {"system": scene.spec, "rule": "random", "seed": str(seed)}
+    with RecordingWriter(path, scene, parameters) as writer:
+
+        def say(message: Message) -> None:
+            writer.write(
+                topic_of(message),
+                encode(message),
+                round_number=message.round,
+                wall_ns=writer.messages,
+            )
+
+        for parts in said(scene, seed=seed):
+            number = parts[0].round
+            written += len(parts)
+            say(Go(number, "sense"))
+            told = batches(scene.system, [*map(_counted, parts)]) if batched else parts
+            for message in told:
+                say(message)
+            for part in parts:
+                if isinstance(part, Report):
+                    gatherer.receive(part)
+            step = gatherer.steps[-1]
+            say(Edges(number, list(step.executed)))
+            if written >= most_parts:
+                break
+        for result in results(gatherer):
+            say(result)
+    return written
+
+
+def _counted(part: Part | Report) -> Part | Report:
+    return counted(part) if isinstance(part, Report) else part
+
+
+def results(gatherer: Gatherer) -> Iterator[Cube | Certified | Summary]:
+    """Yield what the coordinator says at the end of a run."""
+    for index, cube in enumerate(gatherer.schedule(), 1):
+        yield Cube(gatherer.rounds, index, list(cube))
+    heap = gatherer.heap
+    path = [action for step in gatherer.steps for action in step.actions]
+    proof = certificate_of(path, start=gatherer.scene.start_state, found=heap.normal_form())
+    yield Certified(gatherer.rounds, proof)
+    yield Summary(
+        round=gatherer.rounds,
+        ended="max-rounds",
+        error=None,
+        rounds=gatherer.rounds,
+        moves=heap.moves,
+        reduced_moves=heap.reduced_moves,
+        cubes=heap.cubes,
+        max_cube_dimension=heap.max_cube_dimension,
+        goal_reached=gatherer.reached,
+        path_digest=gatherer.digest,
+    )
