@@ -1,0 +1,6 @@
+"""Simulation: whole runs under faults, in one process and virtual time, each from its seed.
+
+Room: coordinator. The nodes are those of a run, on a simulated wire. It imports `runs` and
+`verification`, and of the agents `processes`, `rules` and the environment, which is the other way
+to the edge path of a run. The command `simulate` uses it.
+"""
