@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from cubepath.coordinator.simulation.faults import SECOND_US, Faults
+from cubepath.coordinator.simulation.network import Network
+from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 RUN = "cubepath/toy"
-PATIENCE = 200
+PATIENCE_US = 60 * SECOND_US
+_TICKS_MAX = 200
 
 
 class Counter:
@@ -43,7 +47,7 @@ class Counter:
 
     def tick(self) -> list[Effect]:
         self._ticks += 1
-        if self._ticks == PATIENCE:
+        if self._ticks == _TICKS_MAX:
             raise CheckError(f"no answer to {self.number} from workers {sorted(self._missing)}")
         return self._put()
 
@@ -74,3 +78,24 @@ class Worker:
 
     def tick(self) -> list[Effect]:
         raise AssertionError("no timer was set")
+
+
+def counted(
+    faults: Faults, *, workers: int = 3, upto: int = 20, seed: int = 0, doubles: bool = True
+) -> tuple[Network, Counter, list[Worker], Trace]:
+    """Let workers count to the end; return what is left of it."""
+    trace = Trace()
+    network = Network(faults, seed, trace)
+    counter = Counter(workers, upto)
+    made: list[Worker] = []
+
+    def make(number: int) -> Worker:
+        made.append(Worker(number, drops_doubles=doubles))
+        return made[-1]
+
+    network.add("coordinator", lambda: counter)
+    for number in range(workers):
+        network.add(f"process_{number}", lambda number=number: make(number))
+    network.on_death(counter.died)
+    network.run(200_000, 1000 * PATIENCE_US)
+    return network, counter, made, trace

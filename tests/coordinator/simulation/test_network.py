@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from counting import RUN, Counter, Worker
+from counting import PATIENCE_US, RUN, Counter, counted
 from cubepath.coordinator.simulation.faults import (
     KINDS,
     ROUTER,
@@ -17,11 +17,8 @@ from cubepath.coordinator.simulation.faults import (
     Listed,
 )
 from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
-from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Put, Timer
-
-PATIENCE_US = 60 * SECOND_US
 
 
 class Talker:
@@ -42,27 +39,6 @@ class Talker:
 
     def tick(self) -> list[Effect]:
         return [End()]
-
-
-def counted(
-    faults: Faults, *, workers: int = 3, upto: int = 20, seed: int = 0, doubles: bool = True
-) -> tuple[Network, Counter, list[Worker], Trace]:
-    """Let workers count to the end; return what is left of it."""
-    trace = Trace()
-    network = Network(faults, seed, trace)
-    counter = Counter(workers, upto)
-    made: list[Worker] = []
-
-    def make(number: int) -> Worker:
-        made.append(Worker(number, drops_doubles=doubles))
-        return made[-1]
-
-    network.add("coordinator", lambda: counter)
-    for number in range(workers):
-        network.add(f"process_{number}", lambda number=number: make(number))
-    network.on_death(counter.died)
-    network.run(200_000, 1000 * PATIENCE_US)
-    return network, counter, made, trace
 
 
 def talked(

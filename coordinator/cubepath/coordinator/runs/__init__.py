@@ -11,7 +11,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.runs.contents import info, render
-    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
     from cubepath.coordinator.runs.films import (
         FILM_SUFFIXES,
         FRAMES_PER_SECOND,
@@ -25,7 +25,7 @@ else:
         __name__,
         {
             "contents": "info render",
-            "drawing": "PICTURE_SUFFIXES run_picture",
+            "drawing": "PICTURE_SUFFIXES run_picture save_figure",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "gatherer": "Gatherer gathered",
             "launch": "Outcome Plan run",
@@ -48,4 +48,5 @@ __all__ = [
     "replay",
     "run",
     "run_picture",
+    "save_figure",
 ]
