@@ -14,12 +14,19 @@ from cubepath.agents.environments.world import Round
 from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.local.observation import STAY, Note, Observation, is_legal
 from cubepath.agents.processes.fleet import Fleet
-from cubepath.agents.processes.host import OUTSIDE
+from cubepath.agents.processes.orders import OUTSIDE
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Act, Observed, Report, decode
+from cubepath.protocol.wire.messages import (
+    Act,
+    Message,
+    Observations,
+    Observed,
+    Report,
+    Reports,
+)
 
 
 class WireWorld:
@@ -65,16 +72,14 @@ class WireWorld:
         self.sites: list[Site] = list(self.scene.start)
         self._sense()
 
-    def _take(self, topic: str, data: bytes, _wall_ns: int) -> None:
-        if not topic.startswith(("observed/", "report/")):
-            return
-        message = decode(data)
-        if self._fleet is None or message.round != self._fleet.round:
-            return
-        if isinstance(message, Observed):
-            self._observed[message.module] = message
-        elif isinstance(message, Report):
-            self._reports[message.module] = message
+    def _take(self, message: Message, _data: bytes, _wall_ns: int) -> None:
+        match message:
+            case Observations(parts=observed):
+                self._observed.update((each.module, each) for each in observed)
+            case Reports(parts=reports):
+                self._reports.update((each.module, each) for each in reports)
+            case _:
+                pass
 
     def _running(self) -> Fleet:
         if self._fleet is None:
@@ -84,9 +89,7 @@ class WireWorld:
     def _sense(self) -> None:
         fleet = self._running()
         self._observed.clear()
-        fleet.begin_round()
-        fleet.ask()
-        fleet.pump(lambda: len(self._observed) == len(self.sites))
+        fleet.observe()
         self._whole = True
 
     def observe(self, module: int) -> Observation:

@@ -29,10 +29,10 @@ from cubepath.protocol.core.sites import Site, in_order, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
     Claim,
-    Heard,
     Here,
     Message,
     Note,
+    Part,
     Report,
     Verdict,
     kind_of,
@@ -63,17 +63,21 @@ class ModuleCore:
         goals: Iterable[Site],
         seed: int,
         note_length: int,
+        rounds_before: int = 0,
     ) -> None:
-        """Put the module at its start, before the first round."""
+        """Put the module at its start, before the first round.
+
+        `rounds_before` is the number of the last round before that, if rounds do not begin with 1;
+        ranks count from there.
+        """
         self.module = module
         self.site = site
-        self.round = 0
+        self.round = self._rounds_before = rounds_before
         self._system = system
         self._goals = frozenset(goals)
         self._seed = seed
         self.follow(note_length)
         self._phase = "report"
-        self._stash: list[Message] = []
         self._clear()
 
     def follow(self, note_length: int) -> None:
@@ -82,7 +86,7 @@ class ModuleCore:
         self._last_note = nothing_said(note_length, first_choice=self.round + 1)
 
     def _clear(self) -> None:
-        self._heard: list[Heard] = []
+        self._heard: dict[str, list[int]] = {}
         self._occupants: dict[Site, Site] = {}
         self._notes: dict[Site, NoteNumbers] = {}
         self._claims: dict[int, Move] = {}
@@ -100,35 +104,30 @@ class ModuleCore:
         """Return where the module stands."""
         return self._system.place_of(self.site)
 
-    def sense(self, round_number: int) -> list[Message]:
+    def sense(self, round_number: int) -> list[Part]:
         """Begin a round: return the messages on where the module is and what its rule said last."""
         self.round = round_number
         self._phase = "sense"
         self._clear()
-        found: list[Message] = [Here(round_number, self.module, self.site)]
+        found: list[Part] = [Here(round_number, self.module, self.site)]
         note = self._last_note.said_in(round_number)
         if note is not None:
             found.append(Note(round_number, self.module, self.site, list(note)))
-        stash, self._stash = self._stash, []
-        for message in stash:
-            self.hear(message)
         return found
 
-    def hear(self, message: Message) -> list[Message]:
+    def hear(self, message: Message) -> list[Part]:
         """Process a message; return the verdict on the module's claim if the message decides it."""
         if not isinstance(message, Here | Note | Claim | Verdict):
             raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
-        if message.round > self.round:
-            self._stash.append(message)
-            return []
         kind = kind_of(message)
-        if message.round < self.round or self._phase not in _COUNTS_IN[kind]:
+        if message.round != self.round or self._phase not in _COUNTS_IN[kind]:
+            when = "early" if message.round > self.round else "late"
             raise ProtocolError(
                 f"module_{self.module}: {kind} of module_{message.module} for round"
-                f" {message.round} came late, in phase {self._phase} of round {self.round}"
+                f" {message.round} came {when}, in phase {self._phase} of round {self.round}"
             )
         sender = site_from_json(message.site)
-        self._heard.append(Heard(kind, message.module, sender))
+        self._heard.setdefault(kind, []).append(message.module)
         match message:
             case Here():
                 self._occupants[self._system.place_of(sender)] = sender
@@ -166,9 +165,7 @@ class ModuleCore:
         self._mask = seen["action_mask"].tolist()
         return seen
 
-    def claim(
-        self, action: int, note: NoteNumbers | None, failed: str | None = None
-    ) -> list[Message]:
+    def claim(self, action: int, note: NoteNumbers | None, failed: str | None = None) -> list[Part]:
         """Claim the move of an action in the mask; action 0 claims nothing."""
         self._last_note = self._last_note.replaced_by(note)
         self._failed = failed
@@ -179,20 +176,24 @@ class ModuleCore:
             return []
         return [Claim(self.round, self.module, self.site, move.generator, move.at)]
 
-    def arbitrate(self) -> list[Message]:
+    def arbitrate(self) -> list[Part]:
         """Begin to settle, when all claims have arrived: decide if no verdict is missing."""
         self._phase = "settle"
         self._takes_me = taking_along(self.site, self._claims)
         if self._claim is not None:
             self._contest = contest(
-                self.module, self._claim, self._claims, seed=self._seed, round_number=self.round
+                self.module,
+                self._claim,
+                self._claims,
+                seed=self._seed,
+                round_number=self.round - self._rounds_before,
             )
             outranked = [self._claims[other] for other in self._contest.after]
             waiting = waiting_for(self._claim, outranked)
             self._wait_for_me = list(in_order({self._system.place_of(site) for site in waiting}))
         return self._decide()
 
-    def _decide(self) -> list[Message]:
+    def _decide(self) -> list[Part]:
         if self._claim is None or self._granted is not None:
             return []
         self._granted = verdict(self._contest.before, self._verdicts)
@@ -223,6 +224,6 @@ class ModuleCore:
             site=self.site,
             claim=outcome(self._granted),
             move=None if own is None else GeneratorPlacement(own.generator, own.at),
-            heard=sorted(self._heard, key=lambda heard: (heard.kind, heard.module)),
+            heard={kind: sorted(self._heard[kind]) for kind in sorted(self._heard)},
             failed=self._failed,
         )

@@ -10,13 +10,13 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.processes.fleet import Fleet
-    from cubepath.agents.processes.host import OUTSIDE
+    from cubepath.agents.processes.orders import OUTSIDE
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "fleet": "Fleet",
-            "host": "OUTSIDE",
+            "orders": "OUTSIDE",
         },
     )
 

@@ -160,6 +160,13 @@ def _parser() -> argparse.ArgumentParser:
         help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
     )
     run.add_argument(
+        "--patience",
+        type=number("a number of seconds above 0 and below 3600", lambda each: 0 < each < 3600),
+        default=60.0,
+        metavar="SECONDS",
+        help="end if nothing comes of a phase for so long (default 60)",
+    )
+    run.add_argument(
         "--schedule",
         type=input_path,
         metavar="CUBES",
@@ -246,6 +253,7 @@ def _run(options: argparse.Namespace) -> int:
         log=options.log,
         schedule=options.schedule,
         repair=options.repair,
+        patience=options.patience,
     )
     with progress_bar(None, "run", " rounds") as bar:
 

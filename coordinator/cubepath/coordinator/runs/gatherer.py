@@ -20,7 +20,7 @@ from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import Cubes
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Executed, Report, decode
+from cubepath.protocol.wire.messages import Executed, Report, decode, parts_of
 
 _encode = msgspec.json.Encoder().encode
 
@@ -163,13 +163,13 @@ def gathered(recording: Recording) -> Gatherer:
     InputError if a message on record is malformed, CheckError as for `Gatherer.receive`.
     """
     gatherer = Gatherer(recording.scene)
-    for record in recording.of_kind("report"):
+    for record in recording.of_kind("reports", "report"):
         where = f"{recording.path}: report {record.sequence} ({record.topic})"
         try:
-            report = decode(record.data)
-            if not isinstance(report, Report):
-                raise InputError("another kind of message, expected a report")
-            gatherer.receive(report)
+            for report in parts_of(decode(record.data)):
+                if not isinstance(report, Report):
+                    raise InputError("another kind of message, expected a report")
+                gatherer.receive(report)
         except CubepathError as error:
             raise type(error)(f"{where}: {error}") from None
     return gatherer

@@ -18,24 +18,23 @@ from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from types import FrameType
-from typing import Any, Literal
+from typing import Any
 
 import msgspec
 
 from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
-from cubepath.coordinator.normal_form.certificate import certificate_of
-from cubepath.coordinator.runs.gatherer import Gatherer, Step
+from cubepath.coordinator.runs.conductor import Conductor, Ended, Ending
+from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.schedule import (
     Assignment,
-    ScheduleExecution,
     assignment_of,
     read_schedule,
-    told,
     with_end,
 )
-from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import TOPICS_MAX, RecordingWriter
@@ -43,23 +42,17 @@ from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
-    Certified,
-    Cube,
-    Edges,
-    Report,
+    Message,
     Stopped,
-    Summary,
-    decode,
     encode,
 )
 from cubepath.protocol.wire.sessions import check_descriptors
 
-Ended = Literal["goal", "max-rounds", "failed", "interrupted"]
 MAX_ROUNDS = 1000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
-_SAID = ("here", "note", "claim", "verdict", "report")
-"""The kinds of messages that each module may send; notes only if its rule sends some."""
+_SAID = ("ready", "said", "reports", "again", "waiting")
+"""The kinds of messages that each process may send."""
 _SAID_HERE = ("go", "edges", "cube", "certificate", "summary")
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -87,6 +80,8 @@ class Plan:
     log: Path | None = None
     schedule: Path | None = None
     repair: bool = False
+    patience: float = PATIENCE_S
+    """For how many seconds nothing may come of a phase before the run ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +172,10 @@ def task_of(plan: Plan) -> Task:
             raise InputError(f"{key}={number}: expected 0 or more")
     if plan.max_rounds is not None and plan.max_rounds < 0:
         raise InputError(f"max-rounds={plan.max_rounds}: expected 0 or more")
+    if not 0.0 < plan.patience < PATIENCE_S_MAX:
+        raise InputError(
+            f"patience={plan.patience}: expected more than 0 and less than {PATIENCE_S_MAX:g} s"
+        )
     if plan.schedule is not None:
         return _task_of_schedule(plan, plan.schedule)
     if plan.repair:
@@ -229,16 +228,13 @@ def _rule_of(plan: Plan, scene: Scene) -> str:
 
 def _check_topics(task: Task, processes: int) -> None:
     """Refuse a run with more topics, one for each kind and speaker, than a recording can have."""
-    modules = len(task.scene.start)
-    talks = rule_named(task.rule, task.scene.system).note_length(modules) > 0
-    kinds = len(_SAID) - (not talks)
+    hosts = min(processes, len(task.scene.start))
     here = len(_SAID_HERE)
-    topics = kinds * modules + here + min(processes, modules)
-    if topics > TOPICS_MAX:
-        most = max((TOPICS_MAX - here - processes) // kinds, (TOPICS_MAX - here) // (kinds + 1))
+    if len(_SAID) * hosts + here > TOPICS_MAX:
         raise InputError(
-            f"{task.scene.spec}: what {modules} modules say takes {topics} topics, and a recording"
-            f" has {TOPICS_MAX} at most: expected at most {most} modules"
+            f"processes={processes}: what they say takes {len(_SAID) * hosts + here} topics, and a"
+            f" recording has {TOPICS_MAX} at most: expected at most"
+            f" {(TOPICS_MAX - here) // len(_SAID)} processes"
         )
 
 
@@ -280,42 +276,38 @@ class _Run:
         self._plan = plan
         self._task = task
         self._writer = writer
-        self._gatherer = Gatherer(task.scene, self._step)
-        self._execution = None if task.assignment is None else ScheduleExecution(task.assignment)
+        self._conductor = Conductor(
+            task.scene,
+            max_rounds=task.max_rounds,
+            record=self._say,
+            assignment=task.assignment,
+            repair=plan.repair,
+        )
         self._began = time.monotonic()
 
     def play(self, watch: Watch | None) -> Outcome:
+        conductor = self._conductor
         try:
-            ended, error = self._rounds(watch)
+            ending = self._rounds(watch)
         except Interrupted:
-            ended, error = "interrupted", "interrupted"
+            ending = Ending("interrupted", "interrupted")
         except CubepathError as problem:
-            ended, error = "failed", self._with_stop(str(problem))
+            ending = conductor.failed(str(problem))
         except MemoryError:
-            ended, error = "failed", self._with_stop("out of memory")
+            ending = conductor.failed("out of memory")
         try:
-            self._finish(ended, error)
+            for message in conductor.results(ending):
+                self._say(message)
             self._writer.close()
         except CubepathError as problem:
-            ended, error = "failed", error or str(problem)
-        return self._outcome(ended, error)
+            ending = Ending("failed", ending.error or str(problem))
+        return self._outcome(ending)
 
-    @property
-    def _stopped(self) -> Stopped | None:
-        return None if self._execution is None else self._execution.stopped
-
-    def _with_stop(self, error: str) -> str:
-        return error if self._stopped is None else f"{told(self._stopped)}; then {error}"
-
-    def _rounds(self, watch: Watch | None) -> tuple[Ended, str | None]:
-        plan, task, gatherer, assignment = (
-            self._plan,
-            self._task,
-            self._gatherer,
-            self._task.assignment,
-        )
-        if gatherer.reached and (assignment is None or not assignment.cubes):
-            return "goal", None
+    def _rounds(self, watch: Watch | None) -> Ending:
+        plan, task, conductor = self._plan, self._task, self._conductor
+        ending = conductor.before()
+        if ending is not None:
+            return ending
         with (
             _interrupts() as check,
             Fleet(
@@ -324,53 +316,25 @@ class _Run:
                 seed=plan.seed,
                 hesitate=plan.hesitate,
                 processes=plan.processes,
-                schedule=None if assignment is None else assignment.own,
+                schedule=None if task.assignment is None else task.assignment.own,
+                patience_s=plan.patience,
                 sink=self._wire,
                 check=check,
             ) as fleet,
         ):
-            ended = self._ended(fleet)
-            if ended is not None:
-                return ended
-            for number in fleet.rounds(task.max_rounds):
-                if gatherer.rounds != number:
-                    return "failed", f"round {number} ended, but not all modules have reported it"
-                if watch is not None:
-                    watch(gatherer)
-                ended = self._ended(fleet)
-                if ended is not None:
-                    return ended
-        return "max-rounds", None
+            ending = conductor.between(0, fleet.end_schedule)
+            while ending is None:
+                number = fleet.play_round()
+                if watch is not None and conductor.gatherer.rounds == number:
+                    watch(conductor.gatherer)
+                ending = conductor.between(number, fleet.end_schedule)
+        return ending
 
-    def _ended(self, fleet: Fleet) -> tuple[Ended, str | None] | None:
-        """Return how the run has ended, None if it goes on; called between rounds."""
-        gatherer, carrying = self._gatherer, self._execution
-        if carrying is not None and not carrying.over:
-            carrying.look(gatherer)
-            if not carrying.over:
-                return None  # even if it passes the goal on its way
-            if carrying.stopped is not None and not self._plan.repair:
-                return "failed", told(carrying.stopped)
-            if not gatherer.reached and self._plan.repair:
-                fleet.end_schedule()
-                return None
-        elif gatherer.failed is not None:
-            return "failed", self._with_stop(gatherer.failed)
-        return ("goal", None) if gatherer.reached else None
-
-    def _wire(self, topic: str, data: bytes, wall_ns: int) -> None:
-        try:
-            message = decode(data)
-        except InputError as error:  # a stranger has joined the run
-            raise CheckError(f"on {topic}: {error}") from None
+    def _wire(self, message: Message, data: bytes, wall_ns: int) -> None:
         self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
-        if isinstance(message, Report):
-            self._gatherer.receive(message)
+        self._conductor.hear(message)
 
-    def _step(self, step: Step) -> None:
-        self._say(Edges(step.round, list(step.executed)))
-
-    def _say(self, message: Edges | Cube | Certified | Summary) -> None:
+    def _say(self, message: Message) -> None:
         self._writer.write(
             topic_of(message),
             encode(message),
@@ -378,38 +342,8 @@ class _Run:
             wall_ns=time.time_ns(),
         )
 
-    def _finish(self, ended: Ended, error: str | None) -> None:
-        gatherer = self._gatherer
-        for index, cube in enumerate(gatherer.schedule(), 1):
-            self._say(Cube(gatherer.rounds, index, list(cube)))
-        heap = gatherer.heap
-        path = [action for step in gatherer.steps for action in step.actions]
-        start = self._task.scene.start_state
-        proof = certificate_of(path, start=start, found=heap.normal_form())
-        self._say(Certified(gatherer.rounds, proof))
-        self._say(
-            Summary(
-                round=gatherer.rounds,
-                ended=ended,
-                error=error,
-                rounds=gatherer.rounds,
-                moves=heap.moves,
-                reduced_moves=heap.reduced_moves,
-                cubes=heap.cubes,
-                max_cube_dimension=heap.max_cube_dimension,
-                goal_reached=gatherer.reached,
-                path_digest=gatherer.digest,
-                schedule_cubes=self._schedule_cubes,
-                schedule_stopped=self._stopped,
-            )
-        )
-
-    @property
-    def _schedule_cubes(self) -> int | None:
-        return None if self._task.assignment is None else len(self._task.assignment.cubes)
-
-    def _outcome(self, ended: Ended, error: str | None) -> Outcome:
-        plan, gatherer, scene = self._plan, self._gatherer, self._task.scene
+    def _outcome(self, ending: Ending) -> Outcome:
+        plan, gatherer, scene = self._plan, self._conductor.gatherer, self._task.scene
         heap = gatherer.heap
         modules = len(scene.start)
         return Outcome(
@@ -427,11 +361,11 @@ class _Run:
             goal_reached=gatherer.reached,
             path_digest=gatherer.digest,
             seconds=round(time.monotonic() - self._began, 3),
-            ended=ended,
-            error=error,
+            ended=ending.ended,
+            error=ending.error,
             messages=self._writer.messages,
-            schedule_cubes=self._schedule_cubes,
-            schedule_stopped=self._stopped,
+            schedule_cubes=self._conductor.schedule_cubes,
+            schedule_stopped=self._conductor.stopped,
         )
 
 

@@ -1,7 +1,8 @@
 """Replaying: the recorded bytes go back on zenoh, and a fresh coordinator gathers them again.
 
-Room: coordinator. The messages of modules go through a router from one session to another, under
-their original keys but a new run id. Anything else that is connected to the router receives them
+Room: coordinator. The messages of module processes go through a router from one session to another,
+under their original keys but a new run id; in recordings of format 1 modules put messages of their
+own, which go on the key of their topic. Anything else that is connected to the router receives them
 too.
 """
 
@@ -24,12 +25,24 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Record, Recording
-from cubepath.protocol.wire.keys import everything, key_of, topic_in, topic_key
-from cubepath.protocol.wire.messages import Certified, Cube, Edges, Message, Report, Summary, decode
-from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
+from cubepath.protocol.wire.keys import everything, key_of, topic_in_key, topic_key
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Cube,
+    Edges,
+    Message,
+    Report,
+    Summary,
+    decode,
+    parts_of,
+)
+from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sessions import open_client, put, subscribe, wait_for_subscriber
 
-SAID = ("here", "note", "claim", "verdict", "report", "observed")
-"""The kinds of messages that modules send, which are put back."""
+_PARTS = ("here", "note", "claim", "verdict", "report", "observed")
+"""What modules say, which is put back; in format 1 each as a message of its own."""
+SAID = ("said", "reports", "observations", *_PARTS)
+"""The kinds of messages that are put back."""
 
 Progress = Callable[[int], object]
 """Called now and then with the number of messages that have arrived since the last call."""
@@ -39,7 +52,6 @@ Announce = Callable[[str, str], object]
 _PATIENCE_S_MAX = 30.0
 _REST_S_MAX = 3600.0
 """The longest single wait: the system's clock cannot count the seconds of any rate."""
-_POLL_S = 0.001
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,14 +116,13 @@ def replay(
     stray = sorted(set(kinds) - set(SAID))
     if stray:
         raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(SAID)}")
-    if "report" not in kinds:
-        raise InputError("kinds without report: without reports there is nothing to gather")
+    if not {"reports", "report"} & set(kinds):
+        raise InputError("kinds without reports: without reports there is nothing to gather")
     with contextlib.ExitStack() as resources:
-        router, found = open_router(endpoint)
-        resources.callback(router.close)
-        player = _Player(recording, found, resources)
+        router = resources.enter_context(Router(endpoint))
+        player = _Player(recording, router.endpoint, resources)
         if announce is not None:
-            announce(found, player.run)
+            announce(router.endpoint, player.run)
         return player.play(kinds, rate, progress)
 
 
@@ -133,38 +144,20 @@ class _Player:
         subscriber = open_client(endpoint)
         resources.callback(subscriber.close)
         resources.callback(subscribe(subscriber, everything(self.run), self._enqueue).undeclare)
-        self._wait_for_the_ear()
+        # Messages put before the subscriber is known here would be lost silently.
+        wait_for_subscriber(self._mouth, topic_key(self.run, "report", "all"), _PATIENCE_S_MAX)
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
         self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
-
-    def _wait_for_the_ear(self) -> None:
-        # Messages put before the subscriber is known here would be lost silently.
-        deadline = time.monotonic() + _PATIENCE_S_MAX
-        with self._mouth.declare_publisher(topic_key(self.run, "report", "all")) as probe:
-            while True:
-                # The stubs say bool, but the module returns an object that holds one.
-                status: Any = probe.matching_status
-                if getattr(status, "matching", status):
-                    return
-                if time.monotonic() > deadline:
-                    raise CheckError(
-                        f"the gathering session was not found through {self._endpoint} within"
-                        f" {_PATIENCE_S_MAX:.0f} s"
-                    )
-                time.sleep(_POLL_S)
 
     def play(
         self, kinds: Collection[str], rate: float | None, progress: Progress | None
     ) -> Replayed:
         began = time.monotonic()
         self._progress = progress
-        system = self._recording.scene.system
         sent = 0
         for record in self._recording.of_kind(*kinds):
-            key = key_of(self.run, system, _message(self._recording, record))
-            if key is None:
-                continue  # it has no addressee
+            key = key_of(self.run, _message(self._recording, record))
             if rate is not None:
                 self._rest_until(began + (record.round - 1) / rate)
             put(self._mouth, key, record.data)
@@ -214,10 +207,10 @@ class _Player:
 
     def _take(self, key: str, data: bytes) -> None:
         self._arrived += 1
-        if topic_in(self.run, key).startswith("report/"):
-            message = decode(data)
-            if isinstance(message, Report):
-                self._gatherer.receive(message)
+        if topic_in_key(key).startswith(("reports/", "report/")):
+            for part in parts_of(decode(data)):
+                if isinstance(part, Report):
+                    self._gatherer.receive(part)
         if self._progress is not None:
             self._progress(1)
 

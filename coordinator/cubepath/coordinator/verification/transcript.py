@@ -28,6 +28,7 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     decode,
     kind_of,
+    parts_of,
 )
 
 ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
@@ -76,8 +77,8 @@ def transcript_of(recording: Recording, fail: Fail) -> Transcript:
     found = Transcript()
     for record in recording.records:
         message = _message(record, fail)
-        if message is not None:
-            _sort(found, message, len(recording.scene.start), fail)
+        for part in () if message is None else parts_of(message):
+            _sort(found, part, len(recording.scene.start), fail)
     for this in found.rounds.values():
         # What is said of them is the same whatever the order of arrival.
         this.said = dict(sorted(this.said.items()))

@@ -1,25 +1,22 @@
-"""Key expressions: a message's key is its address.
+"""Key expressions: where messages are put, and who listens there.
 
-A module sends messages to places: the key names each of them, and a module subscribes to the keys
-that name the place where it stands. So zenoh itself delivers to a module only what is addressed to
-it, with one put per message:
+What is said to places is put on the key of the region that they lie in. A process listens to the
+regions in which its modules stand, and gives each module only what is addressed to its place. Keys
+are exact; whoever gathers listens to them all:
 
-    cubepath/RUN/from/0,0/claim/module_3/0,1/1,0/1,1 a claim, addressed to three places
-    cubepath/RUN/from/0,0/*/*/**/1,0/** what the module at (1, 0) hears cubepath/RUN/report/module_3
-    for anyone who gathers
-
-The chunk after `from` is the region of the sender. A module subscribes once for each region within
-its reach, so a message is matched only against the subscriptions of its surroundings, not of the
-whole aggregate.
+    cubepath/RUN/to/0,1 what was said to places in the region 0,1
+    cubepath/RUN/reports/process_3 for anyone who gathers
+    cubepath/RUN/go/coordinator to all processes
+    cubepath/RUN/** everything of a run
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
-from cubepath.protocol.core.sites import Site, site_chunk, site_from_json
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.messages import (
+    Acts,
+    Again,
     Certified,
     Claim,
     Cube,
@@ -28,18 +25,22 @@ from cubepath.protocol.wire.messages import (
     Here,
     Message,
     Note,
+    Observations,
     Ready,
+    Reports,
     Reset,
+    Said,
     Summary,
     Verdict,
+    Waiting,
     kind_of,
 )
 
 ROOT = "cubepath"
 
 
-def addressees(system: System, message: Message) -> tuple[Site, ...] | None:
-    """Return the places that a message is addressed to; None if it is not addressed to places."""
+def addressees(system: System, message: Message) -> tuple[Site, ...]:
+    """Return the places that a message of a module is addressed to."""
     match message:
         case Here(site=site):
             return system.listeners(system.place_of(site_from_json(site)))
@@ -48,60 +49,48 @@ def addressees(system: System, message: Message) -> tuple[Site, ...] | None:
         case Verdict(to=to):
             return tuple(site_from_json(place) for place in to)
         case _:
-            return None
+            return ()
 
 
 def sender(message: Message) -> str:
-    """Return the name of a message's sender."""
+    """Return the name of a message's sender; for actions from outside, of who they are for."""
     match message:
         case Go() | Reset() | Edges() | Cube() | Certified() | Summary():
             return "coordinator"
-        case Ready(process=process):
+        case (
+            Ready(process=process)
+            | Said(process=process)
+            | Reports(process=process)
+            | Observations(process=process)
+            | Acts(process=process)
+            | Again(process=process)
+            | Waiting(process=process)
+        ):
             return f"process_{process}"
         case _:
             return f"module_{message.module}"
 
 
-def key_of(run: str, system: System, message: Message) -> str | None:
-    """Return the key that a message is put on; None if there is no place to address it to."""
-    places = addressees(system, message)
-    if places is None:
-        return f"{ROOT}/{run}/{topic_of(message)}"
-    if not places:
-        return None
-    region = system.region(_origin(system, message))
-    return f"{ROOT}/{run}/from/{region}/{topic_of(message)}/{_join(places)}"
+def key_of(run: str, message: Message) -> str:
+    """Return the key that a message is put on."""
+    if isinstance(message, Said):
+        return to_region(run, message.region)
+    return f"{ROOT}/{run}/{topic_of(message)}"
 
 
-def _origin(system: System, message: Message) -> Site:
-    match message:
-        case Here(site=site) | Note(site=site) | Claim(site=site) | Verdict(site=site):
-            return system.place_of(site_from_json(site))
-        case _:
-            raise AssertionError(f"{kind_of(message)} has no origin")  # it has no addressees
+def to_region(run: str, region: str) -> str:
+    """Return the key of what is said to the places of a region."""
+    return f"{ROOT}/{run}/to/{region}"
 
 
-def topic_in(run: str, key: str) -> str:
-    """Return the topic of the message that was put on `key`."""
-    chunks = key.removeprefix(f"{ROOT}/{run}/").split("/")
-    first = 2 if chunks[0] == "from" else 0
-    return "/".join(chunks[first : first + 2])
+def topic_in_key(key: str) -> str:
+    """Return what follows in a key after the run."""
+    return key.split("/", 2)[-1]
 
 
 def topic_of(message: Message) -> str:
     """Return the part of the key that names kind and sender; it is the topic in recordings."""
     return f"{kind_of(message)}/{sender(message)}"
-
-
-def _join(places: Iterable[Site]) -> str:
-    return "/".join(site_chunk(place) for place in places)
-
-
-def heard_at(run: str, system: System, place: Site) -> tuple[str, ...]:
-    """Return the key expressions of all messages addressed to a place; no key matches two."""
-    senders = {near for near in system.sensed(place) if near is not None} | {*system.reach(place)}
-    regions = sorted({system.region(sender) for sender in senders})
-    return tuple(f"{ROOT}/{run}/from/{r}/*/*/**/{site_chunk(place)}/**" for r in regions)
 
 
 def everything(run: str) -> str:
@@ -110,5 +99,5 @@ def everything(run: str) -> str:
 
 
 def topic_key(run: str, kind: str, who: str = "*") -> str:
-    """Return the key expression of a kind of message that is not addressed to places."""
+    """Return the key of a kind of message and its sender, or of any sender."""
     return f"{ROOT}/{run}/{kind}/{who}"

@@ -328,12 +328,16 @@ _decoder: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)
 encode = msgspec.json.Encoder().encode
 
 
+class NoMessageError(InputError):
+    """Bytes that are no message."""
+
+
 def decode(data: bytes) -> Message:
-    """Return the message that the bytes hold; InputError if they hold none."""
+    """Return the message that the bytes hold; NoMessageError if they hold none."""
     try:
         return _decoder.decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"not a cubepath message: {error}") from None
+        raise NoMessageError(f"not a cubepath message: {error}") from None
 
 
 def parts_of(message: Message) -> Sequence[Message]:

@@ -1,8 +1,9 @@
 """Zenoh sessions on loopback: a router on a free port, clients to it, and no discovery.
 
 The settings ensure that no message is lost: BLOCK puts, one priority, a long wait before a stalled
-transport is closed, no shared memory (its counters run out at about 350 clients). Measured with
-eclipse-zenoh 1.10.
+transport is closed, no shared memory (its counters run out at about 350 clients). A link to a
+process that stands still is kept for longer than anyone is patient; a process that ends is noticed
+at once all the same. Measured with eclipse-zenoh 1.10.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
 
-_STALL_US_MAX = 60_000_000
-_PATIENCE_S_MAX = 10.0
+_STALL_US_MAX = 3_600_000_000
+_LEASE_MS = 3_600_000
 _FOR_SESSIONS = 24
 """Descriptors that a router and two clients need, with a few to spare."""
 _FOR_A_PROCESS = 4
@@ -37,6 +38,7 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
         "scouting/delay": 0,
         "adminspace/enabled": True,
         "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": _LEASE_MS,
         "transport/link/tx/queue/congestion_control/block/wait_before_close": _STALL_US_MAX,
     }
     for key, value in (base | settings).items():
@@ -65,32 +67,35 @@ def check_descriptors(processes: int = 0, files: int = 0) -> None:
         )
 
 
-def open_router(endpoint: str | None = None, processes: int = 0) -> tuple[zenoh.Session, str]:
-    """Open a router at an endpoint, or a free loopback port; return it with its endpoint.
-
-    An endpoint is ``tcp/HOST:PORT``. Raises InputError if it is invalid or the router cannot listen
-    there, and CubepathError if `check_descriptors` finds too few file descriptors for `processes`.
-    """
-    check_descriptors(processes)
-    if endpoint is not None and not _ENDPOINT.fullmatch(endpoint):
+def check_endpoint(endpoint: str) -> None:
+    """Check that an endpoint is ``tcp/HOST:PORT``; InputError if not."""
+    if not _ENDPOINT.fullmatch(endpoint):
         raise InputError(f"endpoint={endpoint}: expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
-    settings: Mapping[str, Any] = {
-        "listen/endpoints": [endpoint or "tcp/127.0.0.1:0"],
-        "connect/endpoints": [],
-    }
+
+
+def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
+    """Open a router at an endpoint, port 0 for a free one; return it with where it listens.
+
+    Raises InputError if the router cannot listen there. It should have a process of its own, as
+    `Router` gives it: the receiving threads of zenoh are shared by all sessions of a process, and
+    under a flood they would wait for each other.
+    """
+    check_endpoint(endpoint)
+    settings: Mapping[str, Any] = {"listen/endpoints": [endpoint], "connect/endpoints": []}
     try:
         session = zenoh.open(_config("router", **settings))
     except zenoh.ZError:
         raise InputError(f"endpoint={endpoint}: cannot listen there") from None
-    if endpoint is not None and not endpoint.endswith(":0"):
+    if not endpoint.endswith(":0"):
         return session, endpoint
     # The system chooses the port; the router's own admin space tells which.
+    host = endpoint.removesuffix(":0")
     for reply in session.get(f"@/{session.info.zid()}/*"):
         if reply.ok is None:
             continue
         found = json.loads(reply.ok.payload.to_string())
         for locator in found.get("locators", ()) if isinstance(found, dict) else ():
-            if "127.0.0.1" in locator:
+            if str(locator).startswith(f"{host}:"):
                 return session, str(locator)
     session.close()
     raise CubepathError("the zenoh router did not tell on which port it listens")
@@ -117,16 +122,25 @@ def subscribe(
     return session.declare_subscriber(key, zenoh.handlers.Callback(enqueue, indirect=False))
 
 
-def wait_for_subscriber(router: zenoh.Session, key: str) -> None:
-    """Wait until messages put on `key` reach a subscriber; CubepathError if none is found.
+def publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    """Declare a publisher whose puts never drop, and never come back to its own session."""
+    return session.declare_publisher(
+        key,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+        allowed_destination=zenoh.Locality.REMOTE,
+    )
+
+
+def wait_for_subscriber(session: zenoh.Session, key: str, patience_s: float = 10.0) -> None:
+    """Wait until a session knows of a subscriber to a key elsewhere; CubepathError if of none.
 
     A declaration and a put travel over different links, in no order: a message put before the
-    router knows the subscriber is lost.
+    subscriber is known is lost.
     """
-    with router.declare_publisher(key) as publisher:
-        deadline = time.monotonic() + _PATIENCE_S_MAX
+    with publisher(session, key) as found:
+        deadline = time.monotonic() + patience_s
         # An object, which is always true; zenoh's stub declares a bool.
-        while not cast("Any", publisher.matching_status).matching:
+        while not cast("Any", found.matching_status).matching:
             if time.monotonic() > deadline:
-                raise CubepathError(f"no subscriber on {key} within {_PATIENCE_S_MAX:.0f} s")
+                raise CubepathError(f"no subscriber on {key} within {patience_s:.0f} s")
             time.sleep(_POLL_S)

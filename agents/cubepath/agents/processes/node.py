@@ -1,0 +1,499 @@
+"""The node of a module process: some modules of a run, as a pure machine.
+
+Room: agents. It is told of messages and ticks and gives effects; `host` carries them out on zenoh.
+It says what its modules say, a message a region, and gives each module what is addressed to its
+place, once all of a phase has arrived. What is delayed, doubled or out of order makes no
+difference; what is missing it asks for again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import Literal, TypeAlias
+
+from cubepath.agents.local.module import ModuleCore, ProtocolError
+from cubepath.agents.local.observation import Observation, goal_sets
+from cubepath.agents.processes.orders import OUTSIDE, Orders
+from cubepath.agents.rules.actor import Actor, actors_for
+from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.schedule import scheduled
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_key
+from cubepath.protocol.wire.messages import (
+    Acts,
+    Again,
+    Go,
+    Here,
+    Message,
+    Observations,
+    Observed,
+    Part,
+    Ready,
+    Reports,
+    Reset,
+    Said,
+    Verdict,
+    Waiting,
+    decode,
+    encode,
+)
+from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
+
+Spoken: TypeAlias = Literal["sense", "claim", "settle"]
+"""The phases in which modules say something to each other."""
+_ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5}
+"""The phases of a round in their order; a process joins at the end of the round before the first."""
+_BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}
+"""What must have been heard before a phase begins."""
+ASK_S_MIN, ASK_S_MAX = 1.0, 8.0
+"""What is missing is asked for after so many seconds, then after twice as many, up to the most."""
+
+
+class HostNode:
+    """The modules of one process."""
+
+    def __init__(self, orders: Orders) -> None:
+        """Read the scene and the rule; InputError if there is no such rule for it."""
+        self._orders = orders
+        self._scene = scene_from_toml(orders.scene, "the orders")
+        self._system = self._scene.system
+        self._rule: RuleType | None = None
+        if orders.rule != OUTSIDE:
+            self._rule = rule_named(orders.rule, self._system)
+        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._begin(orders.seed, 0)
+
+    def _begin(self, seed: int, round_number: int) -> None:
+        """Put the modules at their start, with no memory."""
+        orders, scene = self._orders, self._scene
+        self._seed = seed
+        self._actors: dict[int, Actor] = {}
+        self._at = (round_number, _ORDER["join"])
+        self._phase = "join"
+        self._round = round_number
+        self._pending: Go | None = None
+        self._given: dict[int, Acts] = {}
+        self._said: dict[Spoken, dict[str, list[Put]]] = {}
+        self._heard: dict[tuple[int, str], dict[tuple[str, int, int], Said]] = {}
+        self._answers: list[Put] = []
+        self._delivered = False
+        self._wait_s: float | None = None
+        rule, note_length = self._rule, orders.note_length
+        if orders.schedule is not None:
+            rule = scheduled(orders.schedule)
+        if rule is not None:
+            note_length = self._assign(rule)
+        goals = goal_sets(scene)
+        self._cores = {
+            module: ModuleCore(
+                scene.system,
+                module=module,
+                site=scene.start[module],
+                goals=goals[module],
+                seed=seed,
+                note_length=note_length,
+                rounds_before=round_number,
+            )
+            for module in orders.modules
+        }
+        self._look_around()
+
+    def _assign(self, rule: RuleType, sites: Mapping[int, Site] | None = None) -> int:
+        """Give every module an actor with this rule; return the length of its notes."""
+        orders, scene = self._orders, self._scene
+        self._actors = actors_for(
+            scene,
+            rule,
+            seed=self._seed,
+            hesitate=orders.hesitate,
+            modules=orders.modules,
+            sites=sites,
+        )
+        return rule.note_length(len(scene.start))
+
+    def _look_around(self) -> None:
+        """Note where the modules are now."""
+        self._there: dict[Site, ModuleCore] = {}
+        self._within: dict[str, dict[Site, ModuleCore]] = {}
+        for core in self._cores.values():
+            place = core.place
+            self._there[place] = core
+            self._within.setdefault(self._system.region(place), {})[place] = core
+
+    def start(self) -> list[Effect]:
+        """Listen, and say that the process is there until it is told to begin."""
+        orders = self._orders
+        keys = [
+            topic_key(orders.run, "go", "coordinator"),
+            topic_key(orders.run, "go", f"process_{orders.process}"),
+            topic_key(orders.run, "again", "all"),
+        ]
+        if self._rule is None:
+            keys.append(topic_key(orders.run, "reset", "coordinator"))
+            keys.append(topic_key(orders.run, "reset", f"process_{orders.process}"))
+            keys.append(topic_key(orders.run, "acts", f"process_{orders.process}"))
+        return [Listen((*keys, *self._keys_of(self._within))), *self._join()]
+
+    def _join(self) -> list[Effect]:
+        return [*self._answer(Ready(self._round, self._orders.process, "join")), *self._wait()]
+
+    def _keys_of(self, regions: Iterable[str]) -> tuple[str, ...]:
+        return tuple(to_region(self._orders.run, region) for region in sorted(regions))
+
+    def receive(self, data: bytes) -> list[Effect]:
+        """Take a message; what is no message, or not for a process, is an error."""
+        message = decode(data)
+        match message:
+            case Said():
+                return self._hear(message)
+            case Go():
+                return self._go(message)
+            case Again():
+                return list(self._repeated(message))
+            case Acts():
+                return self._take_acts(message)
+            case Reset():
+                return self._reset(message)
+            case _:
+                return []  # a stranger put it there
+
+    def tick(self) -> list[Effect]:
+        """Ask again for what is missing, or say again that the process is there."""
+        if self._phase == "join" and self._pending is None:
+            return [*self._answers, *self._wait()]
+        found: list[Effect] = []
+        if self._pending is not None:
+            before = _BEFORE.get(self._pending.phase)
+            if before is not None:
+                found += [self._ask(before, region) for region in self._missing(self._pending)]
+        elif self._phase == "settle" and not self._answers:
+            late = {
+                self._system.region(core.place)
+                for core in self._cores.values()
+                if not core.finished
+            }
+            found += [self._ask("settle", region) for region in sorted(late)]
+        return [*found, *self._wait()]
+
+    def _wait(self) -> list[Effect]:
+        """Set the timer, each time for longer until `_go_on`."""
+        wait_s = self._wait_s
+        self._wait_s = ASK_S_MIN if wait_s is None else min(2 * wait_s, ASK_S_MAX)
+        return [Timer(self._wait_s)]
+
+    def _go_on(self) -> list[Effect]:
+        """Stop the timer, if it runs."""
+        if self._wait_s is None:
+            return []
+        self._wait_s = None
+        return [Timer(None)]
+
+    def _ask(self, phase: Spoken, region: str) -> Put:
+        message = Again(self._round, self._orders.process, phase, region)
+        return Put(topic_key(self._orders.run, "again", "all"), encode(message))
+
+    def _repeated(self, again: Again) -> Iterable[Put]:
+        if again.round != self._round:
+            return ()
+        return self._said.get(again.phase, {}).get(again.region, ())
+
+    def _answer(self, *messages: Message) -> list[Put]:
+        """Answer the coordinator; the answer is repeated if it asks again."""
+        puts = [Put(key_of(self._orders.run, each), encode(each)) for each in messages]
+        self._answers += puts
+        return puts
+
+    def _ready(self, phase: Literal["sense", "observe", "claim", "settle", "over"]) -> Ready:
+        counts: dict[str, int] = {}
+        if phase in ("sense", "claim", "settle"):
+            counts = {region: len(puts) for region, puts in self._said.get(phase, {}).items()}
+        return Ready(self._round, self._orders.process, phase, counts)
+
+    # What is heard.
+
+    def _hear(self, said: Said) -> list[Effect]:
+        """Keep what was said for the end of its phase; verdicts are given at once."""
+        if not self._awaits(said):
+            return []
+        store = self._heard.setdefault((said.round, said.phase), {})
+        key = (said.region, said.process, said.number)
+        if key in store:
+            return []
+        store[key] = said
+        if said.phase == self._phase == "settle":
+            return self._conclude(self._tell_own(self._give(said)))
+        return self._try_to_begin()
+
+    def _awaits(self, said: Said) -> bool:
+        """Return whether what was said has its phase before it or in it; else it is a double."""
+        if said.process == self._orders.process:
+            return False
+        if said.phase == "sense":
+            return said.round == self._round + 1 or (
+                said.round == self._round and not self._delivered
+            )
+        if said.round != self._round:
+            return False
+        if said.phase == "claim":
+            return self._phase in ("sense", "observe", "claim")
+        return self._phase == "claim" or (self._phase == "settle" and not self._answers)
+
+    def _give(self, said: Said) -> list[Part]:
+        """Give modules what is addressed to their places; return what they say to it."""
+        there = self._within.get(said.region)
+        found: list[Part] = []
+        if there:
+            system = self._system
+            for part in said.parts:
+                for place in addressees(system, part):
+                    core = there.get(place)
+                    if core is not None:
+                        found += core.hear(part)
+        return found
+
+    def _missing(self, go: Go) -> list[str]:
+        """Return the regions of the modules to which more was said than has been heard."""
+        before = _BEFORE.get(go.phase)
+        if before is None or (before == "sense" and self._delivered):
+            return []
+        heard = self._heard.get((go.round, before), {})
+        own = self._said.get(before, {})
+        counts = {region: len(own.get(region, ())) for region in self._within}
+        for region, _, _ in heard:
+            if region in counts:
+                counts[region] += 1
+        return [region for region in sorted(counts) if counts[region] < go.said.get(region, 0)]
+
+    def _deliver(self, round_number: int, phase: Spoken) -> None:
+        """Give modules all that was said in a phase by modules of other processes."""
+        heard = self._heard.pop((round_number, phase), {})
+        for key in sorted(heard):
+            self._give(heard[key])
+
+    # What is said.
+
+    def _regions_near(self, place: Site, *, sensed: bool) -> tuple[str, ...]:
+        system = self._system
+        places = system.listeners(place) if sensed else system.reach(place)
+        return tuple(sorted({system.region(near) for near in places}))
+
+    def _regions(self, part: Part) -> Iterable[str]:
+        system = self._system
+        if isinstance(part, Verdict):
+            return sorted({system.region(site_from_json(place)) for place in part.to})
+        place = system.place_of(site_from_json(part.site))
+        return self._regions_of(place, sensed=isinstance(part, Here))
+
+    def _say(self, phase: Spoken, parts: Iterable[Part]) -> list[Put]:
+        """Say the parts to the regions that they are addressed to; own modules hear them too."""
+        by_region: dict[str, list[Part]] = {}
+        for part in parts:
+            for region in self._regions(part):
+                by_region.setdefault(region, []).append(part)
+        said = self._said.setdefault(phase, {})
+        found = []
+        for region in sorted(by_region):
+            puts = said.setdefault(region, [])
+            message = Said(
+                round=self._round,
+                phase=phase,
+                process=self._orders.process,
+                region=region,
+                number=len(puts),
+                parts=by_region[region],
+            )
+            puts.append(Put(to_region(self._orders.run, region), encode(message)))
+            found.append(puts[-1])
+        return found
+
+    def _tell_own(self, parts: Iterable[Part]) -> list[Part]:
+        """Give what own modules say to own modules; return all that is said, answers included."""
+        said: list[Part] = []
+        queue = deque(parts)
+        while queue:
+            part = queue.popleft()
+            said.append(part)
+            for place in addressees(self._system, part):
+                core = self._there.get(place)
+                if core is not None:
+                    queue.extend(core.hear(part))
+        return said
+
+    # The phases.
+
+    def _go(self, go: Go) -> list[Effect]:
+        if go.phase == "stop":
+            return [End()]
+        at = (go.round, _ORDER[go.phase])
+        if at == self._at:
+            return self._repeat()
+        if at < self._at:
+            return []
+        asked_again = self._pending is not None
+        self._pending = go
+        found = self._try_to_begin()
+        if asked_again and self._pending is not None:
+            found.append(self._waiting(go.round, go.phase))
+        return found
+
+    def _waiting(self, round_number: int, phase: str) -> Put:
+        """Say that the process is there, but cannot do the phase without others."""
+        if phase not in ("observe", "claim", "settle"):
+            raise AssertionError(f"nothing is awaited before {phase}")  # it would have begun
+        message = Waiting(round_number, self._orders.process, phase)
+        return Put(key_of(self._orders.run, message), encode(message))
+
+    def _repeat(self) -> list[Effect]:
+        """Say again all that was said in this phase."""
+        said: list[Effect] = []
+        if self._phase in ("sense", "claim", "settle"):
+            for puts in self._said.get(self._phase, {}).values():
+                said += puts
+        if not self._answers:
+            said.append(self._waiting(self._round, self._phase))
+        return [*said, *self._answers]
+
+    def _try_to_begin(self) -> list[Effect]:
+        """Begin the phase that was asked for, if nothing is missing."""
+        go = self._pending
+        if go is None:
+            return []
+        if self._missing(go) or (
+            go.phase == "claim" and self._rule is None and go.round not in self._given
+        ):
+            return self._wait() if self._wait_s is None else []
+        self._pending = None
+        self._at = (go.round, _ORDER[go.phase])
+        self._phase = go.phase
+        self._answers = []
+        before = self._go_on()
+        match go.phase:
+            case "sense":
+                return [*before, *self._sense(go.round)]
+            case "observe":
+                return [*before, *self._observe()]
+            case "claim":
+                return [*before, *self._claim()]
+            case "settle":
+                return [*before, *self._arbitrate()]
+            case _:
+                return [*before, *self._end_schedule()]
+
+    def _sense(self, round_number: int) -> list[Effect]:
+        self._round = round_number
+        self._said = {}
+        self._delivered = False
+        self._heard = {key: heard for key, heard in self._heard.items() if key[0] >= round_number}
+        self._given = {key: acts for key, acts in self._given.items() if key >= round_number}
+        parts = [part for core in self._cores.values() for part in core.sense(round_number)]
+        said = self._say("sense", self._tell_own(parts))
+        return [*said, *self._answer(self._ready("sense"))]
+
+    def _observe(self) -> list[Effect]:
+        """Send the observations of modules that are driven from outside."""
+        self._hear_senses()
+        observed = [
+            _observed(self._round, module, core.observation())
+            for module, core in self._cores.items()
+        ]
+        sent = Observations(self._round, self._orders.process, observed)
+        return [*self._answer(sent, self._ready("observe"))]
+
+    def _hear_senses(self) -> None:
+        if not self._delivered:
+            self._delivered = True
+            self._deliver(self._round, "sense")
+
+    def _claim(self) -> list[Effect]:
+        self._hear_senses()
+        claims: list[Part] = []
+        if self._rule is None:
+            for act in self._given.pop(self._round).parts:
+                core = self._cores.get(act.module)
+                if core is None:
+                    raise ProtocolError(f"an action for module_{act.module}, who is not here")
+                claims += core.claim(act.action, tuple(act.note))
+        else:
+            for module, core in self._cores.items():
+                choice = self._actors[module].act(core.observation())
+                claims += core.claim(choice.action, choice.note, choice.failed)
+        said = self._say("claim", self._tell_own(claims))
+        return [*said, *self._answer(self._ready("claim"))]
+
+    def _arbitrate(self) -> list[Effect]:
+        self._deliver(self._round, "claim")
+        parts = [part for core in self._cores.values() for part in core.arbitrate()]
+        heard = self._heard.get((self._round, "settle"), {})
+        said = self._tell_own(parts)
+        for key in sorted(heard):
+            said += self._tell_own(self._give(heard[key]))
+        return self._conclude(said)
+
+    def _conclude(self, parts: list[Part]) -> list[Effect]:
+        """Say the verdicts; report if all modules are through with the round."""
+        found: list[Effect] = [*self._say("settle", parts)]
+        if self._answers:
+            return found
+        if not all(core.finished for core in self._cores.values()):
+            return [*found, *self._wait()] if self._wait_s is None else found
+        reports = Reports(
+            self._round, self._orders.process, [core.report() for core in self._cores.values()]
+        )
+        # Listen at the new places before reporting that the round is done: messages of the next
+        # round must find the listener there.
+        before = set(self._within)
+        self._look_around()
+        after = set(self._within)
+        if after - before:
+            found.append(Listen(self._keys_of(after - before)))
+        if before - after:
+            found.append(Ignore(self._keys_of(before - after)))
+        return [*self._go_on(), *found, *self._answer(reports, self._ready("settle"))]
+
+    def _end_schedule(self) -> list[Effect]:
+        """Let every module follow its rule from where it stands."""
+        if self._rule is not None and self._orders.schedule is not None:
+            note_length = self._assign(
+                self._rule, {module: core.site for module, core in self._cores.items()}
+            )
+            for core in self._cores.values():
+                core.follow(note_length)
+        return [*self._answer(self._ready("over"))]
+
+    # Driven from outside.
+
+    def _take_acts(self, acts: Acts) -> list[Effect]:
+        if not self._round <= acts.round <= self._round + 1:
+            return []
+        self._given.setdefault(acts.round, acts)
+        return self._try_to_begin()
+
+    def _reset(self, reset: Reset) -> list[Effect]:
+        at = (reset.round, _ORDER["join"])
+        if at == self._at:
+            return [*self._answers]
+        if at < self._at:
+            return []
+        before = set(self._within)
+        self._begin(reset.seed, reset.round)
+        after = set(self._within)
+        found: list[Effect] = [Timer(None)]
+        if after - before:
+            found.append(Listen(self._keys_of(after - before)))
+        if before - after:
+            found.append(Ignore(self._keys_of(before - after)))
+        return [*found, *self._join()]
+
+
+def _observed(round_number: int, module: int, seen: Observation) -> Observed:
+    return Observed(
+        round=round_number,
+        module=module,
+        observation=seen["observation"].tolist(),
+        action_mask=seen["action_mask"].tolist(),
+        notes=seen["notes"].tolist() if "notes" in seen else [],
+    )

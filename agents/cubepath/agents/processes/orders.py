@@ -1,0 +1,30 @@
+"""What a module process is told at its birth.
+
+Room: agents. The coordinator's fleet and the simulator give the same orders.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from cubepath.protocol.core.names import GeneratorPlacement
+
+OUTSIDE = "outside"
+"""Instead of a rule's name: the modules are driven from outside, by `Acts` messages."""
+
+
+class Orders(msgspec.Struct, frozen=True):
+    """What a process is told at its birth."""
+
+    endpoint: str
+    run: str
+    process: int
+    modules: list[int]
+    scene: str
+    """The scene as TOML text: processes share no files."""
+    rule: str
+    seed: int
+    hesitate: float
+    note_length: int
+    schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
+    """By module its own moves of a schedule, by round; the rule follows when that is over."""

@@ -1,0 +1,252 @@
+"""The pacing node of a coordinator: it lets each phase begin when the one before is over.
+
+Room: agents. A pure machine, like the node of a module process: `Fleet` carries its effects out on
+zenoh. It decides nothing for a module and carries nothing between them but how many messages were
+said to each region. A phase is over when every process has answered and everything that it said in
+the phase has arrived here too, so that the record is whole; what is missing is asked for again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.wire.keys import everything, key_of, topic_key
+from cubepath.protocol.wire.messages import (
+    Act,
+    Acts,
+    Again,
+    Go,
+    Message,
+    Observations,
+    Ready,
+    Reports,
+    Reset,
+    Said,
+    Waiting,
+    decode,
+    encode,
+)
+from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
+
+Phase: TypeAlias = Literal["join", "sense", "observe", "claim", "settle", "over"]
+PATIENCE_S = 60.0
+"""How long nothing may come of a phase, unless told otherwise."""
+PATIENCE_S_MAX = 3600.0
+"""Links to processes that stand still are closed after that time."""
+_ASK_S_MIN, _ASK_S_MAX = 1.0, 8.0
+_NAMED_MAX = 8
+
+
+class ProcessDied(CheckError):  # noqa: N818 - named for what happened
+    """A module process ended before the run did, or did not answer."""
+
+
+class Pacer:
+    """Paces the processes of one run."""
+
+    def __init__(
+        self,
+        run: str,
+        modules_of: Sequence[Sequence[int]],
+        *,
+        patience_s: float = PATIENCE_S,
+        hears_all: bool = True,
+    ) -> None:
+        """Wait for the processes with these modules to join.
+
+        Unless it `hears_all`, it listens to the answers alone and keeps nothing else.
+        """
+        self.round = 0
+        self.phase: Phase = "join"
+        self.idle = False
+        """Whether the phases that were asked for are over."""
+        self._run = run
+        self._modules_of = [list(modules) for modules in modules_of]
+        self._patience_s = patience_s
+        self._hears_all = hears_all
+        self._driven = False
+        self._go: Message | None = None
+        self._acts: list[Acts] = []
+        self._begin_phase("join")
+
+    def _begin_phase(self, phase: Phase) -> None:
+        self.phase = phase
+        self.idle = False
+        self._ready: dict[int, Ready] = {}
+        self._said: dict[int, set[tuple[str, int]]] = {}
+        self._told: set[int] = set()
+        self._through: set[int] = set()
+        self._there: set[int] = set()
+        self._waited_s = 0.0
+        self._ask_s = _ASK_S_MIN
+
+    def start(self) -> list[Effect]:
+        """Listen, and wait until all processes have joined."""
+        if self._hears_all:
+            keys = (everything(self._run),)
+        else:
+            keys = (topic_key(self._run, "ready"), topic_key(self._run, "waiting"))
+        return [Listen(keys), Timer(self._ask_s)]
+
+    # What is asked of the processes.
+
+    def begin_round(self, *, driven: bool = False) -> list[Effect]:
+        """Begin the next round; with modules `driven` from outside, up to their observations."""
+        self.round += 1
+        self._driven = driven
+        self._acts = []
+        self._counts: dict[str, int] = {}
+        return self._ask("sense")
+
+    def act(self, acts: Sequence[Act]) -> list[Effect]:
+        """Finish a round with the actions of all modules."""
+        by_module = {act.module: act for act in acts}
+        self._acts = [
+            Acts(self.round, process, [by_module[module] for module in modules])
+            for process, modules in enumerate(self._modules_of)
+        ]
+        found: list[Effect] = []
+        for message in self._acts:
+            found += self._put(message)
+        return [*found, *self._ask("claim")]
+
+    def end_schedule(self) -> list[Effect]:
+        """Let all modules follow their rule from the next round on; between two rounds."""
+        return self._ask("over")
+
+    def reset(self, seed: int) -> list[Effect]:
+        """Put every module back at its start, with another seed."""
+        self.round += 1  # no message of a round before can be taken for one of these
+        self._go = Reset(self.round, seed)
+        self._begin_phase("join")
+        return [*self._put(self._go), Timer(self._ask_s)]
+
+    def stop(self) -> list[Effect]:
+        """Let all processes end."""
+        return [*self._put(Go(self.round, "stop")), Timer(None)]
+
+    def _ask(self, phase: Phase) -> list[Effect]:
+        if phase == "join":
+            raise AssertionError("processes join by themselves")
+        counts = self._counts if phase in ("observe", "claim", "settle") else {}
+        self._go = Go(self.round, phase, counts)
+        self._begin_phase(phase)
+        return [*self._put(self._go), Timer(self._ask_s)]
+
+    def _put(self, message: Message) -> list[Effect]:
+        data = encode(message)
+        return [Put(key_of(self._run, message), data), Keep(data, message)]
+
+    # What comes of it.
+
+    def receive(self, data: bytes) -> list[Effect]:
+        """Take a message; InputError if it is none."""
+        message = decode(data)
+        match message:
+            case Ready() | Said() | Reports() | Observations():
+                return self._take(message, data) if self._is_new(message) else []
+            case Waiting():
+                self._there.add(message.process)
+                return [Keep(data, message)]
+            case Again():
+                return [Keep(data, message)]
+            case _:
+                return []  # a stranger put it there
+
+    def _is_new(self, message: Ready | Said | Reports | Observations) -> bool:
+        """Return whether a message is of this phase and no double."""
+        process = message.process
+        if message.round != self.round or not 0 <= process < len(self._modules_of) or self.idle:
+            return False
+        match message:
+            case Ready(phase=phase):
+                return phase == self.phase and process not in self._ready
+            case Said(phase=phase, region=region, number=number):
+                known = self._said.setdefault(process, set())
+                return phase == self.phase and (region, number) not in known
+            case Reports():
+                return self.phase == "settle" and process not in self._told
+            case Observations():
+                return self.phase == "observe" and process not in self._told
+
+    def _take(self, message: Ready | Said | Reports | Observations, data: bytes) -> list[Effect]:
+        match message:
+            case Ready():
+                self._ready[message.process] = message
+            case Said():
+                self._said.setdefault(message.process, set()).add((message.region, message.number))
+            case Reports() | Observations():
+                self._told.add(message.process)
+        self._waited_s = 0.0
+        found: list[Effect] = [Keep(data, message)]
+        if self._is_through(message.process):
+            self._through.add(message.process)
+            if len(self._through) == len(self._modules_of):
+                return [*found, *self._next()]
+        return found
+
+    def _is_through(self, process: int) -> bool:
+        """Return whether a process has answered, and all that it said has arrived."""
+        ready = self._ready.get(process)
+        if ready is None:
+            return False
+        if not self._hears_all:
+            return True
+        if self.phase in ("settle", "observe") and process not in self._told:
+            return False
+        return len(self._said.get(process, ())) >= sum(ready.said.values())
+
+    def _next(self) -> list[Effect]:
+        self._counts = {}
+        for ready in self._ready.values():
+            for region, count in ready.said.items():
+                self._counts[region] = self._counts.get(region, 0) + count
+        match self.phase:
+            case "sense":
+                return self._ask("observe" if self._driven else "claim")
+            case "claim":
+                return self._ask("settle")
+            case _:
+                self.idle = True
+                return [Timer(None)]
+
+    def tick(self) -> list[Effect]:
+        """Ask those again who have not answered; ProcessDied if patience is over."""
+        if self.idle:
+            return []
+        self._waited_s += self._ask_s
+        missing = [each for each in range(len(self._modules_of)) if each not in self._through]
+        if self._waited_s >= self._patience_s:
+            raise ProcessDied(self._too_late(missing))
+        found: list[Effect] = []
+        if self._go is not None:  # processes join by themselves, and say so until they are heard
+            data = encode(self._go)
+            for process in missing:
+                if self.phase == "claim" and self._acts:
+                    acts = self._acts[process]
+                    found.append(Put(key_of(self._run, acts), encode(acts)))
+                kind = "reset" if isinstance(self._go, Reset) else "go"
+                found.append(Put(topic_key(self._run, kind, f"process_{process}"), data))
+        self._ask_s = min(2 * self._ask_s, _ASK_S_MAX, self._patience_s - self._waited_s)
+        return [*found, Timer(self._ask_s)]
+
+    def _too_late(self, missing: list[int]) -> str:
+        # Others may be waiting for the one that is late: these have said so.
+        late = [process for process in missing if process not in self._there] or missing
+        names = ", ".join(self.name(process) for process in late)
+        what = f"phase {self.phase} of round {self.round}"
+        return f"no answer within {self._patience_s:g} s to {what} from {names}"
+
+    def died(self, process: int, how: str) -> ProcessDied:
+        """Return the error for a process that has ended."""
+        return ProcessDied(f"{self.name(process)} died in round {self.round}: {how}")
+
+    def name(self, process: int) -> str:
+        """Return a process by its modules and its number."""
+        modules = self._modules_of[process]
+        names = [f"module_{module}" for module in modules[:_NAMED_MAX]]
+        if len(modules) > _NAMED_MAX:
+            names.append(f"{len(modules) - _NAMED_MAX} more")
+        return f"{', '.join(names)} (process {process})"

@@ -1,0 +1,143 @@
+"""What a coordinator does with what it hears: it gathers, ends the run, and says what came of it.
+
+Room: coordinator. Pure, like the nodes: it is given messages and gives messages for the record. A
+run over zenoh and one under the simulator have the same conductor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from cubepath.coordinator.normal_form.certificate import certificate_of
+from cubepath.coordinator.runs.gatherer import Gatherer, Step
+from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.messages import (
+    Certified,
+    Cube,
+    Edges,
+    Message,
+    Reports,
+    Stopped,
+    Summary,
+)
+
+Ended: TypeAlias = Literal["goal", "max-rounds", "failed", "interrupted"]
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a run ended, with one line on why if it failed."""
+
+    ended: Ended
+    error: str | None = None
+
+
+class Conductor:
+    """Follows one run from its start to its end."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        max_rounds: int,
+        record: Callable[[Message], object],
+        assignment: Assignment | None = None,
+        repair: bool = False,
+    ) -> None:
+        """Begin at the start of the scene; `record` is given the coordinator's own results.
+
+        With an `assignment` the modules carry out a schedule; with `repair` they go on with a rule
+        where it stops.
+        """
+        self.gatherer = Gatherer(scene, self._step)
+        self._scene = scene
+        self._max_rounds = max_rounds
+        self._record = record
+        self._assignment = assignment
+        self._repair = repair
+        self._execution = None if assignment is None else ScheduleExecution(assignment)
+
+    def hear(self, message: Message) -> None:
+        """Take a message that belongs on record; CheckError if reports contradict each other."""
+        if isinstance(message, Reports):
+            for report in message.parts:
+                self.gatherer.receive(report)
+
+    def _step(self, step: Step) -> None:
+        self._record(Edges(step.round, list(step.executed)))
+
+    @property
+    def stopped(self) -> Stopped | None:
+        """Return where the schedule stopped, None if it did not or there is none."""
+        return None if self._execution is None else self._execution.stopped
+
+    @property
+    def schedule_cubes(self) -> int | None:
+        """Return the number of cubes of the schedule, None if there is none."""
+        return None if self._assignment is None else len(self._assignment.cubes)
+
+    def before(self) -> Ending | None:
+        """Return how the run has ended before anything was started, None if there is work to do."""
+        assignment = self._assignment
+        if self.gatherer.reached and (assignment is None or not assignment.cubes):
+            return Ending("goal")
+        return None
+
+    def between(self, round_number: int, end_schedule: Callable[[], object]) -> Ending | None:
+        """Return how the run has ended after a round (0: before the first), None if it goes on.
+
+        `end_schedule` is called if modules are to follow their rule from now on.
+        """
+        if self.gatherer.rounds != round_number:
+            why = f"round {round_number} ended, but not all modules have reported it"
+            return Ending("failed", why)
+        return self._ended(end_schedule) or (
+            Ending("max-rounds") if round_number >= self._max_rounds else None
+        )
+
+    def _ended(self, end_schedule: Callable[[], object]) -> Ending | None:
+        gatherer, execution = self.gatherer, self._execution
+        if execution is not None and not execution.over:
+            execution.look(gatherer)
+            if not execution.over:
+                return None  # even if it passes the goal on its way
+            if execution.stopped is not None and not self._repair:
+                return Ending("failed", told(execution.stopped))
+            if not gatherer.reached and self._repair:
+                end_schedule()
+                return None
+        elif gatherer.failed is not None:
+            return self.failed(gatherer.failed)
+        return Ending("goal") if gatherer.reached else None
+
+    def failed(self, error: str) -> Ending:
+        """Return the end of a run that failed, with where its schedule had stopped before."""
+        stopped = self.stopped
+        return Ending("failed", error if stopped is None else f"{told(stopped)}; then {error}")
+
+    def results(self, ending: Ending) -> Iterator[Message]:
+        """Yield what came of the run: its cubes, their certificate and the summary."""
+        gatherer = self.gatherer
+        for index, cube in enumerate(gatherer.schedule(), 1):
+            yield Cube(gatherer.rounds, index, list(cube))
+        heap = gatherer.heap
+        path = [action for step in gatherer.steps for action in step.actions]
+        proof = certificate_of(path, start=self._scene.start_state, found=heap.normal_form())
+        yield Certified(gatherer.rounds, proof)
+        yield Summary(
+            round=gatherer.rounds,
+            ended=ending.ended,
+            error=ending.error,
+            rounds=gatherer.rounds,
+            moves=heap.moves,
+            reduced_moves=heap.reduced_moves,
+            cubes=heap.cubes,
+            max_cube_dimension=heap.max_cube_dimension,
+            goal_reached=gatherer.reached,
+            path_digest=gatherer.digest,
+            schedule_cubes=self.schedule_cubes,
+            schedule_stopped=self.stopped,
+        )

@@ -1,0 +1,126 @@
+"""A shell: it carries out on zenoh what a node asks for, and tells it what arrives.
+
+Zenoh's callbacks only enqueue; `step` takes one message or tick from the queue, in order. Keys that
+are put on often have a declared publisher, which costs less than a put on the session.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.wire.keys import topic_in_key
+from cubepath.protocol.wire.messages import NoMessageError
+from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
+from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
+
+_PUBLISHERS_MAX = 512
+"""Publishers declared at one time; modules that wander come to ever new regions."""
+
+
+class Shell:
+    """One node on one session, as a context manager that closes it."""
+
+    def __init__(
+        self, node: Node, endpoint: str, keep: Callable[[Keep, int], None] | None = None
+    ) -> None:
+        """Open a session; `keep` receives what belongs on record, and the wall time in ns."""
+        self._node = node
+        self._keep = keep
+        self._queue: SimpleQueue[tuple[zenoh.Sample, int]] = SimpleQueue()
+        self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._due: float | None = None
+        self._received: tuple[bytes, int] = b"", 0
+        self.ended = False
+        self._session = open_client(endpoint)
+
+    def __enter__(self) -> Self:
+        """Return the shell."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the session."""
+        self.close()
+
+    def close(self) -> None:
+        """Undeclare everything, and close the session."""
+        with contextlib.suppress(zenoh.ZError):  # the router may be gone
+            for declared in (*self._subscribers.values(), *self._publishers.values()):
+                declared.undeclare()
+        self._subscribers.clear()
+        self._publishers.clear()
+        self._session.close()
+
+    def start(self) -> None:
+        """Start the node."""
+        self.carry_out(self._node.start())
+
+    def step(self, timeout_s: float | None = None) -> bool:
+        """Take the next message or tick, waiting for it at most so long; return whether any came.
+
+        InputError if what was put on a key is no message; the line names the key.
+        """
+        left = None if self._due is None else max(0.0, self._due - time.monotonic())
+        wait = min((each for each in (left, timeout_s) if each is not None), default=None)
+        try:
+            sample, wall_ns = self._queue.get(timeout=wait)
+        except Empty:
+            if self._due is None or time.monotonic() < self._due:
+                return False
+            self._due = None
+            self.carry_out(self._node.tick())
+            return True
+        data = sample.payload.to_bytes()
+        try:
+            effects = self._node.receive(data)
+        except NoMessageError as error:  # a stranger has joined the run
+            raise CheckError(f"on {topic_in_key(str(sample.key_expr))}: {error}") from None
+        self._received = data, wall_ns
+        self.carry_out(effects)
+        return True
+
+    def carry_out(self, effects: list[Effect]) -> None:
+        """Carry out effects in their order."""
+        for effect in effects:
+            match effect:
+                case Put(key=key, data=data):
+                    self._put(key, data)
+                case Keep():
+                    if self._keep is not None:
+                        data, wall_ns = self._received
+                        self._keep(effect, wall_ns if effect.data is data else time.time_ns())
+                case Timer(seconds=seconds):
+                    self._due = None if seconds is None else time.monotonic() + seconds
+                case Listen(keys=keys):
+                    for key in keys:
+                        self._subscribers[key] = subscribe(self._session, key, self._enqueue)
+                case Ignore(keys=keys):
+                    for key in keys:
+                        self._subscribers.pop(key).undeclare()
+                case End():
+                    self.ended = True
+
+    def _put(self, key: str, data: bytes) -> None:
+        found = self._publishers.pop(key, None)
+        if found is None:
+            if len(self._publishers) >= _PUBLISHERS_MAX:
+                self._publishers.pop(next(iter(self._publishers))).undeclare()
+            found = publisher(self._session, key)
+        self._publishers[key] = found  # the one used last is undeclared last
+        found.put(data)
+
+    def _enqueue(self, sample: zenoh.Sample) -> None:
+        self._queue.put((sample, time.time_ns()))
