@@ -9,15 +9,21 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
-    from cubepath.agents.processes.orders import OUTSIDE
+    from cubepath.agents.processes.node import HostNode
+    from cubepath.agents.processes.orders import OUTSIDE, Orders
+    from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "dealing": "dealt",
             "fleet": "Fleet",
-            "orders": "OUTSIDE",
+            "node": "HostNode",
+            "orders": "OUTSIDE Orders",
+            "pacer": "PATIENCE_S Pacer",
         },
     )
 
-__all__ = ["OUTSIDE", "Fleet"]
+__all__ = ["OUTSIDE", "PATIENCE_S", "Fleet", "HostNode", "Orders", "Pacer", "dealt"]
