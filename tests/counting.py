@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from cubepath.coordinator.simulation.faults import SECOND_US, Faults
 from cubepath.coordinator.simulation.network import Network
 from cubepath.coordinator.simulation.trace import Trace
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 RUN = "cubepath/toy"
@@ -51,8 +53,8 @@ class Counter:
             raise CheckError(f"no answer to {self.number} from workers {sorted(self._missing)}")
         return self._put()
 
-    def died(self, who: str, how: str) -> list[Effect]:
-        raise CheckError(f"{who} died: {how}")
+    def died(self, process: int, error: CubepathError | None) -> list[Effect]:
+        raise CheckError(f"process_{process} died: {error or 'killed by signal 9'}")
 
 
 class Worker:
@@ -95,7 +97,7 @@ def counted(
 
     network.add("coordinator", lambda: counter)
     for number in range(workers):
-        network.add(f"process_{number}", lambda number=number: make(number))
+        network.add(f"process_{number}", partial(make, number))
     network.on_death(counter.died)
     network.run(200_000, 1000 * PATIENCE_US)
     return network, counter, made, trace

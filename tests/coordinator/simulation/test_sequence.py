@@ -45,7 +45,7 @@ def test_lifelines_messages_and_faults_are_there(tmp_path: Path) -> None:
     text = drawn(tmp_path / "a.svg", crowded())
     said = re.findall("<!-- (.*?) -->", text)
     assert {*NAMES, "router", "three workers", "0 1", "1 2"} <= set(said)
-    for fault in ("paused 2 s", "slow 0.04 s", "crashed", "router down 0.3 s"):
+    for fault in ("paused 2 s", "slow 40 ms", "crashed", "router down 300 ms"):
         assert fault in said
     assert "process_1 died: killed by signal 9" in said
 

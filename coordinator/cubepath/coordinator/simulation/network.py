@@ -21,8 +21,8 @@ from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node
 
 HOP_US = 100
 """How long a message takes to the router, or from it, at least; up to twice as long."""
-SERVE_US = 20
-"""How long a process takes for a message."""
+SERVE_US, PUT_US = 20, 50
+"""How long a process takes for a message, and for each put."""
 NOTICE_US = 50_000
 """How long it takes until a dead process is noticed."""
 RECONNECT_US = 10_000
@@ -30,8 +30,8 @@ RECONNECT_US = 10_000
 EVERYTHING = "/**"
 
 Take: TypeAlias = Callable[[Any], list[Effect]]
-Died: TypeAlias = Callable[[str, str], list[Effect]]
-"""Told of the name of a process that has died, and how."""
+Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
+"""Told of the number of a process that has died, from 0, and the error; None for a signal."""
 
 
 class RanAway(Exception):  # noqa: N818 - named for what happened
@@ -119,7 +119,7 @@ class Network:
         self._take(process, lambda _: process.node.start(), None)
 
     def on_death(self, died: Died) -> None:
-        """Let the first process be told when another has died."""
+        """Let the first process be told when another has died; those after it count from 0."""
         self._died = died
 
     def run(self, most_steps: int, most_us: int) -> None:
@@ -183,25 +183,24 @@ class Network:
         except Exception as error:
             what = f"{type(error).__name__}: {' '.join(str(error).split())}"
             raise NodeError(f"{process.name} raised {what}") from error
+        at_us = self.now_us
         for effect in effects:
             if process.alive:
-                self._carry_out(process, effect)
+                self._carry_out(process, effect, at_us)
+            if isinstance(effect, Put):
+                at_us += PUT_US
+        process.free_us = max(process.free_us, at_us)
 
-    def _carry_out(self, process: Process, effect: Effect) -> None:
+    def _carry_out(self, process: Process, effect: Effect, at_us: int) -> None:
         match effect:
             case Put():
-                self._send(process, effect)
-            case Listen(keys):
-                stray = [key for key in keys if "*" in key.removesuffix(EVERYTHING)]
-                if stray:
-                    expected = f"expected a key, or one that ends in {EVERYTHING}"
-                    raise NodeError(f"{process.name} listens to {stray[0]}: {expected}")
-                process.listening.update(dict.fromkeys(keys))
-                self._send(process, effect)
-            case Ignore(keys):
-                for key in keys:
-                    process.listening.pop(key, None)
-                self._send(process, effect)
+                self._send(process, effect, at_us)
+            case Listen():
+                self._will_hear(process, effect.keys)
+                self._send(process, effect, at_us)
+            case Ignore():
+                self._will_ignore(process, effect.keys)
+                self._send(process, effect, at_us)
             case Timer(seconds):
                 self._set_timer(process, seconds)
             case Keep():
@@ -209,6 +208,21 @@ class Network:
                     self.kept.append((self.now_us, effect))
             case End():
                 self._end(process, None)
+
+    def _will_hear(self, process: Process, keys: tuple[str, ...]) -> None:
+        for key in keys:
+            if "*" in key.removesuffix(EVERYTHING):
+                expected = f"expected a key, or one that ends in {EVERYTHING}"
+                raise NodeError(f"{process.name} listens to {key}: {expected}")
+            if key in process.listening:
+                raise NodeError(f"{process.name} listens to {key} twice")
+            process.listening[key] = None
+
+    def _will_ignore(self, process: Process, keys: tuple[str, ...]) -> None:
+        for key in keys:
+            if key not in process.listening:
+                raise NodeError(f"{process.name} ignores {key}, which it does not listen to")
+            del process.listening[key]
 
     def _set_timer(self, process: Process, seconds: float | None) -> None:
         process.timers += 1
@@ -233,16 +247,16 @@ class Network:
             self.ended = error
             self._over = True
         elif error is not None:
-            self._tell_death(process, str(error))
+            self._tell_death(process, error)
 
-    def _tell_death(self, process: Process, how: str) -> None:
+    def _tell_death(self, process: Process, error: CubepathError | None) -> None:
         if self._died is not None:
-            self._at(self.now_us + NOTICE_US, self._notice, process.name, how)
+            self._at(self.now_us + NOTICE_US, self._notice, process.number - 1, error)
 
-    def _notice(self, name: str, how: str) -> None:
+    def _notice(self, number: int, error: CubepathError | None) -> None:
         died = self._died
         if died is not None:
-            self._take(self._processes[0], lambda _: died(name, how), None)
+            self._take(self._processes[0], lambda _: died(number, error), None)
 
     # Faults of processes and of the router.
 
@@ -264,7 +278,7 @@ class Network:
             self._at(self.now_us + fault.amount_us, self._come_back, process)
         else:
             self._span(process.name, fault, None)
-            self._tell_death(process, "killed by signal 9")
+            self._tell_death(process, None)
         return True
 
     def _come_back(self, process: Process) -> None:
@@ -324,13 +338,13 @@ class Network:
         mixed = (mixed ^ (mixed >> 15)) * 0x2C1B3C6D & 0xFFFFFFFF
         return mixed ^ (mixed >> 13)
 
-    def _send(self, process: Process, effect: Put | Listen | Ignore) -> None:
-        """Send an effect up to the router."""
-        letter = _Letter(process, effect, self.now_us, self._router_life)
+    def _send(self, process: Process, effect: Put | Listen | Ignore, at_us: int) -> None:
+        """Send an effect up to the router at a time, now or a little later."""
+        letter = _Letter(process, effect, at_us, self._router_life)
         if not process.connected:
             self._arrow(letter, None, "lost")
             return
-        for time_us, fate in self._ways(process, "up", isinstance(effect, Put)):
+        for time_us, fate in self._ways(process, "up", at_us, plain=isinstance(effect, Put)):
             self._at(time_us, self._reach_router, letter, fate)
 
     def _reach_router(self, letter: _Letter, fate: Fate) -> None:
@@ -341,7 +355,9 @@ class Network:
         elif letter.sender.alive:
             self._declare(letter.sender, letter.effect)
 
-    def _ways(self, process: Process, link: str, plain: bool) -> list[tuple[int, Fate]]:  # noqa: FBT001
+    def _ways(
+        self, process: Process, link: str, from_us: int, *, plain: bool
+    ) -> list[tuple[int, Fate]]:
         """Return when a message arrives over a link, and each copy of it.
 
         What is not `plain` is not lost and not doubled, as sessions repeat it until it is known.
@@ -352,12 +368,12 @@ class Network:
         fault = self._faults.on_hop(where, nth)
         kind = "" if fault is None else fault.kind
         if fault is None or (not plain and kind in ("loss", "duplicate")):
-            arrival = max(self.now_us + HOP_US + noise, last)
+            arrival = max(from_us + HOP_US + noise, last)
             process.links[link] = (nth + 1, arrival)
             return [(arrival, "arrived")]
         self.fired.append(fault)
         held = fault.amount_us if kind == "delay" else 0
-        arrival = max(self.now_us + HOP_US + noise + held, last)
+        arrival = max(from_us + HOP_US + noise + held, last)
         if kind == "reorder":  # those behind it do not wait
             process.links[link] = (nth + 1, last)
             return [(arrival + fault.amount_us, "arrived")]
@@ -394,7 +410,7 @@ class Network:
         listeners.pop(letter.sender.number, None)
         for number in sorted(listeners):
             receiver = self._processes[number]
-            for time_us, way in self._ways(receiver, "down", plain=True):
+            for time_us, way in self._ways(receiver, "down", self.now_us, plain=True):
                 told = fate if way == "arrived" else way
                 self._at(time_us, self._arrive, letter, receiver, receiver.life, told)
 
@@ -413,7 +429,7 @@ class Network:
         put = letter.effect
         if self._trace is not None and isinstance(put, Put):
             name = None if receiver is None else receiver.name
-            times = (letter.sent_us, self.now_us)
+            times = (letter.sent_us, max(letter.sent_us, self.now_us))
             arrow = Arrow(*times, letter.sender.name, name, put.key, put.data, fate)
             self._trace.arrows.append(arrow)
 

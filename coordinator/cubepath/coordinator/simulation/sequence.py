@@ -34,8 +34,8 @@ _SPANS = {
     "return": ("#f6d5da", "crashed, comes back without memory"),
     "router": ("#f6d5da", "router down"),
 }
-_WIDE_IN, _MARGIN_IN, _TOP_IN = 2.3, 1.0, 1.0
-"""In inches: the width of a lifeline, and the margins."""
+_WIDE_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN = 2.3, 0.9, 1.6, 1.0
+"""In inches: the distance of two lifelines, and the margins."""
 _ROOM_US, _GAP_US = 250, 500
 """What takes a unit of height, and the longest time that is drawn to scale."""
 _UNIT_IN = 0.42
@@ -96,13 +96,13 @@ def sequence_picture(
     lanes = {name: place for place, name in enumerate([*names, ROUTER])}
     if not any(span.who == ROUTER for span in spans):
         del lanes[ROUTER]
-    wide = 2 * _MARGIN_IN + _WIDE_IN * len(lanes)
+    wide = _LEFT_IN + _RIGHT_IN + _WIDE_IN * (len(lanes) - 1) + 0.5
     high = _TOP_IN + 0.7 + _UNIT_IN * scale.heights[-1]
     figure = Figure(figsize=(wide, high), facecolor="white")
     axes = figure.add_axes((0, 0, 1, 1))
     axes.set_axis_off()
     axes.set(
-        xlim=(-_MARGIN_IN / _WIDE_IN - 0.5, len(lanes) - 0.5 + _MARGIN_IN / _WIDE_IN),
+        xlim=(-(_LEFT_IN + 0.5) / _WIDE_IN, len(lanes) - 1 + _RIGHT_IN / _WIDE_IN),
         ylim=(scale.heights[-1] + 0.7 / _UNIT_IN, -_TOP_IN / _UNIT_IN),
     )
     more = f"; the first {left_out} messages are left out" if left_out else ""
@@ -141,8 +141,8 @@ def _draw_span(
     axes.add_patch(
         Rectangle((lane - 0.035, top), 0.07, low - top, facecolor=colour, edgecolor=_QUIET)
     )
-    took = (end_us - begin) / SECOND_US
-    axes.text(lane + 0.05, (top + low) / 2, f"{name} {took:.3g} s", va="center", **style)
+    text = f"{name} {_long(end_us - begin)}"
+    axes.text(lane + 0.05, (top + low) / 2, text, va="center", **style)
 
 
 def _draw_arrows(
@@ -198,7 +198,7 @@ def _end(lanes: dict[str, int], arrow: Arrow) -> float:
 
 
 def _draw_times(axes: Axes, scale: _Scale) -> None:
-    left = -0.5 - 0.35 * _MARGIN_IN / _WIDE_IN
+    left = -0.5 / _WIDE_IN
     style: dict[str, Any] = {"fontsize": 7, "color": _QUIET, "va": "center", "ha": "right"}
     shown = -1.0
     for time_us, height in zip(scale.times, scale.heights, strict=True):
@@ -207,5 +207,9 @@ def _draw_times(axes: Axes, scale: _Scale) -> None:
             shown = height
     for height, gap_us in scale.breaks:
         axes.axhline(height, color=_QUIET, linewidth=0.5, linestyle=(0, (1, 3)), zorder=0)
-        right = axes.get_xlim()[1] - 0.05
-        axes.text(right, height, f"{gap_us / SECOND_US:.3g} s", **style)
+        axes.text(left, height, f"+ {_long(gap_us)}", style="italic", **style)
+
+
+def _long(time_us: int) -> str:
+    """Return a length of time in words."""
+    return f"{time_us / SECOND_US:.3g} s" if time_us >= SECOND_US else f"{time_us / 1000:.3g} ms"

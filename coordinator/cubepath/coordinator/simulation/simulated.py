@@ -1,0 +1,303 @@
+"""One simulated run: the nodes of a run on a simulated wire, and what must hold of what they did.
+
+Room: coordinator. A run without faults is played in the environment as well, in one process and by
+other code: the edge path must be the same, and of a run that was ended by a fault it must be the
+beginning of that. The recording of every run must pass `verify`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import msgspec
+
+from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.node import HostNode
+from cubepath.agents.processes.orders import Orders
+from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.simulation.coordinator import Coordinator
+from cubepath.coordinator.simulation.faults import ENDING, SECOND_US, Fault, Faults
+from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.scenarios import Scenario
+from cubepath.coordinator.simulation.trace import Trace
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Message, encode
+from cubepath.protocol.wire.nodes import Node
+
+RUN = "simulated"
+COORDINATOR = "coordinator"
+PATIENCE_US = int(PATIENCE_S * SECOND_US)
+MakeNode = Callable[[Orders, Scene], Node]
+"""Makes the node of a module process; tests give nodes with a bug in them."""
+
+_STEPS_MAX, _STEPS_A_ROUND = 50_000, 3_000
+_TIME_US_MAX, _TIME_US_A_ROUND = 20 * PATIENCE_US, PATIENCE_US // 10
+"""A run may take so much, and so much for each round that it has without faults."""
+
+_Moves: TypeAlias = "list[tuple[int, str, Site]]"
+"""The moves of a round, in increasing order of modules."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What did not hold of a run: its kind, by which failures are the same, and one line."""
+
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """A simulated run; `failure` is None if everything held that must hold."""
+
+    scenario: Scenario
+    fired: tuple[Fault, ...]
+    ending: Ending | None
+    rounds: int
+    failure: Failure | None
+    recording: Recording
+    steps: int
+    seconds: float
+    """The virtual time that it took."""
+
+    @property
+    def outcome(self) -> str:
+        """Return how the run came out, in a word or two."""
+        if self.failure is not None:
+            return "failure"
+        if self.ending is None:  # only a failure has none
+            raise AssertionError("no end")
+        if self.ending.ended != "failed":
+            return self.ending.ended
+        return next((fault.kind for fault in self.fired if fault.kind in ENDING), "gave-up")
+
+
+def host_node(orders: Orders, scene: Scene) -> Node:
+    """Return the node of a module process, as a real one has it."""
+    return HostNode(orders, scene)
+
+
+def process_names(scenario: Scenario) -> list[str]:
+    """Return the names of the module processes."""
+    return [f"process_{number}" for number in range(scenario.processes)]
+
+
+def simulate(
+    scenario: Scenario,
+    faults: Faults,
+    *,
+    fault_seed: int = 0,
+    trace: Trace | None = None,
+    make: MakeNode = host_node,
+) -> Simulated:
+    """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
+
+    `fault_seed` is that of the small differences between delays.
+    """
+    run = _Run(scenario, faults, fault_seed, trace, make)
+    failure = run.play()
+    network = run.network
+    return Simulated(
+        scenario=scenario,
+        fired=tuple(network.fired),
+        ending=run.ending,
+        rounds=run.conductor.gatherer.rounds,
+        failure=failure,
+        recording=run.recording(),
+        steps=network.steps,
+        seconds=network.now_us / SECOND_US,
+    )
+
+
+class _Run:
+    """A run in progress."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        faults: Faults,
+        fault_seed: int,
+        trace: Trace | None,
+        make: MakeNode,
+    ) -> None:
+        self.scenario = scenario
+        self.scene = scenario.scene
+        self.rule = rule_named(scenario.rule, self.scene.system)
+        self.ending: Ending | None = None
+        self.network = Network(faults, fault_seed, trace)
+        self.conductor = Conductor(
+            self.scene,
+            max_rounds=scenario.max_rounds,
+            record=lambda message: self._record(encode(message), message),
+        )
+        self._records: list[Record] = []
+        modules_of = dealt(self.scene, scenario.processes)
+        self._pacer = Pacer(RUN, modules_of, patience_s=PATIENCE_S)
+        self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
+        self._modules_of = modules_of
+        self._make = make
+
+    def _record(self, data: bytes, message: Message) -> None:
+        self._records.append(
+            Record(
+                topic_of(message),
+                data,
+                message.round,
+                self.network.now_us * 1000,
+                len(self._records),
+            )
+        )
+
+    def play(self) -> Failure | None:
+        """Play to the end; return the first thing that does not hold."""
+        reference = self._reference()
+        failure = self._simulate(len(reference.rounds))
+        if self.ending is None:
+            why = None if failure is None else failure.detail
+            self.ending = self.conductor.failed(why or "no end")
+        try:
+            for message in self.conductor.results(self.ending):
+                self._record(encode(message), message)
+        except CubepathError as error:
+            return failure or Failure("results", str(error))
+        return failure or self._compared(reference) or self._blamed(reference) or self._verified()
+
+    def _reference(self) -> Played:
+        scenario = self.scenario
+        return play(
+            self.scene,
+            self.rule,
+            seed=scenario.seed,
+            hesitate=scenario.hesitate,
+            max_rounds=scenario.max_rounds,
+        )
+
+    def _simulate(self, rounds: int) -> Failure | None:
+        network = self.network
+        if self.conductor.before() is not None:
+            self.ending = self.conductor.before()
+            return None
+        try:
+            network.add(COORDINATOR, lambda: self._coordinator)
+            for process, modules in enumerate(self._modules_of):
+                orders = self._orders(process, modules)
+                network.add(f"process_{process}", partial(self._make, orders, self.scene))
+            network.on_death(self._coordinator.died)
+            network.run(
+                _STEPS_MAX + rounds * _STEPS_A_ROUND, _TIME_US_MAX + rounds * _TIME_US_A_ROUND
+            )
+        except NodeError as error:
+            return Failure("raised", str(error))
+        except RanAway as error:
+            return Failure("ran away", str(error))
+        finally:
+            self.ending = self._coordinator.ending
+        return None
+
+    def _orders(self, process: int, modules: list[int]) -> Orders:
+        return Orders(
+            endpoint="",
+            run=RUN,
+            process=process,
+            modules=modules,
+            scene="",
+            rule=self.scenario.rule,
+            seed=self.scenario.seed,
+            hesitate=self.scenario.hesitate,
+            note_length=0,
+        )
+
+    def _compared(self, reference: Played) -> Failure | None:
+        """Compare the edge path with that of a run without faults."""
+        found: list[_Moves] = [
+            [(move.module, move.generator, site_from_json(move.at)) for move in step.executed]
+            for step in self.conductor.gatherer.steps
+        ]
+        expected: list[_Moves] = [
+            [(module, move.generator, move.at) for module, move in each.moves.items()]
+            for each in reference.rounds
+        ]
+        for number, (one, other) in enumerate(zip(found, expected, strict=False), 1):
+            if one != other:
+                why = f"round {number} has the moves {_named(one)}, without faults {_named(other)}"
+                return Failure("path", why)
+        rounds = len(found), len(expected)
+        if rounds[0] > rounds[1]:
+            return Failure("path", f"{rounds[0]} rounds, without faults {rounds[1]}")
+        ending = self.ending
+        expected_end = _end_of(reference)
+        if rounds[0] == rounds[1] and ending == expected_end:
+            return None
+        if ending is None or ending.ended != "failed":
+            return Failure("outcome", f"{_told(ending)}, without faults {_told(expected_end)}")
+        return None
+
+    def _blamed(self, reference: Played) -> Failure | None:
+        """Check that a run that failed was ended by a fault that may end it, and says so."""
+        ending = self.ending
+        if ending is None or ending.ended != "failed" or ending == _end_of(reference):
+            return None
+        line = ending.error or ""
+        ends = [fault for fault in self.network.fired if fault.kind in ENDING]
+        if not ends:
+            return Failure("ended", f"tolerable faults ended it: {line or 'without a line'}")
+        if not line or "\n" in line:
+            return Failure("line", f"ended without one clear line: {line!r}")
+        blamed = [fault.where.replace("_", " ") for fault in ends]
+        names = any(f"({name})" in line for name in blamed)
+        waits = "wait for others" in line or "waits for others" in line
+        if not names and not waits and all(fault.where != COORDINATOR for fault in ends):
+            return Failure("blame", f"the fault was of {', '.join(blamed)}, and it says: {line}")
+        return None
+
+    def _verified(self) -> Failure | None:
+        wrong = [check for check in verify(self.recording()).checks if not check.ok]
+        if not wrong:
+            return None
+        names = ", ".join(check.name for check in wrong)
+        return Failure(f"verify {wrong[0].name}", f"verify fails {names}: {wrong[0].detail}")
+
+    def recording(self) -> Recording:
+        """Return what was kept, and the results, as a recording."""
+        scenario = self.scenario
+        parameters = {
+            "system": self.scene.spec,
+            "family": self.scene.family,
+            "rule": scenario.rule,
+            "seed": str(scenario.seed),
+            "hesitate": str(scenario.hesitate),
+            "processes": str(scenario.processes),
+            "modules": str(len(self.scene.start)),
+            "max_rounds": str(scenario.max_rounds),
+            "faults": msgspec.json.encode(self.network.fired).decode(),
+        }
+        path = Path(f"{RUN}.mcap")
+        return Recording(path, parameters, self.scene, tuple(self._records), ())
+
+
+def _named(moves: _Moves) -> str:
+    return ", ".join(f"module_{module} {name} {at!r}" for module, name, at in moves) or "none"
+
+
+def _end_of(reference: Played) -> Ending:
+    if reference.failed is not None:
+        return Ending("failed", reference.failed.replace("module ", "module_"))
+    return Ending("goal" if reference.reached else "max-rounds")
+
+
+def _told(ending: Ending | None) -> str:
+    if ending is None:
+        return "no end"
+    return ending.ended + (f" ({ending.error})" if ending.error else "")
