@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
     from cubepath.coordinator.runs.films import (
@@ -24,6 +25,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "conductor": "Conductor Ending",
             "contents": "info render",
             "drawing": "PICTURE_SUFFIXES run_picture save_figure",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
@@ -37,6 +39,8 @@ __all__ = [
     "FILM_SUFFIXES",
     "FRAMES_PER_SECOND",
     "PICTURE_SUFFIXES",
+    "Conductor",
+    "Ending",
     "Gatherer",
     "Outcome",
     "Plan",

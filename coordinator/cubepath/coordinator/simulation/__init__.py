@@ -4,3 +4,21 @@ Room: coordinator. The nodes are those of a run, on a simulated wire. It imports
 `verification`, and of the agents `processes`, `rules` and the environment, which is the other way
 to the edge path of a run. The command `simulate` uses it.
 """
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.simulation.scenarios import Asked, check
+    from cubepath.coordinator.simulation.swarm import Kept, Tally, swarm
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "scenarios": "Asked check",
+            "swarm": "Kept Tally swarm",
+        },
+    )
+
+__all__ = ["Asked", "Kept", "Tally", "check", "swarm"]
