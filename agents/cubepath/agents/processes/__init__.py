@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cubepath.agents.processes.fleet import Fleet
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
-    from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
+    from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -22,8 +22,17 @@ else:
             "fleet": "Fleet",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
-            "pacer": "PATIENCE_S Pacer",
+            "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
         },
     )
 
-__all__ = ["OUTSIDE", "PATIENCE_S", "Fleet", "HostNode", "Orders", "Pacer", "dealt"]
+__all__ = [
+    "OUTSIDE",
+    "PATIENCE_S",
+    "PATIENCE_S_MAX",
+    "Fleet",
+    "HostNode",
+    "Orders",
+    "Pacer",
+    "dealt",
+]

@@ -47,7 +47,7 @@ from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 Spoken: TypeAlias = Literal["sense", "claim", "settle"]
 """The phases in which modules say something to each other."""
 _ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5}
-"""The phases of a round in their order; a process joins at the end of the round before the first."""
+"""The phases of a round in order; a process joins at the end of the round before the first."""
 _BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}
 """What must have been heard before a phase begins."""
 ASK_S_MIN, ASK_S_MAX = 1.0, 8.0
@@ -77,11 +77,11 @@ class HostNode:
         self._seed = seed
         self._actors: dict[int, Actor] = {}
         self._at = (round_number, _ORDER["join"])
-        self._phase = "join"
+        self._phase: str = "join"
         self._round = round_number
         self._pending: Go | None = None
         self._given: dict[int, Acts] = {}
-        self._said: dict[Spoken, dict[str, list[Put]]] = {}
+        self._said: dict[str, dict[str, list[Put]]] = {}
         self._heard: dict[tuple[int, str], dict[tuple[str, int, int], Said]] = {}
         self._answers: list[Put] = []
         self._delivered = False
@@ -346,17 +346,14 @@ class HostNode:
 
     def _waiting(self, round_number: int, phase: str) -> Put:
         """Say that the process is there, but cannot do the phase without others."""
-        if phase not in ("observe", "claim", "settle"):
-            raise AssertionError(f"nothing is awaited before {phase}")  # it would have begun
         message = Waiting(round_number, self._orders.process, phase)
         return Put(key_of(self._orders.run, message), encode(message))
 
     def _repeat(self) -> list[Effect]:
         """Say again all that was said in this phase."""
         said: list[Effect] = []
-        if self._phase in ("sense", "claim", "settle"):
-            for puts in self._said.get(self._phase, {}).values():
-                said += puts
+        for puts in self._said.get(self._phase, {}).values():
+            said += puts
         if not self._answers:
             said.append(self._waiting(self._round, self._phase))
         return [*said, *self._answers]
@@ -375,17 +372,21 @@ class HostNode:
         self._phase = go.phase
         self._answers = []
         before = self._go_on()
+        return [*before, *self._work(go)]
+
+    def _work(self, go: Go) -> list[Effect]:
+        """Do what is to be done in a phase."""
         match go.phase:
             case "sense":
-                return [*before, *self._sense(go.round)]
+                return self._sense(go.round)
             case "observe":
-                return [*before, *self._observe()]
+                return self._observe()
             case "claim":
-                return [*before, *self._claim()]
+                return self._claim()
             case "settle":
-                return [*before, *self._arbitrate()]
+                return self._arbitrate()
             case _:
-                return [*before, *self._end_schedule()]
+                return self._end_schedule()
 
     def _sense(self, round_number: int) -> list[Effect]:
         self._round = round_number

@@ -84,10 +84,9 @@ class Pacer:
 
     def start(self) -> list[Effect]:
         """Listen, and wait until all processes have joined."""
-        if self._hears_all:
-            keys = (everything(self._run),)
-        else:
-            keys = (topic_key(self._run, "ready"), topic_key(self._run, "waiting"))
+        keys: tuple[str, ...] = (everything(self._run),)
+        if not self._hears_all:
+            keys = tuple(topic_key(self._run, kind) for kind in ("ready", "waiting"))
         return [Listen(keys), Timer(self._ask_s)]
 
     # What is asked of the processes.

@@ -65,7 +65,6 @@ if TYPE_CHECKING:
         Site,
         in_order,
         pairs_from_json,
-        site_chunk,
         site_from_json,
         site_text,
         sites_from_json,
@@ -113,8 +112,7 @@ else:
                 "STANDARD_OUTPUT check_output is_special same_file unwritable written_whole"
             ),
             "sites": (
-                "Site in_order pairs_from_json site_chunk site_from_json site_text sites_from_json "
-                "to_json"
+                "Site in_order pairs_from_json site_from_json site_text sites_from_json to_json"
             ),
             "suggestions": "did_you_mean",
             "system": (
@@ -187,7 +185,6 @@ __all__ = [
     "region_of",
     "same_file",
     "schema_with_definitions",
-    "site_chunk",
     "site_from_json",
     "site_text",
     "sites_from_json",

@@ -7,9 +7,7 @@ A site is any JSON scalar or a tuple of sites: a lattice cell ``(q, r)``, a latt
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from functools import lru_cache
 from typing import Any
-from urllib.parse import quote
 
 import msgspec
 
@@ -75,15 +73,3 @@ def _order(site: Site) -> tuple[object, ...]:
     if isinstance(site, str):
         return (1, site)
     return (0, site)
-
-
-@lru_cache(maxsize=1 << 16)
-def site_chunk(place: Site) -> str:
-    """Return the chunk that names a place in a zenoh key expression.
-
-    No chunk may be empty or contain ``/ * $ ? #``; integers of a tuple are joined by ``,`` and
-    everything else is percent-encoded.
-    """
-    if isinstance(place, tuple) and place and all(type(item) is int for item in place):
-        return ",".join(str(item) for item in place)
-    return "'" + quote(site_text(place), safe=",[]-_.")

@@ -1,4 +1,4 @@
-"""What goes over zenoh: messages, key expressions and session settings.
+"""What goes over zenoh: messages, keys, session settings, nodes and the shells that carry them.
 
 Room: protocol. The bytes of a message are the same on the wire and on record. It imports `core`,
 and `path_files` for the certificate that a recording carries. Modules send these messages,
@@ -12,92 +12,120 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.protocol.wire.keys import (
+        addressees,
         everything,
-        heard_at,
         key_of,
-        topic_in,
+        to_region,
+        topic_in_key,
         topic_key,
         topic_of,
     )
     from cubepath.protocol.wire.messages import (
         Act,
+        Acts,
+        Again,
         Certified,
         Claim,
         Cube,
         Edges,
         Executed,
         Go,
-        Heard,
         Here,
         Message,
         Note,
+        Observations,
         Observed,
+        Part,
         Ready,
         Report,
+        Reports,
         Reset,
+        Said,
         Stopped,
         Summary,
         Verdict,
+        Waiting,
         decode,
         encode,
         kind_of,
+        parts_of,
         schema_of,
     )
+    from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Put, Timer
+    from cubepath.protocol.wire.router import Router
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
         open_client,
-        open_router,
         put,
         subscribe,
         wait_for_subscriber,
     )
+    from cubepath.protocol.wire.shell import Shell
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "keys": "everything heard_at key_of topic_in topic_key topic_of",
+            "keys": ("addressees everything key_of to_region topic_in_key topic_key topic_of"),
             "messages": (
-                "Act Certified Claim Cube Edges Executed Go Heard Here Message Note Observed Ready "
-                "Report Reset Stopped Summary Verdict decode encode kind_of schema_of"
+                "Act Acts Again Certified Claim Cube Edges Executed Go Here Message "
+                "Note Observations Observed Part Ready Report Reports Reset Said "
+                "Stopped Summary Verdict Waiting decode encode kind_of parts_of schema_of"
             ),
-            "sessions": (
-                "check_descriptors open_client open_router put subscribe wait_for_subscriber"
-            ),
+            "nodes": "Effect End Ignore Keep Listen Put Timer",
+            "router": "Router",
+            "sessions": "check_descriptors open_client put subscribe wait_for_subscriber",
+            "shell": "Shell",
         },
     )
 
 __all__ = [
     "Act",
+    "Acts",
+    "Again",
     "Certified",
     "Claim",
     "Cube",
     "Edges",
+    "Effect",
+    "End",
     "Executed",
     "Go",
-    "Heard",
     "Here",
+    "Ignore",
+    "Keep",
+    "Listen",
     "Message",
     "Note",
+    "Observations",
     "Observed",
+    "Part",
+    "Put",
     "Ready",
     "Report",
+    "Reports",
     "Reset",
+    "Router",
+    "Said",
+    "Shell",
     "Stopped",
     "Summary",
+    "Timer",
     "Verdict",
+    "Waiting",
+    "addressees",
     "check_descriptors",
     "decode",
     "encode",
     "everything",
-    "heard_at",
     "key_of",
     "kind_of",
     "open_client",
-    "open_router",
+    "parts_of",
     "put",
     "schema_of",
     "subscribe",
-    "topic_in",
+    "to_region",
+    "topic_in_key",
     "topic_key",
     "topic_of",
     "wait_for_subscriber",

@@ -175,7 +175,7 @@ class Waiting(msgspec.Struct, frozen=True, tag_field="kind", tag="waiting"):
 
     round: int
     process: int
-    phase: Literal["observe", "claim", "settle"]
+    phase: str
 
 
 class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):

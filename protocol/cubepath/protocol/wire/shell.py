@@ -58,7 +58,9 @@ class Shell:
     def close(self) -> None:
         """Undeclare everything, and close the session."""
         with contextlib.suppress(zenoh.ZError):  # the router may be gone
-            for declared in (*self._subscribers.values(), *self._publishers.values()):
+            for subscriber in self._subscribers.values():
+                subscriber.undeclare()
+            for declared in self._publishers.values():
                 declared.undeclare()
         self._subscribers.clear()
         self._publishers.clear()
@@ -99,9 +101,7 @@ class Shell:
                 case Put(key=key, data=data):
                     self._put(key, data)
                 case Keep():
-                    if self._keep is not None:
-                        data, wall_ns = self._received
-                        self._keep(effect, wall_ns if effect.data is data else time.time_ns())
+                    self._on_record(effect)
                 case Timer(seconds=seconds):
                     self._due = None if seconds is None else time.monotonic() + seconds
                 case Listen(keys=keys):
@@ -112,6 +112,11 @@ class Shell:
                         self._subscribers.pop(key).undeclare()
                 case End():
                     self.ended = True
+
+    def _on_record(self, kept: Keep) -> None:
+        if self._keep is not None:
+            data, wall_ns = self._received
+            self._keep(kept, wall_ns if kept.data is data else time.time_ns())
 
     def _put(self, key: str, data: bytes) -> None:
         found = self._publishers.pop(key, None)
