@@ -74,7 +74,7 @@ def _seeds(text: str) -> range:
 
 def _simulate(options: argparse.Namespace) -> int:
     from cubepath.coordinator.simulation.scenarios import Asked, check  # noqa: PLC0415
-    from cubepath.coordinator.simulation.swarm import Tally, swarm  # noqa: PLC0415
+    from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds  # noqa: PLC0415
 
     check_files(options, [])
     asked = Asked(options.system, options.rule, options.modules)
@@ -90,7 +90,9 @@ def _simulate(options: argparse.Namespace) -> int:
         try:
             # A rule that prints would print into the answer.
             with contextlib.redirect_stdout(sys.stderr):
-                for kept in swarm(options.seeds, asked, options.out, tally, failing=failing):
+                for kept in simulate_seeds(
+                    options.seeds, asked, options.out, tally, failing=failing
+                ):
                     if kept is not None:
                         bar.clear()
                         _tell(kept)

@@ -111,11 +111,14 @@ class Network:
         """Return by kind how many faults have happened."""
         return Counter(fault.kind for fault in self.fired)
 
-    def add(self, name: str, make: Callable[[], Node]) -> None:
-        """Add a process; the first is the one whose end is the end of the run."""
+    def add(self, name: str, make: Callable[[], Node], start_us: int = 0) -> None:
+        """Add a process that starts at a time; the end of the first is the end of the run."""
         process = Process(name, len(self._processes), make, make())
         self._processes.append(process)
         self._tables.append({})
+        self._at(start_us, self._start, process)
+
+    def _start(self, process: Process) -> None:
         self._take(process, lambda _: process.node.start(), None)
 
     def on_death(self, died: Died) -> None:
@@ -287,7 +290,7 @@ class Network:
         process.connected = self._router_up
         process.free_us = self.now_us
         self._remark(process.name, "back without memory")
-        self._take(process, lambda _: process.node.start(), None)
+        self._start(process)
 
     def _die(self, process: Process) -> None:
         process.alive = process.serving = False

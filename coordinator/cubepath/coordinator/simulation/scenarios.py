@@ -74,7 +74,7 @@ INSTANCES: Mapping[str, _Instance] = {
     "arms": lambda _modules, _: "arms:n=1",
     "polygon": lambda modules, _: f"polygon:n={min(modules, 9) + 3}",
     "triangulation": lambda modules, random: (
-        f"triangulation:n={min(modules, 8) + 2},seed={random.randrange(1, 4)}"
+        f"triangulation:n={min(max(modules, 4), 8) + 2},seed={random.randrange(1, 4)}"
     ),
     "words": _word,
     "assembly": _assembly,

@@ -22,7 +22,8 @@ from cubepath.coordinator.simulation.simulated import (
     simulate,
 )
 
-_RUNS_MAX = 300
+_RUNS_MAX = 250
+"""How many runs are tried in all."""
 _DRAWS = 12
 """How often faults are drawn anew for a scenario with fewer modules."""
 
@@ -81,14 +82,17 @@ class _Shrinking:
         for kind in sorted({fault.kind for fault in self.best.fired}):
             self._without(kind)
         parts = 2
-        while len(self.best.fired) > 1:
+        while len(self.best.fired) > 1 and self.left:
             size = -(-len(self.best.fired) // parts)
             if any(self._drop(start, size) for start in range(0, len(self.best.fired), size)):
                 parts = max(2, parts - 1)
             elif size == 1:
-                return
+                break
             else:
                 parts = min(2 * parts, len(self.best.fired))
+        fired = self.best.fired
+        if len(fired) > 1:
+            any(self._keep([fault]) for fault in fired)
 
     def _without(self, kind: str) -> bool:
         return self._keep([fault for fault in self.best.fired if fault.kind != kind])

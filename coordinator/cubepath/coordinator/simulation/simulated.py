@@ -39,6 +39,9 @@ from cubepath.protocol.wire.nodes import Node
 RUN = "simulated"
 COORDINATOR = "coordinator"
 PATIENCE_US = int(PATIENCE_S * SECOND_US)
+_START_US, _NEXT_START_US = 500, 50
+"""When the first module process is there, and how much later each other: the coordinator listens
+before it starts them."""
 MakeNode = Callable[[Orders, Scene], Node]
 """Makes the node of a module process; tests give nodes with a bug in them."""
 
@@ -193,7 +196,8 @@ class _Run:
             network.add(COORDINATOR, lambda: self._coordinator)
             for process, modules in enumerate(self._modules_of):
                 orders = self._orders(process, modules)
-                network.add(f"process_{process}", partial(self._make, orders, self.scene))
+                make = partial(self._make, orders, self.scene)
+                network.add(f"process_{process}", make, _START_US + process * _NEXT_START_US)
             network.on_death(self._coordinator.died)
             network.run(
                 _STEPS_MAX + rounds * _STEPS_A_ROUND, _TIME_US_MAX + rounds * _TIME_US_A_ROUND

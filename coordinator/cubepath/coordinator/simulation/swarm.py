@@ -104,7 +104,7 @@ def run_of(seed: int, asked: Asked = ANYTHING, *, make: MakeNode = host_node) ->
     return simulate(scenario, faults, fault_seed=seed, make=make)
 
 
-def swarm(
+def simulate_seeds(
     seeds: Iterable[int],
     asked: Asked,
     folder: Path,
