@@ -97,7 +97,7 @@ def test_listening_takes_effect_when_the_router_hears_of_it() -> None:
     network.add("process_1", lambda: other)
 
     class Answer(Talker):
-        def receive(self, _data: bytes) -> list[Effect]:
+        def receive(self, data: bytes) -> list[Effect]:  # noqa: ARG002
             return [Put("b", b"2"), Put("a", b"3")]
 
     network.add("process_2", lambda: Answer(box, Listen(("c",))))
@@ -258,7 +258,7 @@ def test_a_node_that_raises_is_told_from_one_that_ends() -> None:
             raise KeyError(data)
 
     class Ending(Talker):
-        def receive(self, _data: bytes) -> list[Effect]:
+        def receive(self, data: bytes) -> list[Effect]:  # noqa: ARG002
             raise CheckError("that is too much")
 
     def against(node: type[Talker]) -> Network:

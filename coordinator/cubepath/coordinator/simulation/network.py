@@ -85,8 +85,6 @@ class Network:
         self.now_us = 0
         self.steps = 0
         self.fired: list[Fault] = []
-        self.kept: list[tuple[int, Keep]] = []
-        """What the first process keeps, and when."""
         self.ended: CubepathError | None = None
         """The error with which the first process ended, if it did."""
         self._over = False
@@ -207,8 +205,7 @@ class Network:
             case Timer(seconds):
                 self._set_timer(process, seconds)
             case Keep():
-                if process.number == 0:
-                    self.kept.append((self.now_us, effect))
+                pass  # the node of the coordinator keeps it itself
             case End():
                 self._end(process, None)
 

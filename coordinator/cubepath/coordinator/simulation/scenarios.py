@@ -20,6 +20,8 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 
 _SMALL, _LARGE, _LARGE_RATE = (3, 4, 5, 6), 16, 0.05
 _PROCESSES_MAX = 6
+_TRIES = 20
+"""A scene that begins at its goal has no run, and another is drawn: so often at most."""
 _WITHOUT_GOAL = (3, 20)
 """The least and the greatest number of rounds of a rule that moves towards no goal."""
 _TO_GOAL = 1000
@@ -187,11 +189,12 @@ def _system(asked: Asked, random: Random) -> str:
     large = random.random() < _LARGE_RATE
     modules = asked.modules or (_LARGE if large else random.choice(_SMALL))
     family = asked.system or random.choice(_families(asked, large=large))
-    for _ in range(20):  # a scene that begins at its goal has no run
-        spec = INSTANCES[family](modules, random)
+    spec = INSTANCES[family](modules, random)
+    for _ in range(_TRIES):
         scene = built(spec)
         if not scene.reached(scene.start):
             break
+        spec = INSTANCES[family](modules, random)
     return spec
 
 

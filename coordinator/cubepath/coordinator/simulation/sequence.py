@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.runs.drawing import save_figure
@@ -34,6 +35,9 @@ _SPANS = {
     "return": ("#f6d5da", "crashed, comes back without memory"),
     "router": ("#f6d5da", "router down"),
 }
+_LEGEND = "dashed: the copy of a message; with a cross: lost"
+_LETTER_IN = 0.1
+"""In inches: the width of a letter of the title, at most."""
 _WIDE_IN, _LEFT_IN, _RIGHT_IN, _TOP_IN = 2.3, 0.9, 1.6, 1.0
 """In inches: the distance of two lifelines, and the margins."""
 _ROOM_US, _GAP_US = 250, 500
@@ -106,7 +110,9 @@ def sequence_picture(
         ylim=(scale.heights[-1] + 0.7 / _UNIT_IN, -_TOP_IN / _UNIT_IN),
     )
     more = f"; the first {left_out} messages are left out" if left_out else ""
-    figure.text(0.02, 1 - 0.25 / high, title + more, va="center", color=_INK, fontweight="bold")
+    lines = "\n".join(wrap(title + more, int(wide / _LETTER_IN)))
+    figure.text(0.02, 1 - 0.12 / high, lines, va="top", color=_INK, fontweight="bold")
+    figure.text(0.02, 0.12 / high, _LEGEND, va="bottom", color=_QUIET, fontsize=7.5)
     for name, lane in lanes.items():
         axes.plot((lane, lane), (0, scale.heights[-1]), color=_QUIET, linewidth=0.8, zorder=1)
         style: dict[str, Any] = {"ha": "center", "va": "bottom", "fontsize": 10}

@@ -190,7 +190,7 @@ def _new_name(folder: Path, stem: str) -> Path:
 
 
 def _short(title: str) -> str:
-    return title if len(title) <= 100 else title[:97] + "..."
+    return title if len(title) <= 160 else title[:157] + "..."
 
 
 def label(data: bytes) -> str:
