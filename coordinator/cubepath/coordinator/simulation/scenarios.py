@@ -24,7 +24,8 @@ _TRIES = 20
 """A scene that begins at its goal has no run, and another is drawn: so often at most."""
 _WITHOUT_GOAL = (3, 20)
 """The least and the greatest number of rounds of a rule that moves towards no goal."""
-_TO_GOAL = 1000
+_TO_GOAL, _TO_GOAL_LARGE = 1000, 150
+"""The most rounds of a rule that moves towards one; not all runs get there."""
 _HESITATE = (0.0, 0.0, 0.1, 0.25, 0.5)
 
 _Instance = Callable[[int, Random], str]
@@ -41,8 +42,10 @@ def _chain(name: str) -> _Instance:
 
 def _vehicles(name: str) -> _Instance:
     def spec(modules: int, random: Random) -> str:
-        side = ceil(sqrt(2.5 * modules))
-        graphs = [f"grid{side}x{side}", f"K{modules + 2}"]
+        side = ceil(sqrt(3 * modules))
+        graphs = [f"grid{side}x{side}"]
+        if modules < _LARGE:  # where all are neighbours, everybody hears everybody
+            graphs.append(f"K{modules + 2}")
         if name == "agv":  # labelled ones cannot pass each other on a cycle
             graphs.append(f"C{2 * modules}")
         graph = random.choice(graphs)
@@ -168,13 +171,14 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
     spec = _system(asked, random)
     scene = built(spec)
     rule = asked.rule or random.choice(_fitting(scene))
-    without_goal = rule == "random"
+    modules = len(scene.start)
+    to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
     return Scenario(
         system=spec,
         rule=rule,
-        processes=random.randint(1, min(len(scene.start), _PROCESSES_MAX)),
+        processes=random.randint(1, min(modules, _PROCESSES_MAX)),
         hesitate=random.choice(_HESITATE),
-        max_rounds=random.randint(*_WITHOUT_GOAL) if without_goal else _TO_GOAL,
+        max_rounds=random.randint(*_WITHOUT_GOAL) if rule == "random" else to_goal,
         seed=random.randrange(1 << 16),
     )
 
