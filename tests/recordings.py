@@ -11,10 +11,22 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from msgspec.structs import replace as with_fields
+
 from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.protocol.recordings.recording import Record, Recording, read_recording
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import Message, decode, encode
+from cubepath.protocol.wire.messages import (
+    Acts,
+    Message,
+    Observations,
+    Reports,
+    Said,
+    decode,
+    encode,
+    kind_of,
+    parts_of,
+)
 
 Where = Callable[[Any], object]
 Edit = Callable[[Any], Message | None]
@@ -56,11 +68,23 @@ def with_records(recording: Recording, records: Iterable[Record]) -> Recording:
     return replace(recording, records=tuple(kept))
 
 
-def first(recording: Recording, kind: str, where: Where = lambda _: True) -> Any:
-    """Return the first message of a kind of which `where` holds."""
-    return next(
-        message for record in recording.of_kind(kind) if where(message := decode(record.data))
+def parts(recording: Recording, *kinds: str) -> list[Any]:
+    """Return the messages of these kinds, among them what batches bring, in order; each once.
+
+    A part that is said to several regions stands in several batches.
+    """
+    found = dict.fromkeys(
+        encode(part)
+        for record in recording.records
+        for part in parts_of(decode(record.data))
+        if not kinds or kind_of(part) in kinds
     )
+    return [decode(data) for data in found]
+
+
+def first(recording: Recording, kind: str, where: Where = lambda _: True) -> Any:
+    """Return the first message of a kind of which `where` holds, a part of a batch or its own."""
+    return next(message for message in parts(recording, kind) if where(message))
 
 
 def record_of(message: Message, round_number: int | None = None) -> Record:
@@ -70,20 +94,42 @@ def record_of(message: Message, round_number: int | None = None) -> Record:
 
 
 def edited(recording: Recording, old: Message, *new: Message) -> Recording:
-    """Return the recording with one message replaced by others, or by none."""
-    place = [decode(record.data) for record in recording.records].index(old)
-    records = list(recording.records)
-    records[place : place + 1] = [record_of(message) for message in new]
+    """Return the recording with one message replaced by others, or by none.
+
+    A part is replaced in every batch that brings it.
+    """
+
+    def edit(message: Any) -> list[Message]:
+        return list(new) if message == old else [message]
+
+    records = _edited(recording, edit)
+    assert records != list(recording.records), "there is no such message"
     return with_records(recording, records)
 
 
 def all_edited(recording: Recording, kind: str, edit: Edit) -> Recording:
     """Return the recording with every message of a kind as `edit` makes it; None drops it."""
+
+    def each(message: Any) -> list[Message]:
+        if kind_of(message) != kind:
+            return [message]
+        made = edit(message)
+        return [] if made is None else [made]
+
+    return with_records(recording, _edited(recording, each))
+
+
+def _edited(recording: Recording, edit: Callable[[Any], list[Message]]) -> list[Record]:
+    """Return the records with every message, or every part of it, as `edit` makes it."""
     records: list[Record] = []
     for record in recording.records:
-        message = edit(decode(record.data)) if record.kind == kind else None
-        if record.kind != kind:
+        message: Any = decode(record.data)
+        made = [each for part in parts_of(message) for each in edit(part)]
+        if isinstance(message, Said | Reports | Observations | Acts):
+            made = [with_fields(message, parts=made)] if made != message.parts else [message]
+            made = edit(made[0])
+        if made == [message]:
             records.append(record)
-        elif message is not None:
-            records.append(record_of(message))
-    return with_records(recording, records)
+        else:
+            records += [record_of(each) for each in made]
+    return records

@@ -15,7 +15,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.lattice import LatticeSystem
 from cubepath.protocol.wire.messages import Report, Summary, decode
-from recordings import new_path, recorded
+from recordings import new_path, parts, recorded
 
 CHAIN = ("hex:n=5", "chain", 60)
 VEHICLES = ("agv:graph=grid5x5,n=5", "tswap", 60)
@@ -106,9 +106,7 @@ def a_place_on_the_way(recording: Recording, rounds: int) -> Site:
 
 def reports_of(recording: Recording) -> list[Report]:
     """Return all reports, in order of round and module."""
-    found = [decode(record.data) for record in recording.of_kind("report")]
-    reports = [report for report in found if isinstance(report, Report)]
-    return sorted(reports, key=lambda report: (report.round, report.module))
+    return sorted(parts(recording, "report"), key=lambda report: (report.round, report.module))
 
 
 def summary_of(recording: Recording) -> Summary:

@@ -13,8 +13,8 @@ from cubepath.coordinator.verification.recording import Verification, verify
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Claim, Cube, Heard, decode
-from recordings import all_edited, edited, first, recorded, with_records
+from cubepath.protocol.wire.messages import Claim, Cube, Heard, Report, Said, decode
+from recordings import all_edited, edited, first, parts, record_of, recorded, with_records
 
 Tampering = Callable[[], Recording]
 TAMPERINGS: list[Any] = []
@@ -52,8 +52,7 @@ def moved(message: Any) -> bool:
 
 def reports_in(recording: Recording, number: int) -> list[Any]:
     """Return the reports of a round."""
-    found = (decode(record.data) for record in recording.of_kind("report"))
-    return [report for report in found if report.round == number]
+    return [report for report in parts(recording, "report") if report.round == number]
 
 
 # The file and its messages.
@@ -68,7 +67,7 @@ def a_problem_when_reading() -> Recording:
 def a_message_that_is_none() -> Recording:
     whole = crowd()
     records = list(whole.records)
-    place = records.index(next(whole.of_kind("claim")))
+    place = next(n for n, each in enumerate(records) if b'"claim","round":1' in each.data)
     records[place] = with_fields(records[place], data=b'{"kind":"clam"}')
     return with_records(whole, records)
 
@@ -126,8 +125,7 @@ def a_report_is_missing() -> Recording:
 
 @tampers("reports")
 def the_last_report_is_missing() -> Recording:
-    last = decode(list(crowd().of_kind("report"))[-1].data)
-    return edited(crowd(), last)
+    return edited(crowd(), parts(crowd(), "report")[-1])
 
 
 @tampers("reports")
@@ -214,7 +212,7 @@ def nobody_says_that_it_is_here() -> Recording:
     return edited(crowd(), first(crowd(), "here", lambda message: message.round == 2))
 
 
-@tampers("said", "deliveries")
+@tampers("said")
 def a_module_speaks_from_elsewhere() -> Recording:
     claim = first(crowd(), "claim")
     report = first(crowd(), "report", lambda m: m.module != claim.module)
@@ -278,13 +276,14 @@ def a_verdict_on_no_claim() -> Recording:
     verdict = replace(
         first(whole, "verdict"), round=report.round, module=report.module, site=report.before
     )
-    return edited(whole, report, verdict, report)
+    said = Said(report.round, "settle", 0, "0,0", 9, [verdict])
+    return with_records(whole, [*whole.records, record_of(said)])
 
 
 @tampers("claims")
 def a_claim_that_is_not_admissible() -> Recording:
     whole = crowd()
-    for claim in (decode(record.data) for record in whole.of_kind("claim")):
+    for claim in parts(whole, "claim"):
         assert isinstance(claim, Claim)
         occupied = [site_from_json(report.before) for report in reports_in(whole, claim.round)]
         for move in whole.scene.system.moves(site_from_json(claim.site)):
@@ -322,29 +321,39 @@ def heard_from_far_away() -> Recording:
                 *system.sensed(site_from_json(report.before))
             }
             if far and other.module != report.module:
-                heard = [*report.heard, Heard("here", other.module, other.before)]
-                return edited(whole, report, replace(report, heard=heard))
+                return edited(whole, report, hearing(report, "here", other.module))
     raise AssertionError("everybody senses everybody")
+
+
+def hearing(report: Report, kind: str, module: int) -> Report:
+    """Return the report with one more delivery."""
+    assert isinstance(report.heard, dict)
+    heard = {**report.heard, kind: [*report.heard.get(kind, []), module]}
+    return replace(report, heard=heard)
 
 
 @tampers("deliveries")
 def heard_what_nobody_said() -> Recording:
     report = first(crowd(), "report", lambda message: message.heard)
-    heard = [*report.heard, Heard("verdict", report.heard[0].module, report.heard[0].site)]
-    return edited(crowd(), report, replace(report, heard=heard))
+    return edited(crowd(), report, hearing(report, "verdict", report.heard["here"][0]))
 
 
 @tampers("deliveries")
 def heard_from_another_place() -> Recording:
-    report = first(crowd(), "report", lambda message: message.heard)
-    heard = [replace(report.heard[0], site=report.before), *report.heard[1:]]
+    # In format 1 a report says where those stood whom it heard.
+    whole = crowd()
+    report = first(whole, "report", lambda message: message.heard)
+    stood = {each.module: each.before for each in reports_in(whole, report.round)}
+    heard = [Heard(kind, module, stood[module]) for kind, module, _ in report.deliveries()]
+    heard[0] = replace(heard[0], site=report.before)
     return edited(crowd(), report, replace(report, heard=heard))
 
 
 @tampers("deliveries")
 def heard_twice() -> Recording:
     report = first(crowd(), "report", lambda message: message.heard)
-    return edited(crowd(), report, replace(report, heard=[report.heard[0], *report.heard]))
+    kind, module, _ = next(iter(report.deliveries()))
+    return edited(crowd(), report, hearing(report, kind, module))
 
 
 @tampers("deliveries")
@@ -358,11 +367,12 @@ def a_verdict_heard_that_was_for_others() -> Recording:
             m.round == verdict.round and m.module != verdict.module and m.before not in verdict.to
         ),
     )
-    heard = [*report.heard, Heard("verdict", verdict.module, verdict.site)]
-    return edited(whole, report, replace(report, heard=heard))
+    return edited(whole, report, hearing(report, "verdict", verdict.module))
 
 
 @tampers("hearing")
 def a_message_missed() -> Recording:
     report = first(crowd(), "report", lambda message: message.heard)
-    return edited(crowd(), report, replace(report, heard=report.heard[1:]))
+    kind = next(iter(report.heard))
+    heard = {**report.heard, kind: report.heard[kind][1:]}
+    return edited(crowd(), report, replace(report, heard=heard))

@@ -18,7 +18,8 @@ from cubepath.agents import parallel_env
 from cubepath.agents.environments.rollout import Played, play
 from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.agents.local.module import ProtocolError
-from cubepath.agents.processes.fleet import Fleet, ProcessDied
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
@@ -26,7 +27,7 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.registry import all_families
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import everything
-from cubepath.protocol.wire.messages import Report, decode
+from cubepath.protocol.wire.messages import Message, Report, decode, parts_of
 from cubepath.protocol.wire.sessions import open_client, subscribe
 from local_families import LOCAL_FAMILIES
 
@@ -61,10 +62,8 @@ def reports_of(
     """Return all reports of a run on the wire, in order of round and module."""
     found: list[Report] = []
 
-    def sink(topic: str, data: bytes, wall_ns: int) -> None:
-        message = decode(data)
-        if isinstance(message, Report):
-            found.append(message)
+    def sink(message: Message, data: bytes, wall_ns: int) -> None:
+        found.extend(part for part in parts_of(message) if isinstance(part, Report))
 
     with Fleet(scene, rule, seed=seed, hesitate=hesitate, processes=processes, sink=sink) as fleet:
         for _ in fleet.rounds(rounds):
@@ -112,17 +111,20 @@ def reports_of_seeds(
     """Yield the reports of the seeds 0, 1, ... on one fleet, each as many rounds as were played."""
     found: list[Report] = []
 
-    def sink(topic: str, data: bytes, wall_ns: int) -> None:
-        message = decode(data)
-        if isinstance(message, Report):
-            found.append(message)
+    def sink(message: Message, data: bytes, wall_ns: int) -> None:
+        found.extend(part for part in parts_of(message) if isinstance(part, Report))
 
     with Fleet(scene, rule, seed=0, hesitate=hesitate, processes=processes, sink=sink) as fleet:
         for seed, one in enumerate(played):
             fleet.reset(seed)
+            before = fleet.round
             for _ in fleet.rounds(len(one.rounds)):
                 pass
-            yield sorted(found, key=lambda report: (report.round, report.module))
+            # On the wire rounds go on counting.
+            yield sorted(
+                (replace(report, round=report.round - before) for report in found),
+                key=lambda report: (report.round, report.module),
+            )
             found.clear()
 
 
@@ -166,12 +168,13 @@ def test_nothing_is_delivered_from_beyond_the_radius(spec: str) -> None:
     system = scene.system
     reports = reports_of(scene, "random", seed=5, hesitate=0.0, processes=2, rounds=25)
     heard = 0
+    stood = {(report.round, report.module): report.before for report in reports}
     for report in reports:
         place = system.place_of(site_from_json(report.before))
         near = {"here": system.sensed(place)}
-        for one in report.heard:
-            sender = system.place_of(site_from_json(one.site))
-            assert sender in near.get(one.kind, system.reach(place))
+        for kind, speaker, _ in report.deliveries():
+            sender = system.place_of(site_from_json(stood[report.round, speaker]))
+            assert sender in near.get(kind, system.reach(place))
             heard += 1
     assert heard > 100
 
@@ -194,7 +197,7 @@ def test_everyone_sensed_is_heard(spec: str) -> None:
                 continue
             sensed = set(system.sensed(there[report.module]))
             expected = {module for module, place in there.items() if place in sensed}
-            assert {h.module for h in report.heard if h.kind == "here"} == expected
+            assert {m for kind, m, _ in report.deliveries() if kind == "here"} == expected
 
 
 @contextmanager
@@ -226,8 +229,7 @@ def test_a_coordinator_that_hears_nothing_changes_nothing() -> None:
         overheard: list[Report] = []
         while len(overheard) < len(told):
             message = decode(found.get(timeout=10))
-            if isinstance(message, Report):
-                overheard.append(message)
+            overheard += [part for part in parts_of(message) if isinstance(part, Report)]
     overheard.sort(key=lambda report: (report.round, report.module))
     assert overheard == told
     assert wire_path(told)
@@ -239,7 +241,7 @@ def test_a_killed_process_is_named_and_the_others_end() -> None:
     scene = scene_from_spec("hex:n=4")
     pids: list[int] = []
     with (
-        pytest.raises(ProcessDied, match=r"module_1, module_3 \(process 1\) died .*signal 9"),
+        pytest.raises(ProcessDied, match=r"module_2, module_3 \(process 1\) died .*signal 9"),
         Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet,
     ):
         pids += fleet.pids
@@ -285,10 +287,8 @@ def test_runs_side_by_side_do_not_hear_each_other() -> None:
     both: list[list[Report]] = [[], []]
 
     def sink_to(found: list[Report]) -> object:
-        def sink(topic: str, data: bytes, wall_ns: int) -> None:
-            message = decode(data)
-            if isinstance(message, Report):
-                found.append(message)
+        def sink(message: Message, data: bytes, wall_ns: int) -> None:
+            found.extend(part for part in parts_of(message) if isinstance(part, Report))
 
         return sink
 
@@ -334,7 +334,7 @@ def test_a_report_of_a_move_that_is_none_is_refused() -> None:
     """By name from where it says it stood, and to where it says it stands."""
     world = WireWorld(scene_from_spec("agv:graph=P3,n=1"), seed=0, processes=0)
     try:
-        told = Report(1, 0, 0, 1, "granted", GeneratorPlacement("edge", [0, 1]), [])
+        told = Report(1, 0, 0, 1, "granted", GeneratorPlacement("edge", [0, 1]), {})
         assert world._made(told) == world.scene.system.move_named(0, "edge", (0, 1))
         assert world._made(replace(told, move=None)) is None
         for wrong in (

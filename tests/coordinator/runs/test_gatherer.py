@@ -13,8 +13,8 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.gatherer import Gatherer, gathered
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.wire.messages import Report, decode
-from recordings import edited, first, recorded, with_records
+from cubepath.protocol.wire.messages import Report
+from recordings import edited, first, parts, recorded, with_records
 
 SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
 
@@ -22,8 +22,7 @@ SPECS = ("agv:graph=grid4x4,n=7", "hex-open:n=5", "arm:n=6")
 @cache
 def reports(spec: str) -> tuple[Report, ...]:
     """Return the reports of a real run."""
-    found = (decode(record.data) for record in recorded(spec).of_kind("report"))
-    return tuple(report for report in found if isinstance(report, Report))
+    return tuple(parts(recorded(spec), "report"))
 
 
 def fed(spec: str, arriving: list[Report]) -> Gatherer:
@@ -95,13 +94,13 @@ def test_gathering_a_recording_names_what_is_wrong_in_it() -> None:
     whole = recorded(SPECS[0])
     assert gathered(whole).digest == first(whole, "summary").path_digest
     report = first(whole, "report")
-    with pytest.raises(CheckError, match=r"report \d+ \(report/module_\d\): .* differently"):
+    with pytest.raises(CheckError, match=r"report \d+ \(reports/process_0\): .* differently"):
         gathered(edited(whole, report, report, replace(report, failed="no")))
     broken = [
         type(each)(each.topic, b"{}", each.round, each.wall_ns, each.sequence)
-        for each in whole.of_kind("report")
+        for each in whole.of_kind("reports")
     ]
-    with pytest.raises(InputError, match=r"report 0 \(report/module_\d\): not a cubepath message"):
+    with pytest.raises(InputError, match=r"report 0 \(reports/process_0\): not a cubepath message"):
         gathered(with_records(whole, broken))
 
 

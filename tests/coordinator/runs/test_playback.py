@@ -26,7 +26,7 @@ from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import decode
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
-from recordings import all_edited, edited, first, recorded, with_records
+from recordings import all_edited, edited, first, parts, recorded, with_records
 
 REAL = [
     ("agv:graph=grid4x4,n=7", "tswap"),
@@ -86,7 +86,7 @@ def test_listeners_outside_hear_the_very_bytes_on_the_keys_they_had() -> None:
 
         assert replay(recording, announce=listen).same
         expected = [
-            (key_of(runs[0], recording.scene.system, decode(record.data)), record.data)
+            (key_of(runs[0], decode(record.data)), record.data)
             for record in recording.of_kind(*SAID)
         ]
         got: list[tuple[str, bytes]] = []
@@ -139,9 +139,9 @@ def test_replays_side_by_side_do_not_mix() -> None:
 
 def test_only_the_kinds_asked_for_are_put() -> None:
     """Reports alone are enough for the result."""
-    found = replay(crowd(), kinds=["report"])
+    found = replay(crowd(), kinds=["reports"])
     assert found.same
-    assert found.messages == len(list(crowd().of_kind("report")))
+    assert found.messages == len(list(crowd().of_kind("reports")))
 
 
 def test_a_rate_paces_the_rounds() -> None:
@@ -186,7 +186,7 @@ def test_progress_is_told_of_every_message() -> None:
     [
         ({"rate": 0.0}, "rate=0.0: expected more than 0"),
         ({"rate": float("nan")}, "rate=nan: expected more than 0"),
-        ({"kinds": ["reports"]}, "unknown kind 'reports', expected some of here"),
+        ({"kinds": ["rapports"]}, "unknown kind 'rapports', expected some of said"),
         ({"kinds": ["here"]}, "without reports there is nothing to gather"),
         ({"endpoint": "nonsense"}, "endpoint=nonsense: expected tcp/HOST:PORT"),
     ],
@@ -224,7 +224,7 @@ def test_what_differs_from_the_record_is_named() -> None:
     report = first(whole, "report", lambda each: each.move)
     other = replace(report, move=GeneratorPlacement("edge", [[0, 0], [1, 0]]))
     assert "path_digest is" in differences(edited(whole, report, other))
-    last = decode(list(whole.of_kind("report"))[-1].data)
+    last = parts(whole, "report")[-1]
     assert "not all modules reported it" in differences(edited(whole, last))
 
 
@@ -249,8 +249,8 @@ def recovered(recording: Recording) -> Recording:
 def test_what_was_recovered_is_compared_as_far_as_it_goes() -> None:
     """Cut off anywhere it is the same, and not complete; what is on record still counts."""
     whole = crowd()
-    last = {kind: list(whole.of_kind(kind))[-1].sequence for kind in ("report", "cube")}
-    for end in (len(whole.records) // 2, last["report"] + 1, last["cube"], last["cube"] + 1):
+    last = {kind: list(whole.of_kind(kind))[-1].sequence for kind in ("reports", "cube")}
+    for end in (len(whole.records) // 2, last["reports"] + 1, last["cube"], last["cube"] + 1):
         found = replay(recovered(with_records(whole, whole.records[:end])))
         assert (found.same, found.complete, found.differences) == (True, False, ())
         assert found.result == "the same as recorded, as far as it goes"
@@ -273,9 +273,9 @@ def test_what_is_no_message_is_refused_by_name() -> None:
     """A message that does not decode cannot be put on any key."""
     whole = crowd()
     records = [*whole.records]
-    place = records.index(next(whole.of_kind("note")))
+    place = records.index(next(whole.of_kind("said")))
     records[place] = with_fields(records[place], data=b"[]")
-    with pytest.raises(InputError, match=r"message \d+ \(note/module_\d\): not a cubepath message"):
+    with pytest.raises(InputError, match=r"message \d+ \(said/process_0\): not a cubepath message"):
         replay(with_records(whole, records))
     report = first(whole, "report")
     with pytest.raises(CheckError, match="twice, and differently"):

@@ -29,7 +29,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
 from cubepath.protocol.wire.messages import Cube, Executed, decode
-from recordings import all_edited, edited, first, record_of, recorded, with_records
+from recordings import all_edited, edited, first, parts, record_of, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 
 SUMMARY: dict[str, Any] = {
@@ -191,7 +191,7 @@ def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
 def test_any_value_changed_in_any_message_is_found(data: st.DataObject) -> None:
     """Whatever single value is changed to whatever else: never a traceback, never ok."""
     whole = crowd()
-    kinds = ("here", "claim", "verdict", "report", "edges", "cube", "summary")
+    kinds = ("said", "reports", "edges", "cube", "summary")
     place = data.draw(
         st.sampled_from([n for n, each in enumerate(whole.records) if each.kind in kinds])
     )
@@ -271,7 +271,7 @@ def test_whatever_is_cut_off_only_the_end_is_missing() -> None:
 def test_a_run_ended_from_outside_may_stop_in_a_round() -> None:
     """An interrupted run with a summary is complete, though its last round is not."""
     whole = crowd()
-    last = decode(list(whole.of_kind("report"))[-1].data)
+    last = parts(whole, "report")[-1]
     before = with_records(
         whole,
         [

@@ -14,7 +14,7 @@ from cubepath.coordinator.verification.transcript import transcript_of
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Go, decode
+from cubepath.protocol.wire.messages import Go, Report
 from recordings import edited, first, record_of, with_records
 from schedules import VEHICLES, original
 from tamperings import failing, moved
@@ -91,7 +91,7 @@ def test_a_stop_is_for_a_move_that_was_due_and_not_made() -> None:
     """In a round of the schedule, of its cube, and nobody has made it."""
     whole = stopped()
     stop = first(whole, "summary").schedule_stopped
-    made = decode(first_made(whole))
+    made = first_made(whole)
     placed = made.move  # type: ignore[union-attr]
     wrong = "it did not stop for edge: not due, or it was made"
     for change in (replace(stop, round=1), replace(stop, round=99), replace(stop, round=0)):
@@ -109,14 +109,13 @@ def test_a_schedule_may_stop_in_its_last_cube() -> None:
     assert told(with_summary(shorter, schedule_cubes=stop.round)) == ""
 
 
-def first_made(recording: Recording) -> bytes:
+def first_made(recording: Recording) -> Report:
     """Return the report of a move in the round in which the schedule stopped."""
     stop = first(recording, "summary").schedule_stopped
-    for record in recording.of_kind("report"):
-        report = decode(record.data)
-        if report.round == stop.round and report.move is not None:  # type: ignore[union-attr]
-            return record.data
-    raise AssertionError("nobody moved in that round")
+    found: Report = first(
+        recording, "report", lambda each: each.round == stop.round and each.move is not None
+    )
+    return found
 
 
 def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:

@@ -135,10 +135,10 @@ class HostNode:
             topic_key(orders.run, "go", "coordinator"),
             topic_key(orders.run, "go", f"process_{orders.process}"),
             topic_key(orders.run, "again", "all"),
+            topic_key(orders.run, "reset", "coordinator"),
+            topic_key(orders.run, "reset", f"process_{orders.process}"),
         ]
         if self._rule is None:
-            keys.append(topic_key(orders.run, "reset", "coordinator"))
-            keys.append(topic_key(orders.run, "reset", f"process_{orders.process}"))
             keys.append(topic_key(orders.run, "acts", f"process_{orders.process}"))
         return [Listen((*keys, *self._keys_of(self._within))), *self._join()]
 
@@ -337,12 +337,26 @@ class HostNode:
             return self._repeat()
         if at < self._at:
             return []
+        self._check_follows(go)
         asked_again = self._pending is not None
         self._pending = go
         found = self._try_to_begin()
         if asked_again and self._pending is not None:
             found.append(self._waiting(go.round, go.phase))
         return found
+
+    def _check_follows(self, go: Go) -> None:
+        """Check that the phase is the next one; the process has lost its memory if it is not."""
+        first = go.phase in ("sense", "over")
+        if first:
+            due = self._answers and self._phase in ("settle", "join", "over")
+        else:
+            due = self._phase in (("claim",) if go.phase == "settle" else ("sense", "observe"))
+        if not due or go.round != self._round + (go.phase == "sense"):
+            raise ProtocolError(
+                f"process_{self._orders.process}: asked for phase {go.phase} of round {go.round}"
+                f" in phase {self._phase} of round {self._round}: it came back without its memory"
+            )
 
     def _waiting(self, round_number: int, phase: str) -> Put:
         """Say that the process is there, but cannot do the phase without others."""

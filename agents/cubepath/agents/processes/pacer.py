@@ -219,6 +219,7 @@ class Pacer:
         missing = [each for each in range(len(self._modules_of)) if each not in self._through]
         if self._waited_s >= self._patience_s:
             raise ProcessDied(self._too_late(missing))
+        self._there.clear()  # whoever still waits says so again
         found: list[Effect] = []
         if self._go is not None:  # processes join by themselves, and say so until they are heard
             data = encode(self._go)
@@ -233,10 +234,12 @@ class Pacer:
 
     def _too_late(self, missing: list[int]) -> str:
         # Others may be waiting for the one that is late: these have said so.
-        late = [process for process in missing if process not in self._there] or missing
+        silent = [process for process in missing if process not in self._there]
+        late = silent or missing
         names = ", ".join(self.name(process) for process in late)
         what = f"phase {self.phase} of round {self.round}"
-        return f"no answer within {self._patience_s:g} s to {what} from {names}"
+        line = f"no answer within {self._patience_s:g} s to {what} from {names}"
+        return line if silent else f"{line}, waiting for others"
 
     def died(self, process: int, how: str) -> ProcessDied:
         """Return the error for a process that has ended."""
