@@ -259,10 +259,11 @@ class _Run:
             return Failure("ended", f"tolerable faults ended it: {line or 'without a line'}")
         if not line or "\n" in line:
             return Failure("line", f"ended without one clear line: {line!r}")
-        blamed = [fault.where.replace("_", " ") for fault in ends]
-        names = any(f"({name})" in line for name in blamed)
-        waits = "wait for others" in line or "waits for others" in line
-        if not names and not waits and all(fault.where != COORDINATOR for fault in ends):
+        blamed = sorted({fault.where for fault in ends})
+        # A process is named by itself, or with its modules by the coordinator.
+        names = any(f"{name}:" in line or f"({name.replace('_', ' ')})" in line for name in blamed)
+        waits = line.endswith("waiting for others")  # those who said nothing are not known
+        if not names and not waits and blamed != [COORDINATOR]:
             return Failure("blame", f"the fault was of {', '.join(blamed)}, and it says: {line}")
         return None
 
