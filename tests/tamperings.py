@@ -67,7 +67,11 @@ def a_problem_when_reading() -> Recording:
 def a_message_that_is_none() -> Recording:
     whole = crowd()
     records = list(whole.records)
-    place = next(n for n, each in enumerate(records) if b'"claim","round":1' in each.data)
+    place = next(
+        n
+        for n, each in enumerate(records)
+        if b'"phase":"claim"' in each.data and each.kind == "said"
+    )
     records[place] = with_fields(records[place], data=b'{"kind":"clam"}')
     return with_records(whole, records)
 

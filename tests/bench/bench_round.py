@@ -1,10 +1,14 @@
-"""How long a lockstep round takes, against the bare zenoh round trips that it needs.
+"""What a lockstep round costs in processor time, against the same bytes and work without a protocol.
 
     python tests/bench/bench_round.py [--quick]
 
-A round is three phases; each begins when the coordinator says so to every process and ends when
-every process has answered. The floor is that alone, measured in the same run: as many processes
-that answer at once, three times a round. What lies above it is what the modules say and do.
+All processes count: modules, router and coordinator. A *round* is the real thing, with the
+recording. Its *floor* is made from that run, in the same run: as many processes put the same bytes
+on the same keys, a batch for each phase and region, observe and choose for the same modules from
+where these really stood, and the coordinator records; nobody decodes, dispatches, arbitrates or
+checks anything. The *wire* is the floor without observing, choosing and recording; *0.1.0* is what
+the wire took before modules were dealt out by place and spoke in batches: each part a message of
+its own, on a key that names all its places, and a subscription with wildcards for each module.
 
 Below, what the coordinator spends to find the action of a move that is reported, in processor time:
 the first time that this run is gathered, when some of its actions are new, and again. The floor is
@@ -14,93 +18,309 @@ a look-up in a plain dictionary by generator and place.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import multiprocessing as mp
+import os
+import resource
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
 from queue import SimpleQueue
+from tempfile import TemporaryDirectory
 
 import msgspec
 import zenoh
 from tqdm import tqdm
 
 from cubepath.agents.environments.rollout import play
+from cubepath.agents.local.observation import goal_sets, observe
+from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.uniform import RANDOM
+from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.sessions import open_client, open_router, put, subscribe
+from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_of
+from cubepath.protocol.wire.messages import (
+    Go,
+    Message,
+    Ready,
+    Report,
+    Reports,
+    Said,
+    encode,
+    parts_of,
+)
+from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sessions import open_client, publisher, put, subscribe
 
-PROCESSES = 4
-PHASES = 3
+PHASES = ("sense", "claim", "settle")
+RUN = "bench"
+Puts = list[tuple[str, bytes]]
 
 
-def echo(endpoint: str, number: int) -> None:
-    """Answer every `go` at once, until one says stop."""
+def cpu_s(pid: int) -> float:
+    """Return the processor time of a process so far, of all its threads (Linux)."""
+    return time.clock_gettime((~pid << 3) | 2)
+
+
+@dataclass
+class Recorded:
+    """A real run: what each process put in each phase, and where modules stood in each round."""
+
+    scene: Scene
+    rounds: int
+    processes: int
+    puts: dict[tuple[int, int, str], Puts] = field(default_factory=dict)
+    """By process, round and phase."""
+    gos: dict[tuple[int, str], bytes] = field(default_factory=dict)
+    sites: dict[int, dict[int, Site]] = field(default_factory=dict)
+    """By round, then by module."""
+    messages: int = 0
+    parts: int = 0
+    cpu_ms: float = 0.0
+    wall_ms: float = 0.0
+
+    def take(self, message: Message, data: bytes) -> None:
+        """Note a message."""
+        phase = {"reports": "settle"}.get(topic_of(message).partition("/")[0])
+        if isinstance(message, Go):
+            self.gos[message.round, message.phase] = data
+        elif isinstance(message, Said | Ready | Reports):
+            at = (message.process, message.round, phase or getattr(message, "phase", ""))
+            self.puts.setdefault(at, []).append((key_of(RUN, message), data))
+        for part in parts_of(message):
+            if isinstance(part, Report):
+                self.sites.setdefault(part.round, {})[part.module] = site_from_json(part.before)
+            self.parts += isinstance(message, Said | Reports)
+        self.messages += 1
+
+
+def real(spec: str, processes: int, rounds: int) -> Recorded:
+    """Run modules over zenoh, recorded and gathered, and return what was said and what it cost."""
+    scene = scene_from_spec(spec)
+    found = Recorded(scene, rounds, processes)
+    gatherer = Gatherer(scene)
+    kept: list[tuple[Message, bytes]] = []
+    with (
+        TemporaryDirectory() as folder,
+        RecordingWriter(Path(folder) / "run.mcap", scene, {}) as writer,
+    ):
+
+        def sink(message: Message, data: bytes, wall_ns: int) -> None:
+            writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
+            if isinstance(message, Reports):
+                for report in message.parts:
+                    gatherer.receive(report)
+            kept.append((message, data))
+
+        with Fleet(scene, "random", processes=processes, sink=sink) as fleet:
+            pids = [os.getpid(), *fleet.pids]
+            times, walls = [], []
+            fleet.play_round()  # whatever is done once is done
+            for _ in range(rounds):
+                before, began = sum(map(cpu_s, pids)), time.perf_counter()
+                fleet.play_round()
+                times.append(sum(map(cpu_s, pids)) - before)
+                walls.append(time.perf_counter() - began)
+    for message, data in kept:
+        found.take(message, data)
+    found.cpu_ms = statistics.median(times) * 1e3
+    found.wall_ms = statistics.median(walls) * 1e3
+    return found
+
+
+# The floor.
+
+
+@dataclass(frozen=True)
+class Part:
+    """What one process of the floor is given."""
+
+    endpoint: str
+    number: int
+    spec: str
+    modules: list[int]
+    rounds: int
+    puts: dict[tuple[int, str], Puts]
+    sites: dict[int, dict[int, Site]]
+    listen: list[str]
+    work: bool
+
+
+def floor_process(part: Part) -> None:
+    """Put what was put at every go; observe and choose before claims, if there is work to do."""
     heard: SimpleQueue[bytes] = SimpleQueue()
 
     def enqueue(sample: zenoh.Sample) -> None:
         heard.put(sample.payload.to_bytes())
 
-    with open_client(endpoint) as session:
-        subscriber = subscribe(session, "bench/go", enqueue)
-        put(session, f"bench/ready/{number}", b"join")
-        while heard.get() != b"stop":
-            put(session, f"bench/ready/{number}", b"ready")
-        subscriber.undeclare()
+    def drop(sample: zenoh.Sample) -> None:
+        sample.payload.to_bytes()
+
+    scene = scene_from_spec(part.spec)
+    rule = rule_named("random", scene.system)
+    actors = actors_for(scene, rule, seed=0, hesitate=0.0, modules=part.modules)
+    goals = goal_sets(scene)
+    with open_client(part.endpoint) as session, contextlib.ExitStack() as stack:
+        control = subscribe(session, f"{RUN}/go", enqueue)
+        ears = [subscribe(session, key, drop) for key in part.listen]
+        mouths: dict[str, zenoh.Publisher] = {}
+        put(session, f"cubepath/{RUN}/ready/process_{part.number}", b"join")
+        while (said := heard.get()) != b"stop":
+            number, phase = msgspec.json.decode(said)
+            if part.work and phase == "claim":
+                there = {scene.system.place_of(at): at for at in part.sites[number].values()}
+                for module in part.modules:
+                    site = part.sites[number][module]
+                    actors[module].act(observe(scene.system, site, there, goals=goals[module]))
+            for key, data in part.puts.get((number, phase), ()):
+                mouth = mouths.get(key)
+                if mouth is None:
+                    mouth = mouths[key] = publisher(session, key)
+                    stack.callback(mouth.undeclare)
+                mouth.put(data)
+        for ear in (control, *ears):
+            ear.undeclare()
 
 
-def floor_ms(rounds: int) -> float:
-    """Return the median time of three bare round trips to every process, in milliseconds."""
-    router, endpoint = open_router()
-    heard: SimpleQueue[bytes] = SimpleQueue()
+def floor(
+    recorded: Recorded,
+    puts: dict[tuple[int, int, str], Puts],
+    listen: list[list[str]],
+    modules_of: list[list[int]],
+    *,
+    work: bool,
+) -> tuple[float, float]:
+    """Return the processor time and the wall time of a round of the floor, medians in ms."""
+    arrived: SimpleQueue[tuple[str, bytes]] = SimpleQueue()
 
     def enqueue(sample: zenoh.Sample) -> None:
-        heard.put(sample.payload.to_bytes())
+        arrived.put((str(sample.key_expr), sample.payload.to_bytes()))
 
-    with router, open_client(endpoint) as session:
-        subscriber = subscribe(session, "bench/ready/*", enqueue)
-        context = mp.get_context("spawn")
-        children = [
-            context.Process(target=echo, args=(endpoint, number)) for number in range(PROCESSES)
-        ]
-        for child in children:
-            child.start()
+    spec, rounds = recorded.scene.spec, recorded.rounds
+    context = mp.get_context("spawn")
+    with contextlib.ExitStack() as stack:
+        router = stack.enter_context(Router())
+        session = stack.enter_context(open_client(router.endpoint))
+        ear = subscribe(session, f"cubepath/{RUN}/**", enqueue)
+        children = []
+        for process, modules in enumerate(modules_of):
+            mine = {key[1:]: found for key, found in puts.items() if key[0] == process}
+            part = Part(
+                router.endpoint,
+                process,
+                spec,
+                modules,
+                rounds,
+                mine,
+                recorded.sites,
+                listen[process],
+                work,
+            )
+            children.append(context.Process(target=floor_process, args=(part,)))
+            children[-1].start()
         for _ in children:
-            heard.get()
-        times = []
-        for _ in range(rounds):
-            began = time.perf_counter()
-            for _ in range(PHASES):
-                put(session, "bench/go", b"go")
-                for _ in children:
-                    heard.get()
-            times.append(time.perf_counter() - began)
-        put(session, "bench/go", b"stop")
+            arrived.get()
+        folder = stack.enter_context(TemporaryDirectory())
+        writer = stack.enter_context(RecordingWriter(Path(folder) / "run.mcap", recorded.scene, {}))
+        mouth = publisher(session, f"{RUN}/go")
+        pids = [os.getpid(), router.pid, *(int(child.pid or 0) for child in children)]
+        times, walls = [], []
+        for number in range(1, rounds + 2):
+            before, began = sum(map(cpu_s, pids)), time.perf_counter()
+            for phase in PHASES:
+                mouth.put(msgspec.json.encode([number, phase]))
+                due = sum(len(puts.get((p, number, phase), ())) for p in range(len(children)))
+                for _ in range(due):
+                    key, data = arrived.get()
+                    if work:
+                        topic = key.split("/", 2)[2]
+                        kind = topic.partition("/")[0].replace("to", "said")
+                        writer.write(
+                            f"{kind}/process_0", data, round_number=number, wall_ns=time.time_ns()
+                        )
+            times.append(sum(map(cpu_s, pids)) - before)
+            walls.append(time.perf_counter() - began)
+        put(session, f"{RUN}/go", b"stop")
         for child in children:
             child.join()
-        subscriber.undeclare()
-    return statistics.median(times) * 1e3
+        mouth.undeclare()
+        ear.undeclare()
+    return statistics.median(times[1:]) * 1e3, statistics.median(walls[1:]) * 1e3
 
 
-def round_ms(spec: str, rounds: int) -> tuple[float, float]:
-    """Return the median time of a round in milliseconds, and the messages of a round."""
-    messages = 0
+def batches(recorded: Recorded) -> tuple[list[list[str]], list[list[int]]]:
+    """Return the keys that each process listens to, and its modules."""
+    system = recorded.scene.system
+    modules_of = dealt(recorded.scene, recorded.processes)
+    listen = [
+        sorted(
+            {
+                to_region(RUN, system.region(system.place_of(recorded.scene.start[module])))
+                for module in modules
+            }
+        )
+        for modules in modules_of
+    ]
+    return listen, modules_of
 
-    def sink(_topic: str, _data: bytes, _wall_ns: int) -> None:
-        nonlocal messages
-        messages += 1
 
-    with Fleet(scene_from_spec(spec), "random", processes=PROCESSES, sink=sink) as fleet:
-        times = []
-        began = time.perf_counter()
-        for _ in fleet.rounds(rounds):
-            now = time.perf_counter()
-            times.append(now - began)
-            began = now
-    return statistics.median(times) * 1e3, messages / rounds
+def single(
+    recorded: Recorded,
+) -> tuple[dict[tuple[int, int, str], Puts], list[list[str]], list[list[int]]]:
+    """Return what was put, as 0.1.0 put it: parts one by one, modules dealt out in turn."""
+    system, start = recorded.scene.system, recorded.scene.start
+    count = recorded.processes
+    modules_of = [list(range(process, len(start), count)) for process in range(count)]
+    listen = []
+    for modules in modules_of:
+        keys = set()
+        for module in modules:
+            place = system.place_of(start[module])
+            near = {each for each in system.sensed(place) if each is not None}
+            for region in sorted({system.region(each) for each in near | {*system.reach(place)}}):
+                keys.add(f"cubepath/{RUN}/from/{region}/*/*/**/{chunk(place)}/**")
+        listen.append(sorted(keys))
+    puts: dict[tuple[int, int, str], Puts] = {}
+    for (process, number, phase), found in recorded.puts.items():
+        seen = set()
+        for key, data in found:
+            message = msgspec.json.decode(data)
+            if message["kind"] == "ready":
+                puts.setdefault((process, number, phase), []).append((key, data))
+            for raw in message.get("parts", ()):
+                part = msgspec.json.decode(msgspec.json.encode(raw), type=Message)
+                text = encode(part)
+                if text in seen:
+                    continue  # it was said to several regions
+                seen.add(text)
+                places = addressees(system, part)
+                home = getattr(part, "module", 0) % count
+                topic = topic_of(part)
+                address = f"cubepath/{RUN}/{topic}"
+                if places:
+                    region = system.region(system.place_of(site_from_json(part.site)))  # type: ignore[union-attr]
+                    joined = "/".join(map(chunk, places))
+                    address = f"cubepath/{RUN}/from/{region}/{topic}/{joined}"
+                puts.setdefault((home, number, phase), []).append((address, text))
+    return puts, listen, modules_of
+
+
+def chunk(place: Site) -> str:
+    """Return a cell as a chunk of a key."""
+    return ",".join(map(str, place if isinstance(place, tuple) else (place,)))
+
+
+# Gathering.
 
 
 def moves_of(spec: str, rounds: int) -> list[GeneratorPlacement]:
@@ -134,38 +354,59 @@ def gathering(spec: str, rounds: int) -> None:
     first = found_us(system.action, moves, 1)
     again = found_us(system.action, moves, 5)
     table = {(placed.generator, site_from_json(placed.at)): placed for placed in moves}
-    floor = found_us(lambda generator, at: table[generator, at], moves, 5)
+    dictionary = found_us(lambda generator, at: table[generator, at], moves, 5)
     print(
-        f"{spec:<26}{first:>10.2f}{again:>10.2f}{floor:>10.2f}{again / floor:>10.1f}"
+        f"{spec:<26}{first:>10.2f}{again:>10.2f}{dictionary:>10.2f}{again / dictionary:>10.1f}"
         f"{len(moves):>10}{len(table):>10}",
         flush=True,
     )
 
 
+def rows(quick: bool) -> Iterator[tuple[str, int, int]]:
+    """Yield system, processes and rounds."""
+    for count in (64, 256) if quick else (64, 256, 1024):
+        for processes in (4, 8):
+            yield f"hex:n={count}", processes, 10 if quick else 30
+    yield "agv:graph=grid32x32,n=256", 4, 10 if quick else 30
+    if not quick:
+        yield "hex:n=1024", 64, 10
+        yield "hex:n=1024", 128, 10
+
+
 def main() -> None:
     """Print the tables."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--quick", action="store_true", help="fewer rounds")
-    rounds = 10 if options.parse_args().quick else 40
-    specs = [
-        f"{family}{count}"
-        for family in ("hex:n=", "agv:graph=grid32x32,n=")
-        for count in (16, 64, 256)
-    ]
-    columns = ("round ms", "floor ms", "ratio", "messages", "us each")
-    print(f"{'system':<26}" + "".join(f"{column:>10}" for column in columns))
-    for spec in tqdm(specs, disable=None, leave=False, file=sys.stderr):
-        floor = floor_ms(rounds)
-        took, messages = round_ms(spec, rounds)
+    options.add_argument("--quick", action="store_true", help="fewer and smaller rows")
+    options.add_argument("--only", help="one system")
+    chosen = options.parse_args()
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, 4096)), hard))
+    columns = ("processes", "round ms", "floor ms", "ratio", "wire ms", "0.1.0 ms", "of it")
+    columns += ("wall ms", "messages", "parts")
+    print(f"{'processor time a round':<26}" + "".join(f"{column:>10}" for column in columns))
+    todo = [row for row in rows(chosen.quick) if chosen.only in (None, row[0])]
+    for spec, processes, rounds in tqdm(todo, disable=None, leave=False, file=sys.stderr):
+        found = real(spec, processes, rounds)
+        listen, modules_of = batches(found)
+        whole, _ = floor(found, found.puts, listen, modules_of, work=True)
+        wire, _ = floor(found, found.puts, listen, modules_of, work=False)
+        old = 0.0
+        if processes <= 8 and len(found.scene.start) <= 256:  # more of them takes minutes
+            puts, ears, dealt_out = single(found)
+            old, _ = floor(found, puts, ears, dealt_out, work=False)
+        share = f"{wire / old:.2f}" if old else "-"
         print(
-            f"{spec:<26}{took:>10.2f}{floor:>10.2f}{took / floor:>10.1f}{messages:>10.0f}"
-            f"{took / messages * 1e3:>10.1f}",
+            f"{spec:<26}{processes:>10}{found.cpu_ms:>10.1f}{whole:>10.1f}"
+            f"{found.cpu_ms / whole:>10.2f}{wire:>10.1f}{old or float('nan'):>10.1f}{share:>10}"
+            f"{found.wall_ms:>10.1f}{found.messages / (rounds + 1):>10.0f}"
+            f"{found.parts / (rounds + 1):>10.0f}",
             flush=True,
         )
     costs = ("first us", "again us", "floor us", "ratio", "moves", "distinct")
     print(f"\n{'a gathered move':<26}" + "".join(f"{column:>10}" for column in costs))
-    for spec in specs:
-        gathering(spec, rounds)
+    for family in ("hex:n=", "agv:graph=grid32x32,n="):
+        for count in (16, 64, 256):
+            gathering(f"{family}{count}", 10 if chosen.quick else 40)
 
 
 if __name__ == "__main__":

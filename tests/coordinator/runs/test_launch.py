@@ -5,28 +5,36 @@ from __future__ import annotations
 import gc
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable, Generator, Iterable
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import pytest
+import zenoh
 
 from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.gatherer import Gatherer, PathDigest
 from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.messages import Executed, Summary, decode
-from cubepath.protocol.wire.sessions import open_client, put
+from cubepath.protocol.wire.messages import Executed, Summary, decode, kind_of
+from cubepath.protocol.wire.sessions import open_client, put, subscribe
+from recordings import parts
 
 PYTHON = [sys.executable, "-m", "cubepath.coordinator"]
 LONG = ["--rule=random", "--max-rounds=999999"]
@@ -134,7 +142,8 @@ def test_log_time_is_the_round_and_bytes_are_those_of_the_wire(tmp_path: Path) -
         assert decode(record.data).round == record.round
         assert began <= record.wall_ns <= time.time_ns()
     kinds = {record.kind for record in recording.records}
-    assert kinds >= {"here", "claim", "report", "go", "ready", "edges", "cube", "summary"}
+    assert kinds >= {"said", "reports", "go", "ready", "edges", "cube", "summary"}
+    assert {"here", "claim", "report"} <= {kind_of(part) for part in parts(recording)}
     assert recording.parameters["rule"] == "random"
     assert recording.parameters["eclipse-zenoh"]
 
@@ -262,8 +271,12 @@ def test_a_guest_who_talks_nonsense_is_named(tmp_path: Path) -> None:
     assert read_recording(tmp_path / "a.mcap").problems == ()
 
 
-def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
-    """Start a long run in a session of its own, and wait until it records rounds."""
+@contextmanager
+def started(tmp_path: Path, *arguments: str) -> Generator[subprocess.Popen[str]]:
+    """Start a long run in a session of its own, and wait until it records rounds.
+
+    Whatever the test does with it, nothing of it is left running.
+    """
     log = tmp_path / "run.mcap"
     child = subprocess.Popen(
         [*PYTHON, "run", "hex:n=6", *LONG, f"--log={log}", *arguments],
@@ -272,23 +285,46 @@ def start(tmp_path: Path, *arguments: str) -> subprocess.Popen[str]:
         text=True,
         start_new_session=True,
     )
+    try:
+        wait_until(lambda: log.exists() and log.stat().st_size > 20_000, child)
+        yield child
+    finally:
+        if child.poll() is None:
+            child.kill()  # its children end when its pipes to them close
+        child.communicate()
+
+
+def wait_until(holds: Callable[[], bool], child: subprocess.Popen[str]) -> None:
+    """Wait until something holds of a run that goes on."""
     deadline = time.monotonic() + 30
-    while not (log.exists() and log.stat().st_size > 20_000):
+    while not holds():
         assert child.poll() is None, child.communicate()
         assert time.monotonic() < deadline
         time.sleep(0.02)
-    return child
 
 
-def children_of(pid: int) -> list[int]:
-    """Return the process ids of a process's children."""
-    found = []
+def children_of(pid: int) -> dict[int, str]:
+    """Return the process ids of a process's children, each with the module that it runs."""
+    found = {}
     for task in Path(f"/proc/{pid}/task").iterdir():
-        found += [int(child) for child in (task / "children").read_text().split()]
+        for child in (task / "children").read_text().split():
+            command = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+            found[int(child)] = command[command.index(b"-m") + 1].decode()
     return found
 
 
-def assert_gone(pids: list[int]) -> None:
+def hosts_of(pid: int) -> list[int]:
+    """Return the process ids of the module processes of a run."""
+    return [child for child, module in children_of(pid).items() if module.endswith(".host")]
+
+
+def router_of(pid: int) -> int:
+    """Return the process id of the router of a run."""
+    (found,) = (child for child, module in children_of(pid).items() if module.endswith(".router"))
+    return found
+
+
+def assert_gone(pids: Iterable[int]) -> None:
     """Assert that none of the processes runs."""
     deadline = time.monotonic() + 10
     while any(Path(f"/proc/{pid}").exists() for pid in pids):
@@ -300,12 +336,12 @@ def assert_gone(pids: list[int]) -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_closes_the_recording(tmp_path: Path, number: signal.Signals) -> None:
     """Ctrl-C ends with 130 and a whole recording that says so; no process is left."""
-    child = start(tmp_path, "--processes", "2", "--json")
-    pids = children_of(child.pid)
-    assert len(pids) == 2
-    child.send_signal(number)
-    out, err = child.communicate(timeout=30)
-    assert child.returncode == 130
+    with started(tmp_path, "--processes", "2", "--json") as child:
+        pids = children_of(child.pid)
+        assert len(pids) == 3
+        child.send_signal(number)
+        out, err = child.communicate(timeout=30)
+        assert child.returncode == 130
     assert err.strip() == "cubepath: interrupted"
     answer = json.loads(out)
     assert_gone(pids)
@@ -320,11 +356,11 @@ def test_a_terminal_interrupt_reaches_every_process_and_closes_the_recording(
     tmp_path: Path,
 ) -> None:
     """Ctrl-C at a terminal is sent to the whole group: the end is the same."""
-    child = start(tmp_path, "--processes", "2")
-    pids = children_of(child.pid)
-    os.killpg(child.pid, signal.SIGINT)
-    _, err = child.communicate(timeout=30)
-    assert child.returncode == 130
+    with started(tmp_path, "--processes", "2") as child:
+        pids = children_of(child.pid)
+        os.killpg(child.pid, signal.SIGINT)
+        _, err = child.communicate(timeout=30)
+        assert child.returncode == 130
     assert err.strip() == "cubepath: interrupted"
     assert_gone(pids)
     assert read_recording(tmp_path / "run.mcap").problems == ()
@@ -333,11 +369,11 @@ def test_a_terminal_interrupt_reaches_every_process_and_closes_the_recording(
 @pytest.mark.slow
 def test_a_module_process_that_dies_ends_the_run(tmp_path: Path) -> None:
     """One clear line naming the modules, exit code 1, a whole recording, nothing left."""
-    child = start(tmp_path, "--processes", "3")
-    pids = children_of(child.pid)
-    os.kill(pids[0], signal.SIGKILL)
-    _, err = child.communicate(timeout=30)
-    assert child.returncode == 1
+    with started(tmp_path, "--processes", "3") as child:
+        pids = children_of(child.pid)
+        os.kill(hosts_of(child.pid)[0], signal.SIGKILL)
+        _, err = child.communicate(timeout=30)
+        assert child.returncode == 1
     assert len(err.strip().splitlines()) == 1
     assert "died in round" in err
     assert "module_" in err
@@ -348,17 +384,120 @@ def test_a_module_process_that_dies_ends_the_run(tmp_path: Path) -> None:
     assert "died" in (summary_of(recording).error or "")
 
 
+def rounds_in(tmp_path: Path) -> int:
+    """Return the number of rounds on record so far."""
+    return max(record.round for record in read_recording(tmp_path / "run.mcap").records)
+
+
+def goes_on(tmp_path: Path, child: subprocess.Popen[str]) -> None:
+    """Wait until some rounds more are on record."""
+    before = rounds_in(tmp_path)
+    wait_until(lambda: rounds_in(tmp_path) > before + 20, child)
+
+
+def ends_whole(tmp_path: Path, child: subprocess.Popen[str]) -> None:
+    """Interrupt a run, and assert that its recording is whole and passes every check."""
+    pids = children_of(child.pid)
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=30)
+    assert child.returncode == 130
+    assert_gone(pids)
+    found = verify(read_recording(tmp_path / "run.mcap"))
+    assert found.ok, [check for check in found.checks if not check.ok]
+
+
+@pytest.mark.slow
+def test_a_router_that_dies_is_started_again_and_the_run_goes_on(tmp_path: Path) -> None:
+    """What was on its way is lost and asked for again; the recording passes every check."""
+    with started(tmp_path, "--processes", "2") as child:
+        for _ in range(2):
+            router = router_of(child.pid)
+            os.kill(router, signal.SIGKILL)
+            assert_gone([router])
+            goes_on(tmp_path, child)
+        ends_whole(tmp_path, child)
+
+
+@pytest.mark.slow
+def test_a_process_that_is_paused_is_waited_for(tmp_path: Path) -> None:
+    """A module process, the router or the coordinator stands still: the run goes on after that."""
+    with started(tmp_path, "--processes", "2") as child:
+        for pid in (hosts_of(child.pid)[0], router_of(child.pid), child.pid):
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(1.5)  # longer than it takes to ask again
+            os.kill(pid, signal.SIGCONT)
+            goes_on(tmp_path, child)
+        ends_whole(tmp_path, child)
+
+
+@pytest.mark.thorough
+def test_a_process_that_is_paused_for_long_is_waited_for(tmp_path: Path) -> None:
+    """For 12 s, longer than the lease that zenoh gives to a link by default."""
+    with started(tmp_path, "--processes", "2") as child:
+        host = hosts_of(child.pid)[0]
+        os.kill(host, signal.SIGSTOP)
+        time.sleep(12)
+        os.kill(host, signal.SIGCONT)
+        goes_on(tmp_path, child)
+        ends_whole(tmp_path, child)
+
+
+@pytest.mark.slow
+def test_who_is_late_is_named_when_patience_is_over(tmp_path: Path) -> None:
+    """The one that stands still and not those that wait for it; the recording is whole."""
+    with started(tmp_path, "--processes", "3", "--patience", "4") as child:
+        pids = children_of(child.pid)
+        os.kill(hosts_of(child.pid)[1], signal.SIGSTOP)
+        _, err = child.communicate(timeout=60)
+        assert child.returncode == 1
+    assert re.fullmatch(
+        r"cubepath: no answer within 4 s to phase \w+ of round \d+ from"
+        r" module_2, module_3 \(process 1\)\n",
+        err,
+    )
+    assert_gone(pids)
+    assert verify(read_recording(tmp_path / "run.mcap")).ok
+
+
+@pytest.mark.slow
+def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
+    """A guest puts every message of the run once more, late and in another order."""
+    plan = Plan("hex:n=6", "random", seed=3, processes=2, max_rounds=40)
+    quiet = run(replace(plan, log=tmp_path / "a.mcap"))
+    guest: list[zenoh.Session] = []
+    heard: SimpleQueue[zenoh.Sample] = SimpleQueue()
+
+    def meddle(gatherer: Gatherer) -> None:
+        if not guest:
+            fleet = next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
+            guest.append(open_client(fleet.endpoint))
+            subscribe(guest[0], f"cubepath/{fleet.run}/**", heard.put)
+        del gatherer
+        again = [heard.get() for _ in range(heard.qsize())][::-1][:100]
+        for sample in again:
+            guest[0].put(sample.key_expr, sample.payload)
+
+    try:
+        loud = run(replace(plan, log=tmp_path / "b.mcap"), meddle)
+    finally:
+        for session in guest:
+            session.close()
+    assert (loud.ended, loud.path_digest) == (quiet.ended, quiet.path_digest)
+    assert verify(read_recording(tmp_path / "b.mcap")).ok
+    assert heard.qsize() or loud.rounds == 40
+
+
 @pytest.mark.slow
 def test_a_killed_coordinator_leaves_no_process_and_a_readable_file(tmp_path: Path) -> None:
-    """kill -9 of the coordinator: its modules end by themselves, what was flushed can be read."""
-    child = start(tmp_path, "--processes", "2")
-    pids = children_of(child.pid)
-    child.kill()
-    child.communicate(timeout=30)
+    """kill -9 of the coordinator: its processes end by themselves, what was flushed can be read."""
+    with started(tmp_path, "--processes", "2") as child:
+        pids = children_of(child.pid)
+        child.kill()
+        child.communicate(timeout=30)
     assert_gone(pids)
     recording = read_recording(tmp_path / "run.mcap")
     assert recording.problems
-    assert len(recording.records) >= 50
+    assert len(list(recording.records)) >= 50
 
 
 @pytest.mark.slow
@@ -424,11 +563,9 @@ def test_an_unknown_family_runs_at_random(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_that_no_recording_could_hold_is_refused_at_once(tmp_path: Path) -> None:
-    """Before anything is written or started, with how many modules there may be."""
+    """Before anything is written or started, with how many processes there may be."""
     log = tmp_path / "run.mcap"
-    with pytest.raises(InputError, match=r"65535 at most: expected at most 13105 modules"):
-        run(Plan("agv:graph=grid130x130,n=13107", processes=2, log=log))
-    with pytest.raises(InputError, match=r"65535 at most: expected at most 10921 modules"):
+    with pytest.raises(InputError, match=r"65535 at most: expected at most 13106 processes"):
         run(Plan("agv:graph=grid130x130,n=13107", processes=1_000_000, log=log))
     assert not log.exists()
 

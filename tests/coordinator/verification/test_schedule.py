@@ -92,7 +92,7 @@ def test_a_stop_is_for_a_move_that_was_due_and_not_made() -> None:
     whole = stopped()
     stop = first(whole, "summary").schedule_stopped
     made = first_made(whole)
-    placed = made.move  # type: ignore[union-attr]
+    placed = made.move
     wrong = "it did not stop for edge: not due, or it was made"
     for change in (replace(stop, round=1), replace(stop, round=99), replace(stop, round=0)):
         assert told(with_summary(whole, schedule_stopped=change)).startswith(GAVE_UP)

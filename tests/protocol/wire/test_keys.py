@@ -1,75 +1,75 @@
-"""Key expressions: a message is addressed to the places it is for, and to no other."""
+"""Keys: what is said to places is put on the key of their region, and on no other."""
 
 import pytest
 import zenoh
-from hypothesis import given
-from hypothesis import strategies as st
 
-from cubepath.protocol.core.sites import Site, site_chunk, site_from_json
-from cubepath.protocol.core.system import System
+from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.keys import addressees, everything, heard_at, key_of, topic_in, topic_of
-from cubepath.protocol.wire.messages import Claim, Go, Here, Verdict, decode, encode
-
-scalars = st.one_of(st.integers(-99, 99), st.text(max_size=6), st.booleans())
-places = st.one_of(scalars, st.lists(scalars, max_size=3).map(tuple))
-
-
-@given(places)
-def test_every_place_has_a_valid_chunk(place: Site) -> None:
-    """A chunk is one chunk of a canonical key expression, whatever the place is called."""
-    chunk = site_chunk(place)
-    assert "/" not in chunk
-    key = zenoh.KeyExpr(f"cubepath/{chunk}")
-    assert str(key) == f"cubepath/{chunk}"
-    assert not key.intersects(zenoh.KeyExpr("cubepath"))
-
-
-@given(places, places)
-def test_different_places_have_different_chunks(one: Site, other: Site) -> None:
-    """No two places share a chunk, so no message reaches the wrong one."""
-    same = one == other and repr(one) == repr(other)
-    assert same or site_chunk(one) != site_chunk(other) or one == other
-
-
-def hears(run: str, system: System, place: Site, key: zenoh.KeyExpr) -> int:
-    """Return how many of the ears of a module at `place` match the key."""
-    return sum(
-        key.intersects(zenoh.KeyExpr(subscriber)) for subscriber in heard_at(run, system, place)
-    )
+from cubepath.protocol.wire.keys import (
+    addressees,
+    everything,
+    key_of,
+    to_region,
+    topic_in_key,
+    topic_of,
+)
+from cubepath.protocol.wire.messages import (
+    Acts,
+    Claim,
+    Go,
+    Here,
+    Note,
+    Ready,
+    Said,
+    Verdict,
+    decode,
+    encode,
+)
+from local_families import LOCAL_FAMILIES
 
 
-@pytest.mark.parametrize("spec", ["hex", "arm", "agv", "agv-labelled:graph=C9,n=2"])
-def test_a_claim_is_heard_within_reach_and_nowhere_else(spec: str) -> None:
-    """Zenoh's own matching delivers a claim once to each place within reach, and to no other."""
+@pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "agv-labelled:graph=C9,n=2"])
+def test_every_region_is_one_chunk_of_a_key(spec: str) -> None:
+    """A region of any system makes a valid key without wildcards, which `everything` matches."""
     scene = scene_from_spec(spec)
-    system = scene.system
-    for start in [*scene.start, *sorted(scene.goal or (), key=repr)]:
-        here = system.place_of(start)
-        claim = Claim(1, 0, start, "some", start)
-        key = zenoh.KeyExpr(key_of("run", system, claim) or "")
-        near = system.reach(here)
-        around = {*near, *(far for place in near for far in system.reach(place))} - {here}
-        for place in around:
-            assert hears("run", system, place, key) == (place in near)
-            assert hears("other", system, place, key) == 0
-        assert key.intersects(zenoh.KeyExpr(everything("run")))
-        assert topic_in("run", str(key)) == "claim/module_0"
+    for site in (*scene.start, *(scene.goal or ())):
+        place = scene.system.place_of(site)
+        for near in {place, *scene.system.reach(place)}:
+            key = zenoh.KeyExpr(to_region("run", scene.system.region(near)))
+            assert key.intersects(zenoh.KeyExpr("cubepath/run/to/*"))
+            assert zenoh.KeyExpr("cubepath/run/to/*").includes(key)
+            assert zenoh.KeyExpr(everything("run")).includes(key)
+            assert not zenoh.KeyExpr(everything("other")).intersects(key)
 
 
-def test_being_here_is_heard_where_it_is_sensed() -> None:
-    """`here` goes to the places from which the sender's place is sensed."""
-    system = scene_from_spec("arm:n=3").system
-    here = Here(1, 0, (0, 1, 1))
-    assert addressees(system, here) == system.listeners((0, 1, 1))
+@pytest.mark.parametrize("spec", LOCAL_FAMILIES)
+def test_a_claim_is_addressed_within_reach_and_being_here_to_those_who_sense_it(spec: str) -> None:
+    """`here` goes to the places that sense the sender's, notes and claims within its reach."""
+    scene = scene_from_spec(spec)
+    for site in scene.start:
+        place = scene.system.place_of(site)
+        assert addressees(scene.system, Here(1, 0, site)) == scene.system.listeners(place)
+        for message in (Claim(1, 0, site, "some", site), Note(1, 0, site, [1])):
+            assert addressees(scene.system, message) == scene.system.reach(place)
 
 
-def test_control_is_addressed_to_no_place() -> None:
-    """`go` reaches no module's ear."""
+def test_a_verdict_goes_to_those_who_wait_and_control_to_no_place() -> None:
+    """The places are in the message itself; `go` has none."""
     system = scene_from_spec("hex").system
-    key = zenoh.KeyExpr(key_of("run", system, Go(1, "sense")) or "")
-    assert hears("run", system, (0, 0), key) == 0
-    assert topic_in("run", str(key)) == "go/coordinator"
+    verdict = Verdict(3, 1, (0, 0), granted=True, to=[(1, 0), (2, 0)])
+    assert addressees(system, verdict) == ((1, 0), (2, 0))
+    assert addressees(system, Go(1, "sense")) == ()
+
+
+def test_a_key_names_kind_and_sender_or_the_region() -> None:
+    """Messages to a region stand on its key; actions from outside on that of their process."""
+    said = Said(1, "sense", 3, "0,-1", 0, [])
+    assert key_of("run", said) == to_region("run", "0,-1") == "cubepath/run/to/0,-1"
+    assert topic_of(said) == "said/process_3"
+    assert key_of("run", Go(1, "sense")) == "cubepath/run/go/coordinator"
+    assert key_of("run", Ready(1, 2, "sense")) == "cubepath/run/ready/process_2"
+    assert key_of("run", Acts(1, 2, [])) == "cubepath/run/acts/process_2"
+    assert topic_in_key("cubepath/run/hello/me") == "hello/me"
 
 
 def test_messages_survive_the_wire() -> None:
