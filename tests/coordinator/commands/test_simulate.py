@@ -23,10 +23,15 @@ def make(knowledge):
     global made
     made += 1
     nth = made
-    return lambda view: int(view.mask.nonzero()[0][-1]) if nth % 5 else 0
+    return lambda view: int(view.mask.nonzero()[0][-1]) if nth % 3 else 0
+
+
+def broken(view):
+    raise KeyError("left")
 
 
 RULE = RuleType("fickle", "does another thing each time", "none", lambda system: True, make)
+BROKEN = RuleType("broken", "raises", "none", lambda system: True, lambda knowledge: broken)
 """
 
 
@@ -37,7 +42,9 @@ def fickle(tmp_path: Path) -> dict[str, str]:
     info = tmp_path / "fickle-1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fickle\nVersion: 1\n")
-    (info / "entry_points.txt").write_text("[cubepath.rules]\nfickle = fickle:RULE\n")
+    (info / "entry_points.txt").write_text(
+        "[cubepath.rules]\nfickle = fickle:RULE\nbroken = fickle:BROKEN\n"
+    )
     return {"PYTHONPATH": str(tmp_path)}
 
 
@@ -69,7 +76,7 @@ def test_the_answer_in_words(tmp_path: Path) -> None:
 
 def test_a_failing_seed_is_told_and_kept(tmp_path: Path, fickle: dict[str, str]) -> None:
     """One line with what failed, the command that replays it and the log; exit code 1."""
-    options = ["--system", "agv:graph=K5,n=3", "--rule", "fickle"]
+    options = ["--system", "agv:graph=K3,n=2", "--rule", "fickle"]
     out = tmp_path / "out"
     done = cubepath(
         "simulate", "--seeds", "4..4", *options, "--out", out, "--json", env=with_path(fickle)
@@ -83,6 +90,15 @@ def test_a_failing_seed_is_told_and_kept(tmp_path: Path, fickle: dict[str, str])
     assert line.endswith(f"; replay: {command}; log: {out}/simulated-4.mcap")
     assert Path(failed["log"]).exists()
     assert all(Path(picture).exists() for picture in failed["pictures"])
+
+
+def test_a_rule_that_raises_is_a_failing_seed(tmp_path: Path, fickle: dict[str, str]) -> None:
+    """It fails without any fault, which is told; what there is of a recording can be read."""
+    options = ["--seeds", "4", "--system", "agv:graph=K3,n=2", "--rule", "broken"]
+    done = cubepath("simulate", *options, "--out", tmp_path / "out", env=with_path(fickle))
+    assert done.returncode == 1
+    assert "seed 4: rule: without faults: rule 'broken', module_0: KeyError" in done.stderr
+    assert cubepath("info", tmp_path / "out" / "simulated-4.mcap").returncode == 0
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 
+import msgspec
 import pytest
 
+from cubepath.agents.processes.node import HostNode
+from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
 from cubepath.coordinator.simulation.scenarios import Scenario
@@ -14,7 +17,9 @@ from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, simul
 from cubepath.coordinator.simulation.swarm import run_of
 from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.wire.nodes import Node
 from planted import Faultless, ForgetsCounts, IsDeaf, Raises, TakesDoubles
 from recordings import new_path
 
@@ -155,6 +160,21 @@ def test_a_planted_bug_shows_only_where_it_matters(
     """Without its fault a bug does no harm; one that ends every run is told."""
     found = simulate(HEX, Listed(faults), make=make)
     assert (found.failure and found.failure.kind) == kind
+
+
+def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
+    """What comes after a difference says nothing more; the recording can be read up to there."""
+    other = replace(HEX, seed=8, hesitate=0.5)
+
+    def make(orders: Orders, scene: Scene) -> Node:
+        return HostNode(msgspec.structs.replace(orders, seed=9), scene)
+
+    found = simulate(other, Listed(()), make=make)
+    assert found.failure is not None
+    assert found.failure.kind == "path"
+    assert found.failure.detail.startswith(f"round {found.rounds} has the moves ")
+    assert found.rounds < simulate(other, Listed(())).rounds
+    assert found.recording.records[-1].kind == "summary"
 
 
 @pytest.mark.slow

@@ -123,6 +123,10 @@ class Network:
         """Let the first process be told when another has died; those after it count from 0."""
         self._died = died
 
+    def stop(self) -> None:
+        """End the run here, whatever its nodes would do next."""
+        self._over = True
+
     def run(self, most_steps: int, most_us: int) -> None:
         """Carry out what happens until the first process has ended.
 

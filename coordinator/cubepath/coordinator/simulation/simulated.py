@@ -33,7 +33,7 @@ from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import Message, encode
+from cubepath.protocol.wire.messages import Edges, Message, encode
 from cubepath.protocol.wire.nodes import Node
 
 RUN = "simulated"
@@ -140,12 +140,10 @@ class _Run:
         self.rule = rule_named(scenario.rule, self.scene.system)
         self.ending: Ending | None = None
         self.network = Network(faults, fault_seed, trace)
-        self.conductor = Conductor(
-            self.scene,
-            max_rounds=scenario.max_rounds,
-            record=lambda message: self._record(encode(message), message),
-        )
+        self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
         self._records: list[Record] = []
+        self._expected: list[_Moves] = []
+        self._differs: Failure | None = None
         modules_of = dealt(self.scene, scenario.processes)
         self._pacer = Pacer(RUN, modules_of, patience_s=PATIENCE_S)
         self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
@@ -163,10 +161,25 @@ class _Run:
             )
         )
 
+    def _result(self, message: Message) -> None:
+        """Record a result of the coordinator; stop at the first round with other moves."""
+        self._record(encode(message), message)
+        if isinstance(message, Edges) and self._differs is None:
+            self._differs = self._compared(message)
+            if self._differs is not None:
+                self.network.stop()
+
     def play(self) -> Failure | None:
         """Play to the end; return the first thing that does not hold."""
-        reference = self._reference()
-        failure = self._simulate(len(reference.rounds))
+        try:
+            reference = self._reference()
+        except CubepathError as error:
+            return Failure("rule", f"without faults: {error}")
+        self._expected = [
+            [(module, move.generator, move.at) for module, move in each.moves.items()]
+            for each in reference.rounds
+        ]
+        failure = self._simulate(len(reference.rounds)) or self._differs
         if self.ending is None:
             why = None if failure is None else failure.detail
             self.ending = self.conductor.failed(why or "no end")
@@ -175,7 +188,7 @@ class _Run:
                 self._record(encode(message), message)
         except CubepathError as error:
             return failure or Failure("results", str(error))
-        return failure or self._compared(reference) or self._blamed(reference) or self._verified()
+        return failure or self._ended(reference) or self._blamed(reference) or self._verified()
 
     def _reference(self) -> Played:
         scenario = self.scenario
@@ -223,30 +236,28 @@ class _Run:
             note_length=0,
         )
 
-    def _compared(self, reference: Played) -> Failure | None:
-        """Compare the edge path with that of a run without faults."""
-        found: list[_Moves] = [
-            [(move.module, move.generator, site_from_json(move.at)) for move in step.executed]
-            for step in self.conductor.gatherer.steps
-        ]
-        expected: list[_Moves] = [
-            [(module, move.generator, move.at) for module, move in each.moves.items()]
-            for each in reference.rounds
-        ]
-        for number, (one, other) in enumerate(zip(found, expected, strict=False), 1):
-            if one != other:
-                why = f"round {number} has the moves {_named(one)}, without faults {_named(other)}"
-                return Failure("path", why)
-        rounds = len(found), len(expected)
-        if rounds[0] > rounds[1]:
-            return Failure("path", f"{rounds[0]} rounds, without faults {rounds[1]}")
-        ending = self.ending
-        expected_end = _end_of(reference)
-        if rounds[0] == rounds[1] and ending == expected_end:
+    def _compared(self, edges: Edges) -> Failure | None:
+        """Compare a round of the edge path with that of a run without faults."""
+        if edges.round > len(self._expected):
+            return Failure("path", f"round {edges.round} is one more than without faults")
+        found = [(move.module, move.generator, site_from_json(move.at)) for move in edges.moves]
+        expected = self._expected[edges.round - 1]
+        if found == expected:
             return None
-        if ending is None or ending.ended != "failed":
-            return Failure("outcome", f"{_told(ending)}, without faults {_told(expected_end)}")
-        return None
+        moves = f"round {edges.round} has the moves {_named(found)}"
+        return Failure("path", f"{moves}, without faults {_named(expected)}")
+
+    def _ended(self, reference: Played) -> Failure | None:
+        """Compare how the run ended; a fault may have ended it before."""
+        ending, expected = self.ending, _end_of(reference)
+        if ending is not None and ending.ended == "failed" and ending != expected:
+            return None  # whether it may is asked next
+        rounds = self.conductor.gatherer.rounds
+        if (ending, rounds) == (expected, len(reference.rounds)):
+            return None
+        after = f"{_told(ending)} after {rounds} rounds"
+        without = f"{_told(expected)} after {len(reference.rounds)}"
+        return Failure("outcome", f"{after}, without faults {without}")
 
     def _blamed(self, reference: Played) -> Failure | None:
         """Check that a run that failed was ended by a fault that may end it, and says so."""
