@@ -104,15 +104,19 @@ BREAKS = {
         "coordinator.paper.envelope",
         "coordinator.verification.proof",
     ),
+    "simulated runs use runs and verification": (
+        "coordinator.simulation.faults",
+        "coordinator.complexes.cliques",
+    ),
     "the coordinator knows the agents by their processes, rules and pictures": (
         "coordinator.runs.gatherer",
         "agents.local.arbitration",
     ),
-    "runs alone start modules": (
+    "runs and simulated runs alone start modules": (
         "coordinator.commands.console",
         "agents.processes.fleet",
     ),
-    "runs and commands alone name rules": (
+    "runs, simulated ones and commands alone name rules": (
         "coordinator.shortening.conversion",
         "agents.rules.rule",
     ),

@@ -13,6 +13,7 @@ it.
 | `verification` | recordings and certificates derived again | `normal_form.definitions` alone |
 | `search` | exact optima, lower bounds, shorter paths | `complexes`, `normal_form` |
 | `runs` | runs, schedules, replay, pictures | `verification`, `normal_form` |
+| `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
 | `commands` | the command line | all of these |

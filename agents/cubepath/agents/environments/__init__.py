@@ -1,7 +1,7 @@
 """The PettingZoo environments, in one process and over zenoh, and playing a rule in them.
 
-Room: agents. It imports all other rooms of the agents, and the protocol. Nothing in the project
-imports it: it is for outside users.
+Room: agents. It imports all other rooms of the agents, and the protocol. It is for outside users;
+in the project only the simulator imports it, to compare its runs with `play`.
 """
 
 from typing import TYPE_CHECKING

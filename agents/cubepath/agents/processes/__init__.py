@@ -9,17 +9,30 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
-    from cubepath.agents.processes.orders import OUTSIDE
-    from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
+    from cubepath.agents.processes.node import HostNode
+    from cubepath.agents.processes.orders import OUTSIDE, Orders
+    from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "dealing": "dealt",
             "fleet": "Fleet",
-            "orders": "OUTSIDE",
-            "pacer": "PATIENCE_S PATIENCE_S_MAX",
+            "node": "HostNode",
+            "orders": "OUTSIDE Orders",
+            "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
         },
     )
 
-__all__ = ["OUTSIDE", "PATIENCE_S", "PATIENCE_S_MAX", "Fleet"]
+__all__ = [
+    "OUTSIDE",
+    "PATIENCE_S",
+    "PATIENCE_S_MAX",
+    "Fleet",
+    "HostNode",
+    "Orders",
+    "Pacer",
+    "dealt",
+]

@@ -21,6 +21,7 @@ from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_key
 from cubepath.protocol.wire.messages import (
@@ -56,10 +57,13 @@ ASK_S_MIN, ASK_S_MAX = 1.0, 8.0
 class HostNode:
     """The modules of one process."""
 
-    def __init__(self, orders: Orders) -> None:
-        """Read the scene and the rule; InputError if there is no such rule for it."""
+    def __init__(self, orders: Orders, scene: Scene | None = None) -> None:
+        """Read the scene and the rule; InputError if there is no such rule for it.
+
+        A `scene` that is built already is taken instead of the text of the orders.
+        """
         self._orders = orders
-        self._scene = scene_from_toml(orders.scene, "the orders")
+        self._scene = scene_from_toml(orders.scene, "the orders") if scene is None else scene
         self._system = self._scene.system
         self._rule: RuleType | None = None
         if orders.rule != OUTSIDE:

@@ -61,6 +61,7 @@ from cubepath.coordinator.commands.search_options import (
     improving,
     look_beyond,
 )
+from cubepath.coordinator.commands.simulate import add_simulate_command
 from cubepath.coordinator.commands.usage import Parser, number, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -220,6 +221,7 @@ def _parser() -> argparse.ArgumentParser:
     add_recording_commands(command)
     add_view_command(command)
     add_complex_commands(command)
+    add_simulate_command(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser

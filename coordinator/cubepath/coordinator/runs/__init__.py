@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
-    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
     from cubepath.coordinator.runs.films import (
         FILM_SUFFIXES,
         FRAMES_PER_SECOND,
@@ -24,8 +25,9 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "conductor": "Conductor Ending",
             "contents": "info render",
-            "drawing": "PICTURE_SUFFIXES run_picture",
+            "drawing": "PICTURE_SUFFIXES run_picture save_figure",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "gatherer": "Gatherer gathered",
             "launch": "Outcome Plan run",
@@ -37,6 +39,8 @@ __all__ = [
     "FILM_SUFFIXES",
     "FRAMES_PER_SECOND",
     "PICTURE_SUFFIXES",
+    "Conductor",
+    "Ending",
     "Gatherer",
     "Outcome",
     "Plan",
@@ -48,4 +52,5 @@ __all__ = [
     "replay",
     "run",
     "run_picture",
+    "save_figure",
 ]

@@ -82,7 +82,7 @@ def run_picture(
     gone = _cancelled(executed, found)
     counts = _counts(executed, normal, step_name)
     figure = _figure(scene, run, shortest, counts, gone, step_name=step_name, what=what)
-    _save(figure, path)
+    save_figure(figure, path)
 
 
 def check_suffix(path: Path, known: Sequence[str]) -> None:
@@ -320,9 +320,14 @@ def _draw_boxes(axes: Axes, cells: Sequence[tuple[int, int]], half: int, **style
     axes.add_collection(PolyCollection(shapes, zorder=2, **style), autolim=False)
 
 
-def _save(figure: Figure, path: Path) -> None:
-    """Draw everything first and then write the file, so that no file is left half written."""
+def save_figure(figure: Figure, path: Path) -> None:
+    """Draw everything first and then write the file, so that no file is left half written.
+
+    InputError if the suffix is unknown or the file cannot be written.
+    """
     from matplotlib import rc_context  # noqa: PLC0415
+
+    check_suffix(path, PICTURE_SUFFIXES)
 
     kind = path.suffix.lower()[1:]
     # No dates and no random names, so that the same run gives the same bytes.

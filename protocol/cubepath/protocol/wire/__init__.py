@@ -51,7 +51,7 @@ if TYPE_CHECKING:
         parts_of,
         schema_of,
     )
-    from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Put, Timer
+    from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
     from cubepath.protocol.wire.router import Router
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
@@ -71,7 +71,7 @@ else:
                 "Note Observations Observed Part Ready Report Reports Reset Said "
                 "Stopped Summary Verdict Waiting decode encode kind_of parts_of schema_of"
             ),
-            "nodes": "Effect End Ignore Keep Listen Put Timer",
+            "nodes": "Effect End Ignore Keep Listen Node Put Timer",
             "router": "Router",
             "sessions": "check_descriptors open_client put subscribe wait_for_subscriber",
             "shell": "Shell",
@@ -95,6 +95,7 @@ __all__ = [
     "Keep",
     "Listen",
     "Message",
+    "Node",
     "Note",
     "Observations",
     "Observed",

@@ -1,0 +1,138 @@
+"""The command that simulates runs under faults: ``cubepath simulate``.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    answer,
+    complain,
+    table,
+)
+from cubepath.coordinator.commands.files import check_files
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.protocol.core.errors import InputError
+
+if TYPE_CHECKING:  # a command starts faster without it
+    from cubepath.coordinator.simulation.swarm import Kept, Tally
+
+_RANGE = re.compile(r"(\d{1,18})(?:\.\.(\d{1,18}))?", re.ASCII)
+_SHOWN_MAX = 300
+"""Of a line on what failed so many characters are shown; the document and the log have it all."""
+
+
+def add_simulate_command(command: AddCommand) -> None:
+    """Add the command and its options."""
+    simulate = command(
+        "simulate", _simulate, "simulate whole runs under random faults, each from its seed"
+    )
+    simulate.add_argument(
+        "--seeds",
+        type=_seeds,
+        default=range(100),
+        metavar="A..B",
+        help="the seeds from A to B, both included, or one seed (default 0..99)",
+    )
+    simulate.add_argument(
+        "--system",
+        metavar="SYSTEM",
+        help="simulate this system alone: a name for small scenes of it, or as for 'cubepath run'",
+    )
+    simulate.add_argument("--rule", help="simulate this rule alone")
+    simulate.add_argument(
+        "--modules", type=whole(1), metavar="N", help="scenes with about N modules (default 3 to 6)"
+    )
+    simulate.add_argument(
+        "--out",
+        type=Path,
+        default=Path("logs"),
+        metavar="DIR",
+        help="folder for the recordings and pictures of failing seeds (default: logs)",
+    )
+
+
+def _seeds(text: str) -> range:
+    found = _RANGE.fullmatch(text)
+    first, last = (found[1], found[2] or found[1]) if found else (1, 0)
+    if int(last) < int(first):
+        raise argparse.ArgumentTypeError(f"expected A..B with A at most B, found {text!r}")
+    return range(int(first), int(last) + 1)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.simulation.scenarios import Asked, check  # noqa: PLC0415
+    from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds  # noqa: PLC0415
+
+    check_files(options, [])
+    asked = Asked(options.system, options.rule, options.modules)
+    check(asked)
+    if options.out.exists() and not options.out.is_dir():
+        raise InputError(f"{options.out}: not a folder, expected one for recordings")
+    tally, began, interrupted = Tally(), time.monotonic(), False
+    with progress_bar(len(options.seeds), "simulate", " seeds") as bar:
+
+        def failing(seed: int) -> None:
+            bar.set_postfix_str(f"shrinking seed {seed}")
+
+        try:
+            # A rule that prints would print into the answer.
+            with contextlib.redirect_stdout(sys.stderr):
+                for kept in simulate_seeds(
+                    options.seeds, asked, options.out, tally, failing=failing
+                ):
+                    if kept is not None:
+                        bar.clear()
+                        _tell(kept)
+                    bar.set_postfix_str(_state(tally), refresh=False)
+                    bar.update()
+        except KeyboardInterrupt:
+            interrupted = True
+    document = tally.document(time.monotonic() - began)
+    answer(options, document, _table(tally, document["seconds"]))
+    if interrupted:
+        complain("interrupted")
+        return INTERRUPTED
+    return FAILED if tally.outcomes["failure"] else DONE
+
+
+def _state(tally: Tally) -> str:
+    failures = tally.outcomes["failure"]
+    return f"{failures} failures" if failures else ""
+
+
+def _tell(kept: Kept) -> None:
+    detail = kept.detail if len(kept.detail) <= _SHOWN_MAX else kept.detail[:_SHOWN_MAX] + "..."
+    complain(f"seed {kept.seed}: {kept.kind}: {detail}; replay: {kept.command}; log: {kept.log}")
+
+
+def _table(tally: Tally, seconds: float) -> str:
+    faults = ", ".join(f"{count} {kind}" for kind, count in tally.faults.items() if count)
+    outcomes = tally.outcomes
+    by_fault = sum(outcomes[kind] for kind in ("crash", "return", "stall"))
+    return table(
+        [
+            ("seeds", tally.seeds),
+            ("failures", outcomes["failure"]),
+            ("to the goal", outcomes["goal"]),
+            ("all rounds", outcomes["max-rounds"]),
+            ("rule gave up", outcomes["gave-up"]),
+            ("by a fault", by_fault),
+            ("rounds", tally.rounds),
+            ("steps", tally.steps),
+            ("faults", faults or "none"),
+            ("time", f"{seconds:.2f} s, {tally.virtual_seconds:.0f} s of virtual time"),
+        ]
+    )

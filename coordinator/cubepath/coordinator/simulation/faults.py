@@ -1,0 +1,173 @@
+"""Faults of a simulated wire: what can happen, and where it is decided that it does.
+
+Room: coordinator. A fault has a place and a count: the 12th message on the way up from process_1,
+the 40th message that the coordinator takes. So a list of faults means the same when other faults
+are taken away, and a failing run can be shrunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from random import Random
+from typing import Protocol
+
+SECOND_US = 1_000_000
+
+ON_HOPS = ("delay", "reorder", "duplicate", "loss")
+"""A message comes later and holds back those behind it, or is overtaken; comes twice, or not."""
+ON_PROCESSES = ("pause", "slow", "crash", "return", "stall")
+"""A process does nothing for a while, or is slow with some messages; dies, dies and comes back
+without memory, or does nothing for longer than the patience."""
+ON_ROUTER = ("router",)
+"""The router dies, and comes back without what was under way."""
+KINDS = (*ON_HOPS, *ON_PROCESSES, *ON_ROUTER)
+ENDING = frozenset(("crash", "return", "stall"))
+"""The kinds that may end a run; all others must be tolerated."""
+ROUTER = "router"
+SLOW_MESSAGES = 20
+"""How many messages a slow receiver is slow with."""
+
+_RATES: Mapping[str, tuple[float, float]] = {
+    "delay": (0.003, 0.2),
+    "reorder": (0.003, 0.2),
+    "duplicate": (0.003, 0.2),
+    "loss": (0.001, 0.08),
+    "pause": (0.0005, 0.01),
+    "slow": (0.0005, 0.01),
+    "router": (0.0002, 0.004),
+}
+"""The least and the greatest rate of a kind: per hop, per message taken, per message routed."""
+_AMOUNTS_US: Mapping[str, tuple[float, float]] = {
+    "delay": (10, 0.2 * SECOND_US),
+    "reorder": (10, 0.2 * SECOND_US),
+    "duplicate": (0.5, 0.2 * SECOND_US),
+    "pause": (100, 20 * SECOND_US),
+    "slow": (100, 0.05 * SECOND_US),
+    "router": (1000, 5 * SECOND_US),
+    "return": (1000, 5 * SECOND_US),
+}
+_SWITCHED_OFF = 0.4
+"""How probable it is that a run has none of a kind."""
+_ONCE: Mapping[str, float] = {"crash": 0.08, "return": 0.05, "stall": 0.03}
+"""How probable it is that a run has one of an ending kind."""
+_STALL = (1.2, 5.0)
+"""How long a stall takes, in units of the patience."""
+_OUTAGE = 0.5
+"""The tolerated share of the patience for all outages of a run together."""
+_BRIEF_US = 0.01 * SECOND_US
+"""What takes no longer is no outage."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Fault:
+    """One fault: its kind, where, at which count there (from 0), and how long, if it takes time."""
+
+    where: str
+    nth: int
+    kind: str
+    amount_us: int = 0
+
+
+class Faults(Protocol):
+    """Says which faults happen at each place and count; each is asked for once."""
+
+    def on_hop(self, where: str, nth: int) -> Fault | None:
+        """Return the fault that happens to a message on a link."""
+
+    def on_process(self, where: str, nth: int) -> Fault | None:
+        """Return the fault that happens to a process before it takes a message."""
+
+    def on_router(self, nth: int) -> Fault | None:
+        """Return the fault that happens to the router before it routes a message."""
+
+
+class Listed:
+    """The faults of a list, and no others."""
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        """Sort the faults by place."""
+        self._faults = {(fault.where, fault.nth): fault for fault in faults}
+
+    def on_hop(self, where: str, nth: int) -> Fault | None:
+        """Return the listed fault, if there is one."""
+        return self._faults.get((where, nth))
+
+    on_process = on_hop
+
+    def on_router(self, nth: int) -> Fault | None:
+        """Return the listed fault, if there is one."""
+        return self._faults.get((ROUTER, nth))
+
+
+class Drawn:
+    """Faults at random: kinds are switched off and rates drawn for the whole run, then each fault.
+
+    All that is tolerated takes less time together than the patience, so no run may end of it.
+    """
+
+    def __init__(
+        self, random: Random, coordinator: str, processes: Iterable[str], patience_us: int
+    ) -> None:
+        """Draw the rates, and where the ending faults are; `processes` are those of modules."""
+        self._random = random
+        self._patience_us = patience_us
+        self._left_us = _OUTAGE * patience_us
+        self.rates = {
+            kind: 0.0 if random.random() < _SWITCHED_OFF else _between(random, *bounds)
+            for kind, bounds in _RATES.items()
+        }
+        self._hops = self._table(ON_HOPS)
+        self._processes = self._table(("pause", "slow"))
+        self._ends: dict[tuple[str, int], Fault] = {}
+        names = list(processes)
+        for kind, probability in _ONCE.items():
+            if random.random() < probability:
+                # Few of the later ones come to pass: many runs are over before.
+                who = [*names, coordinator] if kind == "stall" else names
+                at = (random.choice(who), int(_between(random, 1, 300)) - 1)
+                self._ends[at] = Fault(*at, kind, self._long(kind))
+
+    def _table(self, kinds: Iterable[str]) -> list[tuple[float, str]]:
+        """Return the kinds, each with the sum of the rates so far, the largest first."""
+        found, total = [], 0.0
+        for kind in sorted(kinds, key=lambda kind: -self.rates[kind]):
+            total += self.rates[kind]
+            found.append((total, kind))
+        return found
+
+    def _long(self, kind: str) -> int:
+        if kind == "stall":
+            return int(self._patience_us * self._random.uniform(*_STALL))
+        bounds = _AMOUNTS_US.get(kind)
+        return 0 if bounds is None else int(_between(self._random, *bounds))
+
+    def _drawn(self, table: list[tuple[float, str]], where: str, nth: int) -> Fault | None:
+        one = self._random.random()
+        if one >= table[-1][0]:
+            return None
+        kind = next(kind for total, kind in table if one < total)
+        amount = self._long(kind)
+        outage = amount * (SLOW_MESSAGES if kind == "slow" else 1)
+        if kind != "duplicate" and outage > _BRIEF_US:
+            if outage > self._left_us:
+                return None
+            self._left_us -= outage
+        return Fault(where, nth, kind, amount)
+
+    def on_hop(self, where: str, nth: int) -> Fault | None:
+        """Draw whether something happens to a message."""
+        return self._drawn(self._hops, where, nth)
+
+    def on_process(self, where: str, nth: int) -> Fault | None:
+        """Draw whether something happens to a process."""
+        return self._ends.get((where, nth)) or self._drawn(self._processes, where, nth)
+
+    def on_router(self, nth: int) -> Fault | None:
+        """Draw whether the router dies."""
+        return self._drawn([(self.rates["router"], "router")], ROUTER, nth)
+
+
+def _between(random: Random, least: float, most: float) -> float:
+    """Draw a number whose logarithm is uniform: each order of magnitude is equally probable."""
+    return float(least * (most / least) ** random.random())

@@ -1,0 +1,447 @@
+"""A simulated wire: nodes in processes, one router, links with delays and faults, virtual time.
+
+Room: coordinator. One thread and a heap of events, ordered by time and then by a number; nothing
+depends on the clock, a hash or the order of a set. A message goes from its putter to the router and
+from there to every listener but the putter. Links keep the order of messages unless a fault says
+otherwise.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from typing import Any, TypeAlias
+
+from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, SLOW_MESSAGES, Fault, Faults
+from cubepath.coordinator.simulation.trace import Arrow, Fate, Remark, Span, Trace
+from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
+
+HOP_US = 100
+"""How long a message takes to the router, or from it, at least; up to twice as long."""
+SERVE_US, PUT_US = 20, 50
+"""How long a process takes for a message, and for each put."""
+NOTICE_US = 50_000
+"""How long it takes until a dead process is noticed."""
+RECONNECT_US = 10_000
+"""How long it takes at most until a process finds the router that is back."""
+EVERYTHING = "/**"
+
+Take: TypeAlias = Callable[[Any], list[Effect]]
+Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
+"""Told of the number of a process that has died, from 0, and the error; None for a signal."""
+
+
+class RanAway(Exception):  # noqa: N818 - named for what happened
+    """A simulated run did not come to its end within its steps or its virtual time."""
+
+
+class NodeError(Exception):
+    """A node raised what no node may raise; the message says which node and what."""
+
+
+@dataclass(slots=True)
+class Process:
+    """A process that holds a node: what it has received, and how it is connected."""
+
+    name: str
+    number: int
+    make: Callable[[], Node]
+    node: Node
+    alive: bool = True
+    connected: bool = True
+    life: int = 0
+    """How often it has died: what was sent to it before is lost."""
+    inbox: deque[tuple[Take, Any]] = field(default_factory=deque)
+    serving: bool = False
+    free_us: int = 0
+    slow_us: int = 0
+    slow_left: int = 0
+    taken: int = 0
+    timers: int = 0
+    """Counts the timers set; only the last of them ticks."""
+    listening: dict[str, None] = field(default_factory=dict)
+    links: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """By direction the number of messages so far, and when the last of them arrives."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Letter:
+    """What is under way: from whom, since when, and in which life of the router."""
+
+    sender: Process
+    effect: Put | Listen | Ignore
+    sent_us: int
+    router_life: int
+
+
+class Network:
+    """Processes and the router between them; `run` carries out what happens, in order."""
+
+    def __init__(self, faults: Faults, seed: int, trace: Trace | None = None) -> None:
+        """Begin at time zero; the seed is that of the small differences between delays."""
+        self.now_us = 0
+        self.steps = 0
+        self.fired: list[Fault] = []
+        self.ended: CubepathError | None = None
+        """The error with which the first process ended, if it did."""
+        self._over = False
+        self._faults = faults
+        self._seed = seed
+        self._trace = trace
+        self._events: list[tuple[int, int, Callable[..., None], tuple[Any, ...]]] = []
+        self._count = 0
+        self._processes: list[Process] = []
+        self._tables: list[dict[str, None]] = []
+        """By process the keys that the router knows that it listens to."""
+        self._exact: dict[str, dict[int, None]] = {}
+        self._below: dict[str, dict[int, None]] = {}
+        self._routed = 0
+        self._router_up = True
+        self._router_life = 0
+        """How often the router has died: what was under way before is lost."""
+        self._died: Died | None = None
+
+    @property
+    def counts(self) -> Counter[str]:
+        """Return by kind how many faults have happened."""
+        return Counter(fault.kind for fault in self.fired)
+
+    def add(self, name: str, make: Callable[[], Node], start_us: int = 0) -> None:
+        """Add a process that starts at a time; the end of the first is the end of the run."""
+        process = Process(name, len(self._processes), make, make())
+        self._processes.append(process)
+        self._tables.append({})
+        self._at(start_us, self._start, process)
+
+    def _start(self, process: Process) -> None:
+        self._take(process, lambda _: process.node.start(), None)
+
+    def on_death(self, died: Died) -> None:
+        """Let the first process be told when another has died; those after it count from 0."""
+        self._died = died
+
+    def stop(self) -> None:
+        """End the run here, whatever its nodes would do next."""
+        self._over = True
+
+    def run(self, most_steps: int, most_us: int) -> None:
+        """Carry out what happens until the first process has ended.
+
+        RanAway if it does not end, NodeError if a node raises what is no CubepathError.
+        """
+        while not self._over:
+            if not self._events:
+                raise RanAway(f"nothing more happens after {self._clock()}")
+            time_us, _, act, given = heappop(self._events)
+            self.now_us = time_us
+            self.steps += 1
+            if self.steps > most_steps or time_us > most_us:
+                raise RanAway(f"no end after {self.steps} steps, {self._clock()}")
+            act(*given)
+
+    def _clock(self) -> str:
+        return f"{self.now_us / SECOND_US:.3f} s of virtual time"
+
+    def _at(self, time_us: int, act: Callable[..., None], *given: Any) -> None:
+        self._count += 1
+        heappush(self._events, (time_us, self._count, act, given))
+
+    # Processes.
+
+    def _take(self, process: Process, take: Take, given: Any) -> None:
+        process.inbox.append((take, given))
+        if not process.serving:
+            process.serving = True
+            self._at(max(self.now_us, process.free_us), self._serve, process, process.life)
+
+    def _serve(self, process: Process, life: int) -> None:
+        if process.life != life or not process.alive:
+            return
+        if self.now_us < process.free_us:
+            self._at(process.free_us, self._serve, process, life)
+            return
+        nth = process.taken
+        process.taken += 1
+        fault = self._faults.on_process(process.name, nth)
+        if fault is not None and self._strike(process, fault):
+            return
+        take, given = process.inbox.popleft()
+        cost = SERVE_US
+        if process.slow_left:
+            process.slow_left -= 1
+            cost = process.slow_us
+        process.free_us = self.now_us + cost
+        self._act(process, take, given)
+        process.serving = process.alive and bool(process.inbox)
+        if process.serving:
+            self._at(process.free_us, self._serve, process, life)
+
+    def _act(self, process: Process, take: Take, given: Any) -> None:
+        try:
+            effects = take(given)
+        except CubepathError as error:
+            self._end(process, error)
+            return
+        except Exception as error:
+            what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+            raise NodeError(f"{process.name} raised {what}") from error
+        at_us = self.now_us
+        for effect in effects:
+            if process.alive:
+                self._carry_out(process, effect, at_us)
+            if isinstance(effect, Put):
+                at_us += PUT_US
+        process.free_us = max(process.free_us, at_us)
+
+    def _carry_out(self, process: Process, effect: Effect, at_us: int) -> None:
+        match effect:
+            case Put():
+                self._send(process, effect, at_us)
+            case Listen():
+                self._will_hear(process, effect.keys)
+                self._send(process, effect, at_us)
+            case Ignore():
+                self._will_ignore(process, effect.keys)
+                self._send(process, effect, at_us)
+            case Timer(seconds):
+                self._set_timer(process, seconds)
+            case Keep():
+                pass  # the node of the coordinator keeps it itself
+            case End():
+                self._end(process, None)
+
+    def _will_hear(self, process: Process, keys: tuple[str, ...]) -> None:
+        for key in keys:
+            if "*" in key.removesuffix(EVERYTHING):
+                expected = f"expected a key, or one that ends in {EVERYTHING}"
+                raise NodeError(f"{process.name} listens to {key}: {expected}")
+            if key in process.listening:
+                raise NodeError(f"{process.name} listens to {key} twice")
+            process.listening[key] = None
+
+    def _will_ignore(self, process: Process, keys: tuple[str, ...]) -> None:
+        for key in keys:
+            if key not in process.listening:
+                raise NodeError(f"{process.name} ignores {key}, which it does not listen to")
+            del process.listening[key]
+
+    def _set_timer(self, process: Process, seconds: float | None) -> None:
+        process.timers += 1
+        if seconds is not None:
+            due_us = self.now_us + max(1, round(seconds * SECOND_US))
+            self._at(due_us, self._tick, process, process.timers)
+
+    def _tick(self, process: Process, timer: int) -> None:
+        if process.timers != timer or not process.alive:
+            return
+        # A process looks at its timer when no message waits for it.
+        if self.now_us < process.free_us or process.inbox:
+            self._at(max(process.free_us, self.now_us + 1), self._tick, process, timer)
+            return
+        process.free_us = self.now_us + SERVE_US
+        self._act(process, lambda _: process.node.tick(), None)
+
+    def _end(self, process: Process, error: CubepathError | None) -> None:
+        self._die(process)
+        self._remark(process.name, "end" if error is None else str(error))
+        if process.number == 0:
+            self.ended = error
+            self._over = True
+        elif error is not None:
+            self._tell_death(process, error)
+
+    def _tell_death(self, process: Process, error: CubepathError | None) -> None:
+        if self._died is not None:
+            self._at(self.now_us + NOTICE_US, self._notice, process.number - 1, error)
+
+    def _notice(self, number: int, error: CubepathError | None) -> None:
+        died = self._died
+        if died is not None:
+            self._take(self._processes[0], lambda _: died(number, error), None)
+
+    # Faults of processes and of the router.
+
+    def _strike(self, process: Process, fault: Fault) -> bool:
+        """Let a fault happen to a process; return whether it takes no message now."""
+        self.fired.append(fault)
+        if fault.kind == "slow":
+            process.slow_us, process.slow_left = fault.amount_us, SLOW_MESSAGES
+            self._span(process.name, fault, fault.amount_us * SLOW_MESSAGES)
+            return False
+        if fault.kind in ("pause", "stall"):
+            process.free_us = self.now_us + fault.amount_us
+            self._span(process.name, fault, fault.amount_us)
+            self._at(process.free_us, self._serve, process, process.life)
+            return True
+        self._die(process)
+        if fault.kind == "return":
+            self._span(process.name, fault, fault.amount_us)
+            self._at(self.now_us + fault.amount_us, self._come_back, process)
+        else:
+            self._span(process.name, fault, None)
+            self._tell_death(process, None)
+        return True
+
+    def _come_back(self, process: Process) -> None:
+        process.node = process.make()
+        process.alive = True
+        process.connected = self._router_up
+        process.free_us = self.now_us
+        self._remark(process.name, "back without memory")
+        self._start(process)
+
+    def _die(self, process: Process) -> None:
+        process.alive = process.serving = False
+        process.life += 1
+        process.timers += 1
+        process.slow_left = 0
+        process.inbox.clear()
+        process.listening.clear()
+        self._disconnect(process)
+
+    def _disconnect(self, process: Process) -> None:
+        process.connected = False
+        for key in self._tables[process.number]:
+            del self._listeners(key)[process.number]
+        self._tables[process.number].clear()
+
+    def _listeners(self, key: str) -> dict[int, None]:
+        if key.endswith(EVERYTHING):
+            return self._below.setdefault(key.removesuffix("**"), {})
+        return self._exact.setdefault(key, {})
+
+    def _router_dies(self, fault: Fault) -> None:
+        self.fired.append(fault)
+        self._span(ROUTER, fault, fault.amount_us)
+        self._router_up = False
+        self._router_life += 1
+        for process in self._processes:
+            self._disconnect(process)
+        self._at(self.now_us + fault.amount_us, self._router_back)
+
+    def _router_back(self) -> None:
+        self._router_up = True
+        for process in self._processes:
+            later = self._noise(process.number, self._routed) % RECONNECT_US
+            self._at(self.now_us + later, self._connect, process)
+
+    def _connect(self, process: Process) -> None:
+        if process.alive and self._router_up and not process.connected:
+            process.connected = True
+            for key in process.listening:
+                self._listen(process, key)
+
+    # Links.
+
+    def _noise(self, one: int, other: int) -> int:
+        """Return a number that looks drawn, from the seed and two numbers."""
+        mixed = self._seed * 0x9E3779B1 + one * 0x85EBCA6B + other * 0xC2B2AE35
+        mixed = (mixed ^ (mixed >> 15)) * 0x2C1B3C6D & 0xFFFFFFFF
+        return mixed ^ (mixed >> 13)
+
+    def _send(self, process: Process, effect: Put | Listen | Ignore, at_us: int) -> None:
+        """Send an effect up to the router at a time, now or a little later."""
+        letter = _Letter(process, effect, at_us, self._router_life)
+        if not process.connected:
+            self._arrow(letter, None, "lost")
+            return
+        for time_us, fate in self._ways(process, "up", at_us, plain=isinstance(effect, Put)):
+            self._at(time_us, self._reach_router, letter, fate)
+
+    def _reach_router(self, letter: _Letter, fate: Fate) -> None:
+        if fate == "lost" or letter.router_life != self._router_life:
+            self._arrow(letter, None, "lost")
+        elif isinstance(letter.effect, Put):
+            self._route(letter, letter.effect, fate)
+        elif letter.sender.alive:
+            self._declare(letter.sender, letter.effect)
+
+    def _ways(
+        self, process: Process, link: str, from_us: int, *, plain: bool
+    ) -> list[tuple[int, Fate]]:
+        """Return when a message arrives over a link, and each copy of it.
+
+        What is not `plain` is not lost and not doubled, as sessions repeat it until it is known.
+        """
+        nth, last = process.links.get(link, (0, 0))
+        where = f"{process.name} {link}"
+        noise = self._noise(2 * process.number + (link == "up"), nth) % HOP_US
+        fault = self._faults.on_hop(where, nth)
+        kind = "" if fault is None else fault.kind
+        if fault is None or (not plain and kind in ("loss", "duplicate")):
+            arrival = max(from_us + HOP_US + noise, last)
+            process.links[link] = (nth + 1, arrival)
+            return [(arrival, "arrived")]
+        self.fired.append(fault)
+        held = fault.amount_us if kind == "delay" else 0
+        arrival = max(from_us + HOP_US + noise + held, last)
+        if kind == "reorder":  # those behind it do not wait
+            process.links[link] = (nth + 1, last)
+            return [(arrival + fault.amount_us, "arrived")]
+        process.links[link] = (nth + 1, arrival)
+        if kind == "loss":
+            return [(arrival, "lost")]
+        if kind == "duplicate":
+            return [(arrival, "arrived"), (arrival + fault.amount_us, "second")]
+        return [(arrival, "arrived")]
+
+    def _declare(self, process: Process, effect: Listen | Ignore) -> None:
+        for key in effect.keys:
+            if isinstance(effect, Listen):
+                self._listen(process, key)
+            elif key in self._tables[process.number]:
+                del self._tables[process.number][key]
+                del self._listeners(key)[process.number]
+
+    def _listen(self, process: Process, key: str) -> None:
+        self._tables[process.number][key] = None
+        self._listeners(key)[process.number] = None
+
+    def _route(self, letter: _Letter, put: Put, fate: Fate) -> None:
+        fault = self._faults.on_router(self._routed)
+        self._routed += 1
+        if fault is not None:
+            self._router_dies(fault)
+            self._arrow(letter, None, "lost")
+            return
+        listeners = dict(self._exact.get(put.key, ()))
+        for prefix, below in self._below.items():
+            if put.key.startswith(prefix):
+                listeners.update(below)
+        listeners.pop(letter.sender.number, None)
+        for number in sorted(listeners):
+            receiver = self._processes[number]
+            for time_us, way in self._ways(receiver, "down", self.now_us, plain=True):
+                told = fate if way == "arrived" else way
+                self._at(time_us, self._arrive, letter, receiver, receiver.life, told)
+
+    def _arrive(self, letter: _Letter, receiver: Process, life: int, fate: Fate) -> None:
+        gone = letter.router_life != self._router_life or receiver.life != life
+        if gone or fate == "lost":
+            self._arrow(letter, receiver, "lost")
+            return
+        self._arrow(letter, receiver, fate)
+        if isinstance(letter.effect, Put):
+            self._take(receiver, receiver.node.receive, letter.effect.data)
+
+    # The trace.
+
+    def _arrow(self, letter: _Letter, receiver: Process | None, fate: Fate) -> None:
+        put = letter.effect
+        if self._trace is not None and isinstance(put, Put):
+            name = None if receiver is None else receiver.name
+            times = (letter.sent_us, max(letter.sent_us, self.now_us))
+            arrow = Arrow(*times, letter.sender.name, name, put.key, put.data, fate)
+            self._trace.arrows.append(arrow)
+
+    def _span(self, who: str, fault: Fault, long_us: int | None) -> None:
+        if self._trace is not None:
+            end = None if long_us is None else self.now_us + long_us
+            self._trace.spans.append(Span(self.now_us, end, who, fault.kind))
+
+    def _remark(self, who: str, text: str) -> None:
+        if self._trace is not None:
+            self._trace.remarks.append(Remark(self.now_us, who, text))

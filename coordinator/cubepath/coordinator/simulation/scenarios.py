@@ -1,0 +1,217 @@
+"""What a seed stands for: a system, a rule, modules in processes, and the rounds that they have.
+
+Room: coordinator. Instances are small, so that a run takes some hundredths of a second; one in
+twenty is larger.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import ceil, sqrt
+from random import Random
+
+from cubepath.agents.rules.registry import rule_named, rules
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.registry import all_families
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+_SMALL, _LARGE, _LARGE_RATE = (3, 4, 5, 6), 16, 0.05
+_PROCESSES_MAX = 6
+_TRIES = 20
+"""A scene that begins at its goal has no run, and another is drawn: so often at most."""
+_WITHOUT_GOAL = (3, 20)
+"""The least and the greatest number of rounds of a rule that moves towards no goal."""
+_TO_GOAL, _TO_GOAL_LARGE = 1000, 150
+"""The most rounds of a rule that moves towards one; not all runs get there."""
+_HESITATE = (0.0, 0.0, 0.1, 0.25, 0.5)
+
+_Instance = Callable[[int, Random], str]
+"""Returns the spec of a scene with about so many modules."""
+
+
+def _chain(name: str) -> _Instance:
+    def spec(modules: int, random: Random) -> str:
+        bend = random.choice((60, 120, -60, -120, 0))
+        return f"{name}:n={modules}" + ("" if bend == 120 else f",bend={bend}")
+
+    return spec
+
+
+def _vehicles(name: str) -> _Instance:
+    def spec(modules: int, random: Random) -> str:
+        side = ceil(sqrt(3 * modules))
+        graphs = [f"grid{side}x{side}"]
+        if modules < _LARGE:  # where all are neighbours, everybody hears everybody
+            graphs.append(f"K{modules + 2}")
+        if name == "agv":  # labelled ones cannot pass each other on a cycle
+            graphs.append(f"C{2 * modules}")
+        graph = random.choice(graphs)
+        return f"{name}:graph={graph},n={modules}"
+
+    return spec
+
+
+def _word(modules: int, random: Random) -> str:
+    letters = "".join(random.choice("abc") for _ in range(modules))
+    return f"words:word={letters},relations=ab~ba+bc~cb+ac~ca"
+
+
+def _assembly(modules: int, random: Random) -> str:
+    kind = random.choice(("pyramid", "wall", "tree"))
+    rows = {"pyramid": round(sqrt(2 * modules)) - 1, "wall": round(sqrt(modules))}
+    return f"assembly:kind={kind},n={max(2, rows.get(kind, modules.bit_length() - 1))}"
+
+
+INSTANCES: Mapping[str, _Instance] = {
+    "hex": _chain("hex"),
+    "hex-open": _chain("hex-open"),
+    "hex-tunnel": lambda modules, _: f"hex-tunnel:n={modules}",
+    "sliding": lambda modules, random: (
+        f"sliding:p={random.choice((1, 2, 3))},q={random.choice((1, 2))},n={min(modules, 4)}"
+    ),
+    "agv": _vehicles("agv"),
+    "agv-labelled": _vehicles("agv-labelled"),
+    "arm": lambda modules, _: f"arm:n={modules}",
+    "arm-free": lambda modules, _: f"arm-free:n={modules}",
+    "arms": lambda _modules, _: "arms:n=1",
+    "polygon": lambda modules, _: f"polygon:n={min(modules, 9) + 3}",
+    "triangulation": lambda modules, random: (
+        f"triangulation:n={min(max(modules, 4), 8) + 2},seed={random.randrange(1, 4)}"
+    ),
+    "words": _word,
+    "assembly": _assembly,
+}
+"""For each family the scenes that are simulated; of another one its default scene is."""
+_ALWAYS_LARGE = frozenset(("arms",))
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """What is the same for all seeds; None is drawn."""
+
+    system: str | None = None
+    rule: str | None = None
+    modules: int | None = None
+
+    def arguments(self) -> list[str]:
+        """Return the options of the command line that ask for this."""
+        named = {"--system": self.system, "--rule": self.rule, "--modules": self.modules}
+        return [
+            word for key, value in named.items() if value is not None for word in (key, str(value))
+        ]
+
+
+ANYTHING = Asked()
+"""Nothing is asked for: everything is drawn."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """One run, without its faults."""
+
+    system: str
+    rule: str
+    processes: int
+    hesitate: float
+    max_rounds: int
+    seed: int
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene; one that was built before is built no more."""
+        return built(self.system)
+
+    def smaller(self) -> list[Scenario]:
+        """Return scenarios like this with fewer modules or processes, the smallest first."""
+        family, count = self.system.partition(":")[0], len(self.scene.start)
+        found: list[Scenario] = []
+        for modules in range(1, count) if family in INSTANCES else ():
+            try:
+                spec = INSTANCES[family](modules, Random(self.seed))  # noqa: S311 - not for secrets
+                scene = built(spec)
+                rule_named(self.rule, scene.system)
+            except InputError:
+                continue
+            if len(scene.start) < count and not scene.reached(scene.start):
+                processes = min(self.processes, len(scene.start))
+                found.append(replace(self, system=spec, processes=processes))
+        fewer = (replace(self, processes=number) for number in range(1, self.processes))
+        return [*found, *fewer]
+
+
+@lru_cache(maxsize=256)
+def built(spec: str) -> Scene:
+    """Return the scene of a spec; InputError if its modules cannot run."""
+    scene = local_only(scene_from_spec(spec), "runs")
+    _ = scene.system.move_slots
+    return scene
+
+
+def check(asked: Asked) -> None:
+    """Raise InputError if nothing can be simulated that is asked for."""
+    if asked.system is not None:
+        if asked.modules is not None and asked.system not in INSTANCES:
+            names = ", ".join(INSTANCES)
+            raise InputError(
+                f"--modules {asked.modules} with --system {asked.system}: expected one of {names}"
+            )
+        system = built(asked.system).system
+        if asked.rule is not None:
+            rule_named(asked.rule, system)
+    elif asked.rule is not None and asked.rule not in rules():
+        raise InputError(f"unknown rule {asked.rule!r}, expected one of {', '.join(rules())}")
+
+
+def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
+    """Return the run that a seed stands for."""
+    random = Random(f"{seed}/scenario")  # noqa: S311 - not for secrets
+    spec = _system(asked, random)
+    scene = built(spec)
+    rule = asked.rule or random.choice(_fitting(scene))
+    modules = len(scene.start)
+    to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
+    return Scenario(
+        system=spec,
+        rule=rule,
+        processes=random.randint(1, min(modules, _PROCESSES_MAX)),
+        hesitate=random.choice(_HESITATE),
+        max_rounds=random.randint(*_WITHOUT_GOAL) if rule == "random" else to_goal,
+        seed=random.randrange(1 << 16),
+    )
+
+
+def _fitting(scene: Scene) -> list[str]:
+    return [rule.name for rule in rules().values() if rule.fits(scene.system)]
+
+
+def _system(asked: Asked, random: Random) -> str:
+    if asked.system is not None and asked.system not in INSTANCES:
+        return asked.system
+    large = random.random() < _LARGE_RATE
+    modules = asked.modules or (_LARGE if large else random.choice(_SMALL))
+    family = asked.system or random.choice(_families(asked, large=large))
+    spec = INSTANCES[family](modules, random)
+    for _ in range(_TRIES):
+        scene = built(spec)
+        if not scene.reached(scene.start):
+            break
+        spec = INSTANCES[family](modules, random)
+    return spec
+
+
+def _families(asked: Asked, *, large: bool) -> list[str]:
+    """Return the names of the families to draw from: those for which there is the rule."""
+    return _families_for(asked.rule, large=large)
+
+
+@lru_cache
+def _families_for(rule: str | None, *, large: bool) -> list[str]:
+    names = [name for name in INSTANCES if name in all_families()]
+    if not large:
+        names = [name for name in names if name not in _ALWAYS_LARGE]
+    if rule is not None:
+        names = [name for name in names if rule in _fitting(built(name))]
+    return names

@@ -1,0 +1,319 @@
+"""One simulated run: the nodes of a run on a simulated wire, and what must hold of what they did.
+
+Room: coordinator. A run without faults is played in the environment as well, in one process and by
+other code: the edge path must be the same, and of a run that was ended by a fault it must be the
+beginning of that. The recording of every run must pass `verify`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeAlias
+
+import msgspec
+
+from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.node import HostNode
+from cubepath.agents.processes.orders import Orders
+from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.simulation.coordinator import Coordinator
+from cubepath.coordinator.simulation.faults import ENDING, SECOND_US, Fault, Faults
+from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.scenarios import Scenario
+from cubepath.coordinator.simulation.trace import Trace
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Edges, Message, encode
+from cubepath.protocol.wire.nodes import Node
+
+RUN = "simulated"
+COORDINATOR = "coordinator"
+PATIENCE_US = int(PATIENCE_S * SECOND_US)
+_START_US, _NEXT_START_US = 500, 50
+"""When the first module process is there, and how much later each other: the coordinator listens
+before it starts them."""
+MakeNode = Callable[[Orders, Scene], Node]
+"""Makes the node of a module process; tests give nodes with a bug in them."""
+
+_STEPS_MAX, _STEPS_A_ROUND = 50_000, 3_000
+_TIME_US_MAX, _TIME_US_A_ROUND = 20 * PATIENCE_US, PATIENCE_US // 10
+"""A run may take so much, and so much for each round that it has without faults."""
+
+_Moves: TypeAlias = "list[tuple[int, str, Site]]"
+"""The moves of a round, in increasing order of modules."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """What did not hold of a run: its kind, by which failures are the same, and one line."""
+
+    kind: str
+    detail: str
+
+
+@dataclass(frozen=True, slots=True)
+class Simulated:
+    """A simulated run; `failure` is None if everything held that must hold."""
+
+    scenario: Scenario
+    fired: tuple[Fault, ...]
+    ending: Ending | None
+    rounds: int
+    failure: Failure | None
+    recording: Recording
+    steps: int
+    seconds: float
+    """The virtual time that it took."""
+
+    @property
+    def outcome(self) -> str:
+        """Return how the run came out, in a word or two."""
+        if self.failure is not None:
+            return "failure"
+        if self.ending is None:  # only a failure has none
+            raise AssertionError("no end")
+        if self.ending.ended != "failed":
+            return self.ending.ended
+        return next((fault.kind for fault in self.fired if fault.kind in ENDING), "gave-up")
+
+
+def host_node(orders: Orders, scene: Scene) -> Node:
+    """Return the node of a module process, as a real one has it."""
+    return HostNode(orders, scene)
+
+
+def process_names(scenario: Scenario) -> list[str]:
+    """Return the names of the module processes."""
+    return [f"process_{number}" for number in range(scenario.processes)]
+
+
+def simulate(
+    scenario: Scenario,
+    faults: Faults,
+    *,
+    fault_seed: int = 0,
+    trace: Trace | None = None,
+    make: MakeNode = host_node,
+) -> Simulated:
+    """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
+
+    `fault_seed` is that of the small differences between delays.
+    """
+    run = _Run(scenario, faults, fault_seed, trace, make)
+    failure = run.play()
+    network = run.network
+    return Simulated(
+        scenario=scenario,
+        fired=tuple(network.fired),
+        ending=run.ending,
+        rounds=run.conductor.gatherer.rounds,
+        failure=failure,
+        recording=run.recording(),
+        steps=network.steps,
+        seconds=network.now_us / SECOND_US,
+    )
+
+
+class _Run:
+    """A run in progress."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        faults: Faults,
+        fault_seed: int,
+        trace: Trace | None,
+        make: MakeNode,
+    ) -> None:
+        self.scenario = scenario
+        self.scene = scenario.scene
+        self.rule = rule_named(scenario.rule, self.scene.system)
+        self.ending: Ending | None = None
+        self.network = Network(faults, fault_seed, trace)
+        self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
+        self._records: list[Record] = []
+        self._expected: list[_Moves] = []
+        self._differs: Failure | None = None
+        modules_of = dealt(self.scene, scenario.processes)
+        self._pacer = Pacer(RUN, modules_of, patience_s=PATIENCE_S)
+        self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
+        self._modules_of = modules_of
+        self._make = make
+
+    def _record(self, data: bytes, message: Message) -> None:
+        self._records.append(
+            Record(
+                topic_of(message),
+                data,
+                message.round,
+                self.network.now_us * 1000,
+                len(self._records),
+            )
+        )
+
+    def _result(self, message: Message) -> None:
+        """Record a result of the coordinator; stop at the first round with other moves."""
+        self._record(encode(message), message)
+        if isinstance(message, Edges) and self._differs is None:
+            self._differs = self._compared(message)
+            if self._differs is not None:
+                self.network.stop()
+
+    def play(self) -> Failure | None:
+        """Play to the end; return the first thing that does not hold."""
+        try:
+            reference = self._reference()
+        except CubepathError as error:
+            return Failure("rule", f"without faults: {error}")
+        self._expected = [
+            [(module, move.generator, move.at) for module, move in each.moves.items()]
+            for each in reference.rounds
+        ]
+        failure = self._simulate(len(reference.rounds)) or self._differs
+        if self.ending is None:
+            why = None if failure is None else failure.detail
+            self.ending = self.conductor.failed(why or "no end")
+        try:
+            for message in self.conductor.results(self.ending):
+                self._record(encode(message), message)
+        except CubepathError as error:
+            return failure or Failure("results", str(error))
+        return failure or self._ended(reference) or self._blamed(reference) or self._verified()
+
+    def _reference(self) -> Played:
+        scenario = self.scenario
+        return play(
+            self.scene,
+            self.rule,
+            seed=scenario.seed,
+            hesitate=scenario.hesitate,
+            max_rounds=scenario.max_rounds,
+        )
+
+    def _simulate(self, rounds: int) -> Failure | None:
+        network = self.network
+        if self.conductor.before() is not None:
+            self.ending = self.conductor.before()
+            return None
+        try:
+            network.add(COORDINATOR, lambda: self._coordinator)
+            for process, modules in enumerate(self._modules_of):
+                orders = self._orders(process, modules)
+                make = partial(self._make, orders, self.scene)
+                network.add(f"process_{process}", make, _START_US + process * _NEXT_START_US)
+            network.on_death(self._coordinator.died)
+            network.run(
+                _STEPS_MAX + rounds * _STEPS_A_ROUND, _TIME_US_MAX + rounds * _TIME_US_A_ROUND
+            )
+        except NodeError as error:
+            return Failure("raised", str(error))
+        except RanAway as error:
+            return Failure("ran away", str(error))
+        finally:
+            self.ending = self._coordinator.ending
+        return None
+
+    def _orders(self, process: int, modules: list[int]) -> Orders:
+        return Orders(
+            endpoint="",
+            run=RUN,
+            process=process,
+            modules=modules,
+            scene="",
+            rule=self.scenario.rule,
+            seed=self.scenario.seed,
+            hesitate=self.scenario.hesitate,
+            note_length=0,
+        )
+
+    def _compared(self, edges: Edges) -> Failure | None:
+        """Compare a round of the edge path with that of a run without faults."""
+        if edges.round > len(self._expected):
+            return Failure("path", f"round {edges.round} is one more than without faults")
+        found = [(move.module, move.generator, site_from_json(move.at)) for move in edges.moves]
+        expected = self._expected[edges.round - 1]
+        if found == expected:
+            return None
+        moves = f"round {edges.round} has the moves {_named(found)}"
+        return Failure("path", f"{moves}, without faults {_named(expected)}")
+
+    def _ended(self, reference: Played) -> Failure | None:
+        """Compare how the run ended; a fault may have ended it before."""
+        ending, expected = self.ending, _end_of(reference)
+        if ending is not None and ending.ended == "failed" and ending != expected:
+            return None  # whether it may is asked next
+        rounds = self.conductor.gatherer.rounds
+        if (ending, rounds) == (expected, len(reference.rounds)):
+            return None
+        after = f"{_told(ending)} after {rounds} rounds"
+        without = f"{_told(expected)} after {len(reference.rounds)}"
+        return Failure("outcome", f"{after}, without faults {without}")
+
+    def _blamed(self, reference: Played) -> Failure | None:
+        """Check that a run that failed was ended by a fault that may end it, and says so."""
+        ending = self.ending
+        if ending is None or ending.ended != "failed" or ending == _end_of(reference):
+            return None
+        line = ending.error or ""
+        ends = [fault for fault in self.network.fired if fault.kind in ENDING]
+        if not ends:
+            return Failure("ended", f"tolerable faults ended it: {line or 'without a line'}")
+        if not line or "\n" in line:
+            return Failure("line", f"ended without one clear line: {line!r}")
+        blamed = sorted({fault.where for fault in ends})
+        # A process is named by itself, or with its modules by the coordinator.
+        names = any(f"{name}:" in line or f"({name.replace('_', ' ')})" in line for name in blamed)
+        waits = line.endswith("waiting for others")  # those who said nothing are not known
+        if not names and not waits and blamed != [COORDINATOR]:
+            return Failure("blame", f"the fault was of {', '.join(blamed)}, and it says: {line}")
+        return None
+
+    def _verified(self) -> Failure | None:
+        wrong = [check for check in verify(self.recording()).checks if not check.ok]
+        if not wrong:
+            return None
+        names = ", ".join(check.name for check in wrong)
+        return Failure(f"verify {wrong[0].name}", f"verify fails {names}: {wrong[0].detail}")
+
+    def recording(self) -> Recording:
+        """Return what was kept, and the results, as a recording."""
+        scenario = self.scenario
+        parameters = {
+            "system": self.scene.spec,
+            "family": self.scene.family,
+            "rule": scenario.rule,
+            "seed": str(scenario.seed),
+            "hesitate": str(scenario.hesitate),
+            "processes": str(scenario.processes),
+            "modules": str(len(self.scene.start)),
+            "max_rounds": str(scenario.max_rounds),
+            "faults": msgspec.json.encode(self.network.fired).decode(),
+        }
+        path = Path(f"{RUN}.mcap")
+        return Recording(path, parameters, self.scene, tuple(self._records), ())
+
+
+def _named(moves: _Moves) -> str:
+    return ", ".join(f"module_{module} {name} {at!r}" for module, name, at in moves) or "none"
+
+
+def _end_of(reference: Played) -> Ending:
+    if reference.failed is not None:
+        return Ending("failed", reference.failed.replace("module ", "module_"))
+    return Ending("goal" if reference.reached else "max-rounds")
+
+
+def _told(ending: Ending | None) -> str:
+    if ending is None:
+        return "no end"
+    return ending.ended + (f" ({ending.error})" if ending.error else "")

@@ -1,0 +1,78 @@
+"""What a seed stands for: every system and rule comes, small as asked, and always the same."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+
+from cubepath.agents.rules.registry import BUILT_IN
+from cubepath.coordinator.simulation.scenarios import INSTANCES, Asked, built, check, scenario_of
+from cubepath.protocol.core.errors import InputError
+from local_families import LOCAL_FAMILIES
+
+
+def test_every_local_family_has_instances() -> None:
+    """A family that is added is simulated too."""
+    assert set(INSTANCES) == set(LOCAL_FAMILIES)
+
+
+@pytest.mark.slow
+def test_every_system_with_every_rule_that_fits_is_drawn() -> None:
+    """Of 600 seeds; one in twenty is large, and all others have few modules."""
+    scenarios = [scenario_of(seed) for seed in range(600)]
+    drawn = {(each.system.partition(":")[0], each.rule) for each in scenarios}
+    assert drawn == {
+        (name, rule.name)
+        for name in INSTANCES
+        for rule in BUILT_IN.values()
+        if rule.fits(built(name).system)
+    }
+    sizes = Counter(len(each.scene.start) for each in scenarios)
+    large = sum(count for size, count in sizes.items() if size > 9)
+    assert 10 <= large <= 60
+    assert min(sizes) >= 2
+    assert not [each for each in scenarios if each.scene.reached(each.scene.start)]
+    assert {each.processes for each in scenarios} == {1, 2, 3, 4, 5, 6}
+    assert {each.hesitate > 0 for each in scenarios} == {True, False}
+
+
+def test_the_same_seed_is_the_same_run() -> None:
+    """Whatever was asked for before."""
+    first = scenario_of(17)
+    scenario_of(18, Asked("hex"))
+    assert scenario_of(17) == first
+
+
+def test_what_is_asked_for_holds_for_all_seeds() -> None:
+    """A family, a whole spec, a rule, a number of modules; the rest is drawn."""
+    for seed in range(12):
+        assert scenario_of(seed, Asked("hex")).system.startswith("hex:n=")
+        assert scenario_of(seed, Asked("agv:graph=K5,n=3")).system == "agv:graph=K5,n=3"
+        assert scenario_of(seed, Asked(rule="tswap")).system.startswith("agv:")
+        assert len(scenario_of(seed, Asked("arm", modules=7)).scene.start) == 7
+
+
+@pytest.mark.parametrize(
+    ("asked", "why"),
+    [
+        (Asked("hex-connected"), "hex-connected"),
+        (Asked("nonesuch"), "nonesuch"),
+        (Asked("hex", rule="tswap"), "not for this system: rule 'tswap'"),
+        (Asked(rule="nonesuch"), "unknown rule 'nonesuch', expected one of random, chain"),
+        (Asked("hex:n=3", modules=4), "--modules 4 with --system hex:n=3: expected one of hex"),
+    ],
+)
+def test_what_cannot_be_simulated_is_refused(asked: Asked, why: str) -> None:
+    """Before the first seed, with what was found."""
+    with pytest.raises(InputError, match=why):
+        check(asked)
+
+
+def test_smaller_scenarios_have_fewer_modules_or_processes() -> None:
+    """None is as large as the scenario itself, and the smallest come first."""
+    scenario = scenario_of(5, Asked("hex:n=5"))
+    sizes = [(len(each.scene.start), each.processes) for each in scenario.smaller()]
+    assert sizes
+    assert all(size < (5, scenario.processes) for size in sizes)
+    assert [size for size, _ in sizes] == sorted(size for size, _ in sizes)

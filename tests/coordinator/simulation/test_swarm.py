@@ -1,0 +1,148 @@
+"""Many seeds: what is counted, and a planted bug that is found, shrunk, kept and opened again."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from command_line import cubepath
+from cubepath.coordinator.simulation.faults import KINDS, Listed
+from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked
+from cubepath.coordinator.simulation.shrinking import shrunk
+from cubepath.coordinator.simulation.simulated import simulate
+from cubepath.coordinator.simulation.swarm import (
+    OUTCOMES,
+    Kept,
+    Tally,
+    command_of,
+    label,
+    run_of,
+    simulate_seeds,
+)
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.wire.messages import Claim, Go, Here, Ready, Reports, Said, encode
+from planted import Raises, TakesDoubles
+
+LINES = Asked("hex", "chain")
+
+
+def first_failing(make: type[TakesDoubles | Raises], asked: Asked = LINES) -> int:
+    """Return the first seed that fails with a planted bug."""
+    return next(seed for seed in range(100) if run_of(seed, asked, make=make).failure is not None)
+
+
+@pytest.mark.slow
+def test_a_planted_bug_is_found_shrunk_and_kept(tmp_path: Path) -> None:
+    """What is kept fails as the seed did, with two processes, one fault and few rounds."""
+    seed = first_failing(TakesDoubles)
+    tally, shrinking = Tally(), list[int]()
+    found = simulate_seeds(
+        [seed], LINES, tmp_path, tally, failing=shrinking.append, make=TakesDoubles
+    )
+    (kept,) = found
+    assert kept is not None
+    assert tally.failed == [kept]
+    assert shrinking == [seed]
+    assert tally.outcomes["failure"] == tally.seeds == 1
+    assert kept.kind == "verify deliveries"
+    assert kept.modules <= 3
+    assert kept.rounds <= 2
+    assert len(kept.faults) == 1
+    assert kept.faults[0].startswith("duplicate at ")
+    recording = read_recording(Path(kept.log))
+    assert recording.problems == ()
+    assert recording.parameters["simulated"] == f"seed {seed}: {kept.detail}"
+    assert not {check.name: check.ok for check in verify(recording).checks}["deliveries"]
+
+
+@pytest.mark.slow
+def test_what_is_kept_can_be_opened(tmp_path: Path) -> None:
+    """By verify, info, view and replay; the pictures show the messages, and view leaves them."""
+    (kept,) = simulate_seeds(
+        [first_failing(TakesDoubles)], LINES, tmp_path, Tally(), make=TakesDoubles
+    )
+    assert kept is not None
+    log = Path(kept.log)
+    assert {path.name for path in tmp_path.iterdir()} == {
+        log.name,
+        f"{log.stem}-messages.svg",
+        f"{log.stem}-messages.png",
+    }
+    before = [Path(picture).read_bytes() for picture in kept.pictures]
+    assert b"<!-- coordinator -->" in before[0]
+    verified = cubepath("verify", log)
+    assert (verified.returncode, "FAILED  deliveries" in verified.stdout) == (1, True)
+    for command in ("info", "view", "replay"):
+        done = cubepath(command, log)
+        assert done.returncode == 0, done.stderr
+    assert [Path(picture).read_bytes() for picture in kept.pictures] == before
+
+
+@pytest.mark.slow
+def test_shrinking_fails_in_the_same_way() -> None:
+    """The kind of the failure stays, and what is left fails each time from its list."""
+    seed = first_failing(Raises)
+    found = run_of(seed, LINES, make=Raises)
+    small = shrunk(found, seed, make=Raises)
+    assert found.failure is not None
+    assert small.failure is not None
+    assert small.failure.kind == found.failure.kind == "raised"
+    assert "raised KeyError" in small.failure.detail
+    assert len(small.fired) < len(found.fired) / 2
+    assert len(small.scenario.scene.start) <= len(found.scenario.scene.start)
+    again = simulate(small.scenario, Listed(small.fired), fault_seed=seed, make=Raises)
+    assert again.failure == small.failure
+
+
+def test_a_run_that_holds_is_not_shrunk() -> None:
+    """There is nothing that could be made small."""
+    with pytest.raises(ValueError, match="nothing to shrink"):
+        shrunk(run_of(0, LINES), 0)
+
+
+@pytest.mark.slow
+def test_a_log_is_never_written_over(tmp_path: Path) -> None:
+    """The same seed twice gives two recordings."""
+    seed = first_failing(Raises)
+
+    def once() -> Iterator[Kept | None]:
+        return simulate_seeds([seed], LINES, tmp_path, Tally(), make=Raises)
+
+    names = [Path(kept.log).name for _ in range(2) for kept in once() if kept is not None]
+    assert names == [f"simulated-{seed}.mcap", f"simulated-{seed}-2.mcap"]
+
+
+def test_the_tally_counts_every_kind(tmp_path: Path) -> None:
+    """Also those that did not come to pass; numbers of runs add up."""
+    tally = Tally()
+    assert list(simulate_seeds(range(3), ANYTHING, tmp_path, tally)) == [None] * 3
+    document = tally.document(2.0)
+    assert set(document["faults"]) == set(KINDS)
+    assert set(document["outcomes"]) == set(OUTCOMES)
+    assert sum(document["outcomes"].values()) == document["seeds"] == 3
+    assert document["failures"] == len(document["failed"]) == 0
+    assert document["seeds_per_second"] == 1.5
+    assert document["steps"] == sum(run_of(seed).steps for seed in range(3))
+
+
+def test_the_command_replays_the_seed_alone() -> None:
+    """With what was asked for, in quotes where a shell needs them."""
+    assert command_of(7, ANYTHING) == "cubepath simulate --seeds 7..7"
+    asked = Asked("my scene.toml", "random", None)
+    command = "cubepath simulate --seeds 7..7 --system 'my scene.toml' --rule random"
+    assert command_of(7, asked) == command
+
+
+def test_messages_are_labelled() -> None:
+    """In a few words: the kind, the round, and where it goes."""
+    here = Here(3, 1, [0, 0])
+    claim = Claim(3, 1, [0, 0], "left", [0, 0])
+    said = Said(3, "sense", 0, "0,1", 0, [here, here, claim])
+    assert label(encode(said)) == "2 here, claim to 0,1"
+    assert label(encode(Go(3, "claim"))) == "go 3 claim"
+    assert label(encode(Ready(3, 0, "claim"))) == "ready 3 claim"
+    assert label(encode(Reports(3, 0, []))) == "reports 3"
+    assert label(b"?") == "no message"

@@ -1,0 +1,68 @@
+"""Nodes of module processes with a bug each, which the simulator must find."""
+
+from __future__ import annotations
+
+import msgspec
+
+from cubepath.agents.processes.node import HostNode
+from cubepath.agents.processes.orders import Orders
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.messages import Again, Go, Message, Said, decode, encode
+from cubepath.protocol.wire.nodes import Effect
+
+
+class Faultless:
+    """The node as it is, with one place for a bug."""
+
+    def __init__(self, orders: Orders, scene: Scene) -> None:
+        self._node = HostNode(orders, scene)
+
+    def start(self) -> list[Effect]:
+        return self._node.start()
+
+    def tick(self) -> list[Effect]:
+        return self._node.tick()
+
+    def receive(self, data: bytes) -> list[Effect]:
+        return self._node.receive(encode(self.changed(decode(data))))
+
+    def changed(self, message: Message) -> Message:
+        return message
+
+
+class TakesDoubles(Faultless):
+    """Takes what is said to it twice for two messages."""
+
+    def __init__(self, orders: Orders, scene: Scene) -> None:
+        super().__init__(orders, scene)
+        self._known: set[bytes] = set()
+
+    def changed(self, message: Message) -> Message:
+        data = encode(message)
+        if isinstance(message, Said) and data in self._known:
+            return msgspec.structs.replace(message, number=message.number + 100)
+        self._known.add(data)
+        return message
+
+
+class ForgetsCounts(Faultless):
+    """Begins a phase without what it has missed of the one before."""
+
+    def changed(self, message: Message) -> Message:
+        return msgspec.structs.replace(message, said={}) if isinstance(message, Go) else message
+
+
+class Raises(Faultless):
+    """Raises what no node may raise when others miss something."""
+
+    def changed(self, message: Message) -> Message:
+        if isinstance(message, Again):
+            raise KeyError(message.region)
+        return message
+
+
+class IsDeaf(Faultless):
+    """Hears nothing after the first round."""
+
+    def receive(self, data: bytes) -> list[Effect]:
+        return [] if decode(data).round > 1 else super().receive(data)
