@@ -1,29 +1,28 @@
-"""Recordings whose messages are batches: what the modules of a process say, by phase and region."""
+"""Recordings of both forms: batches by phase and region, and messages one by one."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace as with_fields
 from typing import Literal, cast
 
 from msgspec.structs import replace
 
+from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.system import System
-from cubepath.protocol.recordings.recording import Record, Recording, topic_on_record
-from cubepath.protocol.wire.keys import addressees
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.keys import addressees, topic_of
 from cubepath.protocol.wire.messages import (
-    Claim,
-    Here,
-    Note,
+    Heard,
     Part,
     Report,
     Reports,
     Said,
-    Verdict,
     decode,
     encode,
     kind_of,
 )
-from recordings import with_records
+from recordings import parts, with_records
 
 Phase = Literal["sense", "claim", "settle"]
 PHASE: dict[str, Phase] = {"here": "sense", "note": "sense", "claim": "claim", "verdict": "settle"}
@@ -44,7 +43,7 @@ def batches(system: System, parts: Sequence[Part | Report]) -> Iterator[Said | R
         if isinstance(part, Report):
             reports.setdefault(process, []).append(part)
             continue
-        for region in {system.region(place): None for place in addressees(system, part) or ()}:
+        for region in {system.region(place): None for place in addressees(system, part)}:
             said.setdefault((PHASE[kind_of(part)], process, region), []).append(part)
     for (phase, process, region), some in said.items():
         yield Said(number, phase, process, region, 0, some)
@@ -60,30 +59,35 @@ def counted(report: Report) -> Report:
     return replace(report, heard=heard)
 
 
-def batched(recording: Recording) -> Recording:
-    """Return the recording with what modules say in batches, before the edges of the round."""
+def singles(recording: Recording) -> Recording:
+    """Return the recording as one of format 1, in which each part is a message of its own.
+
+    A part that was said to several regions is said once, and reports tell from where they heard.
+    """
     records: list[Record] = []
-    waiting: dict[int, list[Part | Report]] = {}
-
-    def flush(number: int, wall_ns: int) -> None:
-        parts = waiting.pop(number, None)
-        records.extend(
-            Record(topic_on_record(message), encode(message), number, wall_ns, 0)
-            for message in (batches(recording.scene.system, parts) if parts else ())
-        )
-
+    stood = {(report.round, report.module): report.before for report in parts(recording, "report")}
+    known: set[bytes] = set()
     for record in recording.records:
-        if record.kind in (*PHASE, "report"):
-            message = decode(record.data)
-            assert isinstance(message, Here | Note | Claim | Verdict | Report)
-            waiting.setdefault(record.round, []).append(message)
+        message = decode(record.data)
+        if not isinstance(message, Said | Reports):
+            records.append(record)
             continue
-        if record.kind == "edges":
-            flush(record.round, record.wall_ns)
-        records.append(record)
-    for number in sorted(waiting):
-        flush(number, 0)
-    return with_records(recording, records)
+        for part in message.parts:
+            said = told_from(part, stood) if isinstance(part, Report) else part
+            data = encode(said)
+            if isinstance(part, Report) or data not in known:
+                known.add(data)
+                records.append(Record(topic_of(said), data, record.round, record.wall_ns, 0))
+    return with_fields(with_records(recording, records), format="cubepath-recording-1")
+
+
+def told_from(report: Report, stood: Mapping[tuple[int, int], Json]) -> Report:
+    """Return a report of format 2 as one of format 1."""
+    heard = [
+        Heard(kind, module, stood.get((report.round, module)) if site is None else site)
+        for kind, module, site in report.deliveries()
+    ]
+    return replace(report, heard=heard)
 
 
 def first_batch(

@@ -91,11 +91,11 @@ class Recorded:
 
     def take(self, message: Message, data: bytes) -> None:
         """Note a message."""
-        phase = {"reports": "settle"}.get(topic_of(message).partition("/")[0])
         if isinstance(message, Go):
             self.gos[message.round, message.phase] = data
         elif isinstance(message, Said | Ready | Reports):
-            at = (message.process, message.round, phase or getattr(message, "phase", ""))
+            phase = "settle" if isinstance(message, Reports) else message.phase
+            at = (message.process, message.round, phase)
             self.puts.setdefault(at, []).append((key_of(RUN, message), data))
         for part in parts_of(message):
             if isinstance(part, Report):
@@ -308,7 +308,7 @@ def single(
                 topic = topic_of(part)
                 address = f"cubepath/{RUN}/{topic}"
                 if places:
-                    region = system.region(system.place_of(site_from_json(part.site)))  # type: ignore[union-attr]
+                    region = system.region(system.place_of(site_from_json(part.site)))
                     joined = "/".join(map(chunk, places))
                     address = f"cubepath/{RUN}/from/{region}/{topic}/{joined}"
                 puts.setdefault((home, number, phase), []).append((address, text))
@@ -381,7 +381,15 @@ def main() -> None:
     chosen = options.parse_args()
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, 4096)), hard))
-    columns = ("processes", "round ms", "floor ms", "ratio", "wire ms", "0.1.0 ms", "of it")
+    columns: tuple[str, ...] = (
+        "processes",
+        "round ms",
+        "floor ms",
+        "ratio",
+        "wire ms",
+        "0.1.0 ms",
+        "of it",
+    )
     columns += ("wall ms", "messages", "parts")
     print(f"{'processor time a round':<26}" + "".join(f"{column:>10}" for column in columns))
     todo = [row for row in rows(chosen.quick) if chosen.only in (None, row[0])]

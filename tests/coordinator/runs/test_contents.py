@@ -11,7 +11,7 @@ from pathlib import Path
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from batched import batched
+from batched import singles
 from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
@@ -34,7 +34,7 @@ def test_info_says_what_was_run_and_what_came_of_it() -> None:
     assert document["parameters"] == {}
     for key in ("rounds", "moves", "reduced_moves", "cubes", "path_digest", "ended"):
         assert document[key] == getattr(summary, key)
-    assert document["kinds"]["report"]["messages"] == 7 * summary.rounds
+    assert document["parts"]["report"] == 7 * summary.rounds
     assert sum(kind["messages"] for kind in document["kinds"].values()) == document["messages"]
     assert document["message_bytes"] == sum(len(each.data) for each in crowd().records)
     assert document["bytes"] == crowd().path.stat().st_size
@@ -94,7 +94,7 @@ def test_odd_recordings_are_described_too() -> None:
 
 def test_what_a_file_says_of_itself_is_what_is_in_it(tmp_path: Path) -> None:
     """The counts at its end, and those of its messages one by one, in both forms."""
-    for number, recording in enumerate((crowd(), batched(crowd()))):
+    for number, recording in enumerate((crowd(), singles(crowd()))):
         path = tmp_path / f"{number}.mcap"
         copy_recording(recording, path)
         whole = read_recording(path)
@@ -149,7 +149,7 @@ def test_counts_that_do_not_fit_are_not_believed(tmp_path: Path) -> None:
 
 def test_parts_of_batches_are_told_to_people() -> None:
     """By kind, under the kinds of messages."""
-    text = render(info(batched(crowd())))
+    text = render(info(crowd()))
     reports = len([*crowd().of_kind("report")])
     assert re.search(rf"^  report +{reports}  in batches$", text, re.MULTILINE)
-    assert "in batches" not in render(info(crowd()))
+    assert "in batches" not in render(info(singles(crowd())))

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 import tamperings_of_certificates
 import tamperings_of_results
 import tamperings_of_schedules
-from batched import batched
+from batched import singles
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
@@ -41,10 +41,10 @@ def test_a_file_is_told_as_messages_in_memory(
 ) -> None:
     """Every tampering: the same checks fail, with the same words, and the numbers are the same."""
     recording = with_fields(make(), problems=())
-    if form == "batches":
+    if form == "single messages":
         if checks[0] == "messages":
             pytest.skip("is about single messages")
-        recording = batched(recording)
+        recording = singles(recording)
     assert len([*written(recording).blocks()]) > 1
     assert verify(written(recording)) == verify(recording)
 

@@ -341,7 +341,7 @@ class HostNode:
         asked_again = self._pending is not None
         self._pending = go
         found = self._try_to_begin()
-        if asked_again and self._pending is not None:
+        if asked_again and self._at != at:
             found.append(self._waiting(go.round, go.phase))
         return found
 

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
         end_state,
         is_cube,
         is_normal,
-        obvious_normal_form,
         too_late,
     )
     from cubepath.coordinator.normal_form.heap import Heap, normal_cube_path
@@ -40,7 +39,7 @@ else:
             "array_heap": "NormalForm",
             "certificate": "certificate_of encodable_certificate link",
             "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
-            "definitions": "end_state is_cube is_normal obvious_normal_form too_late",
+            "definitions": "end_state is_cube is_normal too_late",
             "heap": "Heap normal_cube_path",
             "timetable": "Timetable durations_of earliest",
         },
@@ -65,6 +64,5 @@ __all__ = [
     "link",
     "normal_cube_path",
     "normal_form_of",
-    "obvious_normal_form",
     "too_late",
 ]

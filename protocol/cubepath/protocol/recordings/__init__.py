@@ -10,7 +10,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.counts import Counts
-    from cubepath.protocol.recordings.description import FORMAT, FORMATS
+    from cubepath.protocol.recordings.description import FORMATS
     from cubepath.protocol.recordings.recording import (
         TOPICS_MAX,
         Record,
@@ -26,7 +26,7 @@ else:
         __name__,
         {
             "counts": "Counts",
-            "description": "FORMAT FORMATS",
+            "description": "FORMATS",
             "recording": (
                 "TOPICS_MAX Record Recording RecordingWriter copy_recording "
                 "is_recording read_recording read_undamaged"
@@ -35,7 +35,6 @@ else:
     )
 
 __all__ = [
-    "FORMAT",
     "FORMATS",
     "TOPICS_MAX",
     "Counts",

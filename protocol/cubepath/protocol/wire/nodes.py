@@ -7,6 +7,7 @@ process on zenoh and under a simulator. A shell carries the effects out in their
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
@@ -61,11 +62,14 @@ Effect: TypeAlias = Put | Listen | Ignore | Timer | Keep | End
 class Node(Protocol):
     """Messages and ticks in, effects out."""
 
+    @abstractmethod
     def start(self) -> list[Effect]:
         """Begin; called once, before anything else."""
 
+    @abstractmethod
     def receive(self, data: bytes) -> list[Effect]:
         """Take the bytes of a message that was put on a key that the node listens to."""
 
+    @abstractmethod
     def tick(self) -> list[Effect]:
         """Take note that the timer has run out."""
