@@ -280,7 +280,12 @@ def a_verdict_on_no_claim() -> Recording:
     verdict = replace(
         first(whole, "verdict"), round=report.round, module=report.module, site=report.before
     )
-    said = Said(report.round, "settle", 0, "0,0", 9, [verdict])
+    before = [
+        each
+        for each in map(decode, (record.data for record in whole.records))
+        if isinstance(each, Said) and (each.round, each.phase) == (report.round, "settle")
+    ]
+    said = Said(report.round, "settle", 0, "0,0", len(before), [verdict])
     return with_records(whole, [*whole.records, record_of(said)])
 
 

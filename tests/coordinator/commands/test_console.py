@@ -113,7 +113,7 @@ sys.exit(main(sys.argv[1:]))
             ["complex", "agv:graph=grid8x8,n=6", "-o", "c.json"],
             "a smaller system or --max-states N",
         ),
-        (["info", "large.mcap"], "a smaller input"),
+        (["shorten", "large.mcap"], "a smaller input"),
     ):
         done = subprocess.run(
             [sys.executable, "-W", "error", "-c", code, *arguments],

@@ -102,14 +102,13 @@ def test_what_is_said_or_asked_again_is_no_fault() -> None:
     twice = [each for each in recording.records for _ in range(2)]
     assert verify(with_records(recording, twice)).ok
     place, batch = first_batch(recording, "claim", 2)
-    elsewhere = replace(batch, region="elsewhere", number=3)
     more: tuple[Message, ...] = (
         Again(2, 0, "claim", "elsewhere"),
         Go(2, "claim", {"elsewhere": 1}),
         Waiting(2, 1, "claim"),
         Ready(2, 0, "claim", {"elsewhere": 1}),
     )
-    assert verify(with_message(recording, place, batch, *more, elsewhere, *more)).ok
+    assert verify(with_message(recording, place, batch, *more, batch, *more)).ok
 
 
 def test_a_part_that_differs_between_two_batches_is_named() -> None:
@@ -122,7 +121,45 @@ def test_a_part_that_differs_between_two_batches_is_named() -> None:
     parts[at] = replace(parts[at], note=[9 for _ in parts[at].note])
     found = with_message(recording, place, batch, replace(batch, region="other", parts=parts))
     module = parts[at].module
-    assert said_of(found, "said") == f"round 3, module_{module}: note comes twice, and differs"
+    told = said_of(found, "said")
+    assert told.startswith(f"round 3, module_{module}: note comes twice, and differs (and ")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"region": "7,7"}, "goes to region 7,7 in vain"),
+        ({"number": 2}, "what it said to region 0,0 in phase claim is numbered [2], not from 0 on"),
+        ({"phase": "sense"}, "claim is said in phase sense, not in claim"),
+        ({"parts": []}, "it heard claim of module_"),
+    ],
+)
+def test_a_batch_goes_where_its_parts_are_for(change: dict[str, Any], told: str) -> None:
+    """To their regions and no other, in their phase, numbered from 0 on, and nothing is lost."""
+    recording = whole()
+    place, batch = first_batch(recording, "claim", 2)
+    found = verify(with_message(recording, place, replace(batch, **change)))
+    assert not found.ok
+    assert any(told in each.detail for each in found.checks if not each.ok)
+
+
+def test_a_part_goes_to_every_region_that_it_is_for() -> None:
+    """A batch less than there are regions is named; so is a module that changes its process."""
+    recording = recorded("agv:graph=grid12x12,n=30", "random", rounds=4, processes=2)
+    assert verify(recording).ok
+    places = [
+        (place, message)
+        for place, message in enumerate(decode(each.data) for each in recording.records)
+        if isinstance(message, Said) and message.phase == "sense" and message.round == 2
+    ]
+    assert len({message.region for _, message in places}) >= 2
+    for place, message in places:
+        told = said_of(with_message(recording, place), "said")
+        assert "no here" in told or f"does not go to region {message.region}" in told
+    place, batch = first_batch(recording, "report", 3)
+    other = replace(batch, process=1 - batch.process)
+    told = said_of(with_message(recording, place, batch, other), "said")
+    assert f"comes from process_{other.process}, but the module is in process_" in told
 
 
 def test_a_part_of_another_round_than_its_batch_is_named() -> None:

@@ -12,6 +12,7 @@ from hashlib import blake2b, sha256
 
 import msgspec
 
+from cubepath.coordinator.verification.batches import Batches
 from cubepath.coordinator.verification.transcript import (
     Fail,
     ModuleMessage,
@@ -73,6 +74,7 @@ class Rederivation:
         self._scene = scene
         self._system = scene.system
         self._seed = seed
+        self._batches = Batches(scene.system, fail)
         self._fail = fail
         if seed is None:
             fail("claims", "the recording names no seed, so nobody's rank is known")
@@ -83,6 +85,7 @@ class Rederivation:
         moves = self._moves(where, said.reports)
         self._check_commuting(where, moves)
         self._check_said(where, said)
+        self._batches.check(number, said)
         self._check_claims(number, said)
         self._check_hearing(said)
         before = list(self.sites)

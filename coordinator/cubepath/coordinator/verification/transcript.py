@@ -28,6 +28,8 @@ from cubepath.protocol.wire.messages import (
     Message,
     Note,
     Report,
+    Reports,
+    Said,
     Summary,
     Verdict,
     decode,
@@ -61,6 +63,8 @@ class Round:
     said: dict[tuple[str, int], ModuleMessage] = field(default_factory=dict)
     reports: dict[int, Report] = field(default_factory=dict)
     edges: Edges | None = None
+    batches: list[Said | Reports] = field(default_factory=list)
+    """What the parts came in; empty in format 1, where each is a message of its own."""
 
 
 Made: TypeAlias = frozenset[tuple[str, Site | None]]
@@ -124,8 +128,11 @@ class Sorting:
     def take(self, records: Iterable[Record]) -> None:
         """Sort some records; OutOfOrder if one is of a round that is closed."""
         for record in records:
-            for message in _parts(record, self._fail):
-                self._sort(message)
+            message = _message(record, self._fail)
+            if isinstance(message, Said | Reports):
+                self._round(message.round).batches.append(message)
+            for part in () if message is None else _parts(record, message, self._fail):
+                self._sort(part)
 
     def close(self, least: float) -> Iterator[tuple[int, Round]]:
         """Yield the complete rounds from the first on, once each; none below `least` is to come."""
@@ -254,16 +261,21 @@ def site_in(value: Json) -> Site | None:
         return None
 
 
-def _parts(record: Record, fail: Fail) -> Sequence[Message]:
-    """Return the parts of a batch, or the message itself; nothing if it does not decode."""
+def _message(record: Record, fail: Fail) -> Message | None:
+    """Return the message of a record; None if it does not decode."""
     try:
         message = decode(record.data)
     except InputError as error:
         fail("messages", f"message {record.sequence} ({record.topic}): {error}")
-        return ()
+        return None
     topic = topic_of(message)
     if topic != record.topic or message.round != record.round:
         fail("messages", f"{_place(record)} is {topic} of round {message.round}")
+    return message
+
+
+def _parts(record: Record, message: Message, fail: Fail) -> Sequence[Message]:
+    """Return the parts of a batch, or the message itself."""
     parts = parts_of(message)
     for part in parts:
         if part.round != message.round:
