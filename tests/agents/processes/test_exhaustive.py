@@ -132,6 +132,7 @@ def test_two_processes_bear_any_one_fault(fault: Fault) -> None:
     assert explored(run, fault).states > 1.5 * explored(run).states
 
 
+@pytest.mark.slow
 @THOROUGH
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", ["star", "row", "notes", "arm"])
@@ -140,6 +141,7 @@ def test_two_processes_bear_any_fault_in_every_run(name: str) -> None:
     explored(replace(RUNS[name], processes=2), *FAULTS)
 
 
+@pytest.mark.slow
 @THOROUGH
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(("name", "rounds"), [("star", 2), ("notes", 2), ("row", 1)])
@@ -148,6 +150,7 @@ def test_three_processes_bear_a_message_lost_late_or_doubled(name: str, rounds: 
     explored(replace(RUNS[name], rounds=rounds), "loss", "late", "double")
 
 
+@pytest.mark.slow
 @THOROUGH
 @pytest.mark.timeout(900)
 def test_three_processes_bear_an_early_tick() -> None:
