@@ -40,6 +40,7 @@ from obvious_rounds import rank
 RUN = "run"
 ROW = "agv:graph=grid12x1,n=2"
 """Vehicles in a row; a region ends between the columns 7 and 8."""
+TO_ONE_OR_ALL = ("coordinator", "process_0")
 Schedule = dict[int, dict[int, GeneratorPlacement]]
 
 
@@ -154,8 +155,11 @@ def test_it_says_that_it_is_there_until_it_is_told_to_begin() -> None:
     (node,) = hosts(0, started=False)
     effects = node.start()
     assert isinstance(effects[0], Listen)
-    assert to_region(RUN, "0") in effects[0].keys
-    assert topic_key(RUN, "go", "process_0") in effects[0].keys
+    assert set(effects[0].keys) == {
+        to_region(RUN, "0"),
+        topic_key(RUN, "again", "all"),
+        *(topic_key(RUN, kind, who) for kind in ("go", "reset") for who in TO_ONE_OR_ALL),
+    }
     for seconds in (1.0, 2.0, 4.0, 8.0, 8.0):
         assert put(effects) == [Ready(0, 0, "join")]
         assert timers(effects) == [seconds]
@@ -437,6 +441,15 @@ def test_actions_may_come_first_and_twice() -> None:
     assert hear(node, Acts(1, 0, [Act(1, 0, 0, [])]), Acts(1, 0, [Act(1, 0, 1, [])])) == []
     assert ready(begun(node, "claim"))
     assert report(begun(node, "settle")).claim == "none"
+
+
+def test_actions_for_the_next_round_are_kept() -> None:
+    """They may come before the round has begun."""
+    (node,) = hosts(0, rule=OUTSIDE)
+    hear(node, Acts(1, 0, [Act(1, 0, 0, [])]))
+    begun(node)
+    begun(node, "observe", r0=1)
+    assert ready(begun(node, "claim"))
 
 
 def test_an_action_for_another_module_is_an_error() -> None:
