@@ -189,7 +189,8 @@ def _tested(trial: Trial, folder: Path) -> int:
         sys.meta_path.insert(0, _MutantFinder(trial.file, trial.number))
     arguments = ["-n", "0", "-x", "-q", "-p", "no:randomly", "-p", "no:cacheprovider"]
     arguments += ["-c", str(ROOT / "pyproject.toml"), "--rootdir", str(ROOT), "-o", "timeout=0"]
-    arguments += ["--basetemp", str(folder / "pytest"), "-m", "slow" if trial.slow else "not slow"]
+    marked = "slow and not thorough" if trial.slow else "not slow"
+    arguments += ["--basetemp", str(folder / "pytest"), "-m", marked]
     arguments += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
     os.chdir(ROOT)
     return int(pytest.main([*arguments, *trial.tests], plugins=[_SameExamples()]))

@@ -31,6 +31,10 @@ from cubepath.coordinator.commands.progress import progress_bar
 from mutants import ROOT, Trial, Verdict, mutations_of, run_trials
 
 _VERIFICATION = "coordinator/cubepath/coordinator/verification"
+_LOCAL = "agents/cubepath/agents/local"
+_PROCESSES = "agents/cubepath/agents/processes"
+_RUNS = "coordinator/cubepath/coordinator/runs"
+_EXHAUSTIVE = "tests/agents/processes/test_exhaustive.py"
 _RECORDED = ("tests/coordinator/verification/test_recording.py",)
 MIRRORED: dict[str, tuple[str, ...]] = {
     "protocol/cubepath/protocol/core/actions.py": ("tests/protocol/core/test_actions.py",),
@@ -38,7 +42,17 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     "protocol/cubepath/protocol/recordings/salvaging.py": (
         "tests/protocol/recordings/test_salvaging.py",
     ),
-    "agents/cubepath/agents/local/observation.py": ("tests/agents/local/test_observation.py",),
+    f"{_LOCAL}/observation.py": ("tests/agents/local/test_observation.py",),
+    f"{_LOCAL}/arbitration.py": (
+        "tests/agents/local/test_arbitration.py",
+        "tests/agents/local/test_module.py",
+    ),
+    f"{_LOCAL}/module.py": ("tests/agents/local/test_module.py", _EXHAUSTIVE),
+    f"{_PROCESSES}/dealing.py": ("tests/agents/processes/test_dealing.py",),
+    f"{_PROCESSES}/node.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
+    f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
+    f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),
+    f"{_RUNS}/conductor.py": (_EXHAUSTIVE, "tests/coordinator/runs/test_schedule.py"),
     "coordinator/cubepath/coordinator/normal_form/heap.py": (
         "tests/coordinator/normal_form/test_heap.py",
     ),

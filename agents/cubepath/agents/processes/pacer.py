@@ -163,7 +163,7 @@ class Pacer:
             case Ready(phase=phase):
                 return phase == self.phase and process not in self._ready
             case Said(phase=phase, region=region, number=number):
-                known = self._said.setdefault(process, set())
+                known = self._said.get(process, ())
                 return phase == self.phase and (region, number) not in known
             case Reports():
                 return self.phase == "settle" and process not in self._told
@@ -199,8 +199,8 @@ class Pacer:
 
     def _next(self) -> list[Effect]:
         self._counts = {}
-        for ready in self._ready.values():
-            for region, count in ready.said.items():
+        for process in sorted(self._ready):  # not in the order of arrival: it goes on record
+            for region, count in self._ready[process].said.items():
                 self._counts[region] = self._counts.get(region, 0) + count
         match self.phase:
             case "sense":

@@ -1,0 +1,311 @@
+"""The pacing node as a pure machine: what it waits for, asks again, keeps, and says of the late."""
+
+from __future__ import annotations
+
+from itertools import permutations
+
+import pytest
+
+from cubepath.agents.processes.pacer import Pacer, ProcessDied
+from cubepath.protocol.wire.keys import key_of, topic_key
+from cubepath.protocol.wire.messages import (
+    Act,
+    Acts,
+    Again,
+    Go,
+    Message,
+    NoMessageError,
+    Observations,
+    Ready,
+    Reports,
+    Reset,
+    Said,
+    Waiting,
+    decode,
+    encode,
+)
+from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
+
+RUN = "run"
+
+
+def paced(*, processes: int = 2, hears_all: bool = True, patience_s: float = 60.0) -> Pacer:
+    """Return a pacer whose processes have joined; process p has the module p."""
+    pacer = Pacer(
+        RUN, [[each] for each in range(processes)], hears_all=hears_all, patience_s=patience_s
+    )
+    pacer.start()
+    for process in range(processes):
+        pacer.receive(encode(Ready(0, process, "join")))
+    assert pacer.idle
+    return pacer
+
+
+def hear(pacer: Pacer, *messages: Message) -> list[Effect]:
+    """Let it receive messages; return what it does."""
+    return [effect for each in messages for effect in pacer.receive(encode(each))]
+
+
+def put(effects: list[Effect]) -> list[Message]:
+    """Return the messages that are put."""
+    return [decode(effect.data) for effect in effects if isinstance(effect, Put)]
+
+
+def kept(effects: list[Effect]) -> list[Message]:
+    """Return the messages that go on record."""
+    return [effect.message for effect in effects if isinstance(effect, Keep)]
+
+
+def said(process: int, phase: str = "sense", *, region: str = "0", number: int = 0) -> Said:
+    """Return a message of round 1."""
+    return Said(1, phase, process, region, number, [])  # type: ignore[arg-type]
+
+
+def ready(process: int, phase: str = "sense", **counts: int) -> Ready:
+    """Return the answer of a process in round 1."""
+    return Ready(1, process, phase, counts)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("hears_all", [True, False])
+def test_it_listens_to_all_or_to_answers_alone(hears_all: bool) -> None:
+    """One key for everything; otherwise those of `ready` and `waiting`."""
+    listen, timer = Pacer(RUN, [[0]], hears_all=hears_all).start()
+    assert isinstance(listen, Listen)
+    assert len(listen.keys) == (1 if hears_all else 2)
+    assert timer == Timer(1.0)
+
+
+def test_a_round_has_its_phases_in_order() -> None:
+    """Each begins when all have answered, with the counts of the one before; then it is idle."""
+    pacer = paced()
+    assert put(pacer.begin_round()) == [Go(1, "sense")]
+    assert put(hear(pacer, said(0), ready(0, r0=0), said(1))) == []
+    assert put(hear(pacer, Ready(1, 1, "sense", {"0": 1}))) == [Go(1, "claim", {"r0": 0, "0": 1})]
+    assert put(hear(pacer, ready(0, "claim"), ready(1, "claim"))) == [Go(1, "settle")]
+    done = hear(pacer, Reports(1, 0, []), ready(0, "settle"), Reports(1, 1, []))
+    assert not pacer.idle
+    assert put(done) == []
+    assert hear(pacer, ready(1, "settle"))[-1] == Timer(None)
+    assert pacer.idle
+
+
+def test_a_phase_waits_for_all_that_was_said_in_it() -> None:
+    """An answer that counts more than has arrived does not end the phase."""
+    pacer = paced(processes=1)
+    pacer.begin_round()
+    answer = Ready(1, 0, "sense", {"a": 1, "b": 2})
+    assert put(hear(pacer, answer, said(0, region="a"), said(0, region="b"))) == []
+    assert put(hear(pacer, said(0, region="b", number=1))) == [Go(1, "claim", {"a": 1, "b": 2})]
+
+
+def test_the_round_waits_for_reports() -> None:
+    """Answers alone do not end it."""
+    pacer = paced(processes=1)
+    pacer.begin_round()
+    hear(pacer, ready(0), ready(0, "claim"), ready(0, "settle"))
+    assert not pacer.idle
+    hear(pacer, Reports(1, 0, []))
+    assert pacer.idle
+
+
+def test_what_it_asks_does_not_depend_on_the_order_of_arrival() -> None:
+    """The counts are the same bytes whoever answers first."""
+    asked: set[bytes] = set()
+    answers = [Ready(1, process, "sense", {f"r{process}": 0, "0": 0}) for process in range(3)]
+    for order in permutations(answers):
+        pacer = paced(processes=3)
+        pacer.begin_round()
+        asked |= {each.data for each in hear(pacer, *order) if isinstance(each, Put)}
+    assert asked == {encode(Go(1, "claim", {"r0": 0, "0": 0, "r1": 0, "r2": 0}))}
+
+
+def test_each_message_is_kept_once() -> None:
+    """What it puts and what it hears; doubles are dropped, and change nothing."""
+    pacer = paced()
+    assert kept(pacer.begin_round()) == [Go(1, "sense")]
+    for message in (said(0), said(0, number=1), said(0, region="1"), said(1), ready(0)):
+        assert kept(hear(pacer, message)) == [message]
+        assert hear(pacer, message) == []
+    assert put(hear(pacer, ready(1))) == [Go(1, "claim", {})]
+    hear(pacer, ready(0, "claim"), ready(1, "claim"))
+    assert kept(hear(pacer, Reports(1, 0, []))) == [Reports(1, 0, [])]
+    assert hear(pacer, Reports(1, 0, [])) == []
+
+
+def test_what_belongs_to_no_process_or_another_phase_is_dropped() -> None:
+    """Another round, another phase, an unknown process, a stranger's kind of message."""
+    pacer = paced()
+    assert hear(pacer, ready(0), said(0)) == []  # no round has begun
+    pacer.begin_round()
+    for message in (
+        ready(0, "claim"),
+        ready(2),
+        ready(-1),
+        Ready(2, 0, "sense"),
+        said(0, "claim"),
+        said(2),
+        Said(2, "sense", 0, "0", 0, []),
+        Reports(1, 0, []),
+        Observations(1, 0, []),
+        Reset(1, 0),
+    ):
+        assert hear(pacer, message) == []
+    with pytest.raises(NoMessageError):
+        pacer.receive(b"{}")
+
+
+def test_asking_whether_a_message_is_new_changes_nothing() -> None:
+    """A message of another phase leaves no trace."""
+    pacer = paced()
+    pacer.begin_round()
+    before = repr(vars(pacer))
+    hear(pacer, said(0, "claim"))
+    assert repr(vars(pacer)) == before
+
+
+def test_those_who_have_not_answered_are_asked_again_each_by_itself() -> None:
+    """On a key of their own, after 1, 2, 4, 8 and again 8 seconds; the others are left alone."""
+    pacer = paced(processes=3)
+    begun = pacer.begin_round()
+    assert begun[-1] == Timer(1.0)
+    hear(pacer, ready(1), said(2), Ready(1, 2, "sense", {"0": 2}))
+    for seconds in (2.0, 4.0, 8.0, 8.0):
+        *asked, timer = pacer.tick()
+        assert asked == [
+            Put(topic_key(RUN, "go", f"process_{each}"), encode(Go(1, "sense"))) for each in (0, 2)
+        ]
+        assert timer == Timer(seconds)
+    hear(pacer, ready(0), said(2, number=1))
+    assert pacer.phase == "claim"
+
+
+def test_it_asks_nothing_while_idle_or_joining() -> None:
+    """Processes join by themselves; between two rounds no timer runs."""
+    pacer = Pacer(RUN, [[0], [1]])
+    pacer.start()
+    assert pacer.tick() == [Timer(2.0)]
+    assert paced().tick() == []
+
+
+def test_patience_begins_anew_with_each_new_message_and_not_with_doubles() -> None:
+    """After 3 s without anything new it is over; the last wait is no longer than that."""
+    pacer = paced(processes=3, patience_s=3.0)
+    pacer.begin_round()
+    assert pacer.tick()[-1] == Timer(2.0)
+    hear(pacer, ready(1))
+    assert pacer.tick()[-1] == Timer(1.0)
+    hear(pacer, ready(1), Waiting(1, 0, "sense"))
+    with pytest.raises(ProcessDied):
+        pacer.tick()
+
+
+def test_the_late_are_named_and_those_who_wait_for_them_are_not() -> None:
+    """Who said since the last time that it waits is not blamed while another is silent."""
+    pacer = paced(processes=3, patience_s=3.0)
+    pacer.begin_round()
+    hear(pacer, ready(1))
+    pacer.tick()
+    assert kept(hear(pacer, Waiting(1, 0, "sense"))) == [Waiting(1, 0, "sense")]
+    with pytest.raises(ProcessDied) as caught:
+        pacer.tick()
+    line = "no answer within 3 s to phase sense of round 1 from module_2 (process 2)"
+    assert str(caught.value) == line
+
+
+def test_where_all_say_that_they_wait_all_are_named() -> None:
+    """The line says that they wait for others."""
+    pacer = paced(patience_s=3.0)
+    pacer.begin_round()
+    hear(pacer, ready(1))
+    pacer.tick()
+    hear(pacer, Waiting(1, 0, "sense"))
+    with pytest.raises(ProcessDied, match=r"from module_0 \(process 0\), waiting for others$"):
+        pacer.tick()
+
+
+def test_who_waited_long_ago_is_blamed() -> None:
+    """To have said it before it was asked the last time does not count."""
+    pacer = paced(patience_s=3.0)
+    pacer.begin_round()
+    hear(pacer, ready(1), Waiting(1, 0, "sense"))
+    pacer.tick()
+    with pytest.raises(ProcessDied, match=r"from module_0 \(process 0\)$"):
+        pacer.tick()
+
+
+def test_actions_from_outside_go_with_the_claims_and_are_repeated_first() -> None:
+    """Each process gets those of its modules, before `go`, and again before it is asked again."""
+    pacer = Pacer(RUN, [[0, 2], [1]])
+    pacer.start()
+    hear(pacer, Ready(0, 0, "join"), Ready(0, 1, "join"))
+    pacer.begin_round(driven=True)
+    assert put(hear(pacer, ready(0), ready(1))) == [Go(1, "observe", {})]
+    hear(pacer, Observations(1, 0, []), ready(0, "observe"), ready(1, "observe"))
+    assert not pacer.idle
+    hear(pacer, Observations(1, 1, []))
+    assert pacer.idle
+    acts = [Act(1, module, 0, []) for module in (2, 1, 0)]
+    own = [Acts(1, 0, [acts[2], acts[0]]), Acts(1, 1, [acts[1]])]
+    begun = pacer.act(acts)
+    assert put(begun) == kept(begun) == [*own, Go(1, "claim", {})]
+    hear(pacer, ready(0, "claim"))
+    assert put(pacer.tick()) == [own[1], Go(1, "claim", {})]
+    hear(pacer, ready(1, "claim"))
+    assert pacer.phase == "settle"
+    assert put(pacer.tick()) == [Go(1, "settle", {})] * 2
+
+
+def test_a_reset_is_a_round_of_its_own_and_is_repeated() -> None:
+    """Processes join anew; who does not is told again on a key of its own."""
+    pacer = paced()
+    begun = pacer.reset(5)
+    assert put(begun) == kept(begun) == [Reset(1, 5)]
+    hear(pacer, Ready(0, 0, "join"), Ready(1, 1, "join"))
+    assert not pacer.idle
+    again = Put(topic_key(RUN, "reset", "process_0"), encode(Reset(1, 5)))
+    assert pacer.tick() == [again, Timer(2.0)]
+    hear(pacer, Ready(1, 0, "join"))
+    assert pacer.idle
+    assert put(pacer.begin_round()) == [Go(2, "sense")]
+
+
+def test_a_schedule_ends_between_two_rounds() -> None:
+    """All are asked, and it is over when all have answered."""
+    pacer = paced()
+    assert put(pacer.end_schedule()) == [Go(0, "over")]
+    hear(pacer, Ready(0, 0, "over"))
+    assert not pacer.idle
+    hear(pacer, Ready(0, 1, "over"))
+    assert pacer.idle
+
+
+def test_without_a_record_answers_are_enough() -> None:
+    """A pacer that does not hear all waits for no messages of modules and no reports."""
+    pacer = paced(processes=1, hears_all=False)
+    pacer.begin_round()
+    assert put(hear(pacer, Ready(1, 0, "sense", {"0": 3}))) == [Go(1, "claim", {"0": 3})]
+    hear(pacer, ready(0, "claim"), ready(0, "settle"))
+    assert pacer.idle
+
+
+def test_to_ask_for_what_is_missing_is_on_record() -> None:
+    """It may come more than once, each time by another's wish."""
+    pacer = paced()
+    message = Again(0, 1, "sense", "0")
+    assert hear(pacer, message, message) == [Keep(encode(message), message)] * 2
+
+
+def test_to_stop_ends_the_timer() -> None:
+    """All processes are told once."""
+    go = Go(0, "stop")
+    stop = [Put(key_of(RUN, go), encode(go)), Keep(encode(go), go), Timer(None)]
+    assert paced().stop() == stop
+
+
+def test_a_process_is_named_by_its_modules() -> None:
+    """Eight at most; and who died is named with the round and how."""
+    pacer = Pacer(RUN, [list(range(8)), list(range(8, 18))])
+    first = ", ".join(f"module_{module}" for module in range(8))
+    assert pacer.name(0) == f"{first} (process 0)"
+    assert pacer.name(1).endswith("module_15, 2 more (process 1)")
+    assert str(pacer.died(0, "exit code 1")) == f"{first} (process 0) died in round 0: exit code 1"
