@@ -65,6 +65,8 @@ class Process:
     listening: dict[str, None] = field(default_factory=dict)
     links: dict[str, tuple[int, int]] = field(default_factory=dict)
     """By direction the number of messages so far, and when the last of them arrives."""
+    declared_us: int = 0
+    """When the last `Listen` or `Ignore` reaches the router."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,8 +350,13 @@ class Network:
         if not process.connected:
             self._arrow(letter, None, "lost")
             return
-        for time_us, fate in self._ways(process, "up", at_us, plain=isinstance(effect, Put)):
-            self._at(time_us, self._reach_router, letter, fate)
+        plain = isinstance(effect, Put)
+        for time_us, fate in self._ways(process, "up", at_us, plain=plain):
+            reaches_us = time_us
+            if not plain:
+                # A session's declarations keep their order: no `Ignore` undoes a later `Listen`.
+                reaches_us = process.declared_us = max(time_us, process.declared_us)
+            self._at(reaches_us, self._reach_router, letter, fate)
 
     def _reach_router(self, letter: _Letter, fate: Fate) -> None:
         if fate == "lost" or letter.router_life != self._router_life:
