@@ -155,7 +155,7 @@ def test_three_processes_bear_a_message_lost_late_or_doubled(name: str, rounds: 
 @pytest.mark.timeout(900)
 def test_three_processes_bear_an_early_tick() -> None:
     """Any one timer runs out at any moment of a round, whatever is under way."""
-    explored(replace(STAR, rounds=1), "tick")
+    explored(ShortRun(scene_from_spec("agv:graph=P4,n=3"), "random", 1, 3, rounds=1), "tick")
 
 
 class _Forgetful(HostNode):
