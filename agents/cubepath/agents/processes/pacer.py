@@ -219,7 +219,6 @@ class Pacer:
         missing = [each for each in range(len(self._modules_of)) if each not in self._through]
         if self._waited_s >= self._patience_s:
             raise ProcessDied(self._too_late(missing))
-        self._there.clear()  # whoever still waits says so again
         found: list[Effect] = []
         if self._go is not None:  # processes join by themselves, and say so until they are heard
             data = encode(self._go)

@@ -49,6 +49,9 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.sessions import check_descriptors
 
 MAX_ROUNDS = 1000
+_FLUSH_S = 0.5
+_FLUSHES = (250, 1 << 18)
+"""How much of a run a kill may lose: seconds, or messages, or bytes of them."""
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
 _SAID = ("ready", "said", "reports", "again", "waiting")
@@ -141,7 +144,9 @@ def run(plan: Plan, watch: Watch | None = None) -> Outcome:
     path = plan.log or Path("logs") / _file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
-    with RecordingWriter(path, task.scene, _parameters(plan, task), schedule) as writer:
+    with RecordingWriter(
+        path, task.scene, _parameters(plan, task), schedule, flushes=_FLUSHES
+    ) as writer:
         return _Run(plan, task, writer).play(watch)
 
 
@@ -283,7 +288,7 @@ class _Run:
             assignment=task.assignment,
             repair=plan.repair,
         )
-        self._began = time.monotonic()
+        self._began = self._flushed = time.monotonic()
 
     def play(self, watch: Watch | None) -> Outcome:
         conductor = self._conductor
@@ -319,7 +324,7 @@ class _Run:
                 schedule=None if task.assignment is None else task.assignment.own,
                 patience_s=plan.patience,
                 sink=self._wire,
-                check=check,
+                check=lambda: self._between_messages(check),
             ) as fleet,
         ):
             ending = conductor.between(0, fleet.end_schedule)
@@ -329,6 +334,13 @@ class _Run:
                     watch(conductor.gatherer)
                 ending = conductor.between(number, fleet.end_schedule)
         return ending
+
+    def _between_messages(self, check: Callable[[], None]) -> None:
+        check()
+        now = time.monotonic()
+        if now - self._flushed >= _FLUSH_S:
+            self._flushed = now
+            self._writer.flush()
 
     def _wire(self, message: Message, data: bytes, wall_ns: int) -> None:
         self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)

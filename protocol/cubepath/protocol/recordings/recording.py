@@ -84,12 +84,15 @@ class RecordingWriter:
         schedule: bytes | None = None,
         *,
         stream: IO[bytes] | None = None,
+        flushes: tuple[int, int] = (FLUSH_EVERY, FLUSH_BYTES),
     ) -> None:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
-        of a new file: it stays open, and its errors propagate.
+        of a new file: it stays open, and its errors propagate. `flushes` is after how many messages
+        and after how many bytes of them they are written; each time takes some memory for good.
         """
+        self._flushes = flushes
         self.path = path
         self.messages = 0
         self._counts = Counts()
@@ -169,8 +172,14 @@ class RecordingWriter:
         self._counts.add(topic, data, wall_ns)
         self._waiting += 1
         self._waiting_bytes += len(data)
-        if self._waiting >= FLUSH_EVERY or self._waiting_bytes >= FLUSH_BYTES:
+        messages, size = self._flushes
+        if self._waiting >= messages or self._waiting_bytes >= size:
             self._flush()
+
+    def flush(self) -> None:
+        """Write what was appended, so that it can be read whatever happens."""
+        if self._waiting:
+            self._guard(self._flush)
 
     def _flush(self) -> None:
         self._check_size()
