@@ -223,13 +223,21 @@ def test_where_all_say_that_they_wait_all_are_named() -> None:
         pacer.tick()
 
 
-def test_who_waited_long_ago_is_blamed() -> None:
-    """To have said it before it was asked the last time does not count."""
+def test_who_waited_long_ago_is_named_with_that() -> None:
+    """What it said before it was asked the last time is told as such; who never waited is blamed."""
     pacer = paced(patience_s=3.0)
     pacer.begin_round()
     hear(pacer, ready(1), Waiting(1, 0, "sense"))
     pacer.tick()
-    with pytest.raises(ProcessDied, match=r"from module_0 \(process 0\)$"):
+    with pytest.raises(
+        ProcessDied, match=r"module_0 \(process 0\), waiting for others when last heard of$"
+    ):
+        pacer.tick()
+    pacer = paced(patience_s=3.0)
+    pacer.begin_round()
+    hear(pacer, Waiting(1, 0, "sense"))
+    pacer.tick()
+    with pytest.raises(ProcessDied, match=r"from module_1 \(process 1\)$"):
         pacer.tick()
 
 

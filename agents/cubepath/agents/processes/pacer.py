@@ -79,6 +79,7 @@ class Pacer:
         self._told: set[int] = set()
         self._through: set[int] = set()
         self._there: set[int] = set()
+        self._waited: set[int] = set()
         self._waited_s = 0.0
         self._ask_s = _ASK_S_MIN
 
@@ -148,6 +149,7 @@ class Pacer:
                 return self._take(message, data) if self._is_new(message) else []
             case Waiting():
                 self._there.add(message.process)
+                self._waited.add(message.process)
                 return [Keep(data, message)]
             case Again():
                 return [Keep(data, message)]
@@ -219,6 +221,7 @@ class Pacer:
         missing = [each for each in range(len(self._modules_of)) if each not in self._through]
         if self._waited_s >= self._patience_s:
             raise ProcessDied(self._too_late(missing))
+        self._there.clear()  # whoever still waits says so again
         found: list[Effect] = []
         if self._go is not None:  # processes join by themselves, and say so until they are heard
             data = encode(self._go)
@@ -232,13 +235,16 @@ class Pacer:
         return [*found, Timer(self._ask_s)]
 
     def _too_late(self, missing: list[int]) -> str:
-        # Others may be waiting for the one that is late: these have said so.
+        # Others may be waiting for the one that is late: these have said so, at least once.
         silent = [process for process in missing if process not in self._there]
-        late = silent or missing
+        unheard = [process for process in silent if process not in self._waited]
+        late = unheard or silent or missing
         names = ", ".join(self.name(process) for process in late)
         what = f"phase {self.phase} of round {self.round}"
         line = f"no answer within {self._patience_s:g} s to {what} from {names}"
-        return line if silent else f"{line}, waiting for others"
+        if unheard:
+            return line
+        return f"{line}, waiting for others" + (" when last heard of" if silent else "")
 
     def died(self, process: int, how: str) -> ProcessDied:
         """Return the error for a process that has ended."""

@@ -273,7 +273,7 @@ class _Run:
         blamed = sorted({fault.where for fault in ends})
         # A process is named by itself, or with its modules by the coordinator.
         names = any(f"{name}:" in line or f"({name.replace('_', ' ')})" in line for name in blamed)
-        waits = line.endswith("waiting for others")  # those who said nothing are not known
+        waits = "waiting for others" in line  # those who said nothing are not known
         if not names and not waits and blamed != [COORDINATOR]:
             return Failure("blame", f"the fault was of {', '.join(blamed)}, and it says: {line}")
         return None
