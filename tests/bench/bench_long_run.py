@@ -5,8 +5,9 @@
 Sixty vehicles move at random on a grid until their modules have said about two million messages,
 parts of batches counted one by one (some minutes). Memory is what is resident (Linux): of the
 module processes and the router after the first fifth of the run and at its end, which should be
-the same, and of the coordinator for each move that is left after cancelling, between the same two
-moments and up to its peak, which comes when it writes its results. Then `info` and `verify` of the
+the same, and of the coordinator for each move that is left after cancelling, from the first fifth
+(the compiled heap is loaded by then) to the end of the rounds and to its peak, which comes when it
+writes its results. Then `info` and `verify` of the
 recording, each in a process of its own: real time, and the most that was resident.
 """
 
@@ -105,12 +106,11 @@ def main() -> None:
                 f"{ratio:>8.3f}"
             )
         moves, reduced = int(str(said["moves"])), int(str(said["reduced_moves"]))
-        start = samples[0]["coordinator"]
+        start, further = first["coordinator"], reduced * 4 / 5
         print(
-            f"coordinator: {moves} moves, {reduced} reduced; from {start / 1024:.0f} MB at the"
-            f" beginning to {last['coordinator'] / 1024:.0f} MB, and {peak / 1024:.0f} MB at the"
-            f" most: {(last['coordinator'] - start) * 1024 / reduced:.0f} and"
-            f" {(peak - start) * 1024 / reduced:.0f} bytes a reduced move"
+            f"coordinator: {moves} moves, {reduced} reduced; {peak / 1024:.0f} MB at the most:"
+            f" {(last['coordinator'] - start) * 1024 / further:.0f} bytes a further reduced move in"
+            f" the rounds, {(peak - start) * 1024 / further:.0f} with the results"
         )
         took, most, shown = measured("info", str(log), "--json")
         document = json.loads(shown)

@@ -224,7 +224,7 @@ def test_where_all_say_that_they_wait_all_are_named() -> None:
 
 
 def test_who_waited_long_ago_is_named_with_that() -> None:
-    """What it said before it was asked the last time is told as such; who never waited is blamed."""
+    """What it said before it was asked again is told as such; who never waited is blamed."""
     pacer = paced(patience_s=3.0)
     pacer.begin_round()
     hear(pacer, ready(1), Waiting(1, 0, "sense"))

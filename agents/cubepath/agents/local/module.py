@@ -115,8 +115,12 @@ class ModuleCore:
             found.append(Note(round_number, self.module, self.site, list(note)))
         return found
 
-    def hear(self, message: Message) -> list[Part]:
-        """Process a message; return the verdict on the module's claim if the message decides it."""
+    def hear(self, message: Message, sender: Site | None = None) -> list[Part]:
+        """Process a message; return the verdict on the module's claim if the message decides it.
+
+        `sender` is the site in the message, if it was read from it already: many modules may hear
+        one message.
+        """
         if not isinstance(message, Here | Note | Claim | Verdict):
             raise ProtocolError(f"module_{self.module}: {kind_of(message)} is not for a module")
         kind = kind_of(message)
@@ -126,7 +130,8 @@ class ModuleCore:
                 f"module_{self.module}: {kind} of module_{message.module} for round"
                 f" {message.round} came {when}, in phase {self._phase} of round {self.round}"
             )
-        sender = site_from_json(message.site)
+        if sender is None:
+            sender = site_from_json(message.site)
         self._heard.setdefault(kind, []).append(message.module)
         match message:
             case Here():

@@ -253,10 +253,11 @@ class HostNode:
         if there:
             system = self._system
             for part in said.parts:
-                for place in addressees(system, part):
+                sender = site_from_json(part.site)
+                for place in addressees(system, part, sender):
                     core = there.get(place)
                     if core is not None:
-                        found += core.hear(part)
+                        found += core.hear(part, sender)
         return found
 
     def _missing(self, go: Go) -> list[str]:
@@ -321,10 +322,11 @@ class HostNode:
         while queue:
             part = queue.popleft()
             said.append(part)
-            for place in addressees(self._system, part):
+            sender = site_from_json(part.site)
+            for place in addressees(self._system, part, sender):
                 core = self._there.get(place)
                 if core is not None:
-                    queue.extend(core.hear(part))
+                    queue.extend(core.hear(part, sender))
         return said
 
     # The phases.

@@ -39,13 +39,18 @@ from cubepath.protocol.wire.messages import (
 ROOT = "cubepath"
 
 
-def addressees(system: System, message: Message) -> tuple[Site, ...]:
-    """Return the places that a message of a module is addressed to."""
+def addressees(system: System, message: Message, sender: Site | None = None) -> tuple[Site, ...]:
+    """Return the places that a message of a module is addressed to.
+
+    `sender` is the site in the message, if it was read from it already.
+    """
     match message:
         case Here(site=site):
-            return system.listeners(system.place_of(site_from_json(site)))
+            at = site_from_json(site) if sender is None else sender
+            return system.listeners(system.place_of(at))
         case Note(site=site) | Claim(site=site):
-            return system.reach(system.place_of(site_from_json(site)))
+            at = site_from_json(site) if sender is None else sender
+            return system.reach(system.place_of(at))
         case Verdict(to=to):
             return tuple(site_from_json(place) for place in to)
         case _:
