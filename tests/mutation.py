@@ -58,7 +58,11 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_PROCESSES}/node.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
     f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),
-    f"{_RUNS}/conductor.py": (_EXHAUSTIVE, "tests/coordinator/runs/test_schedule.py"),
+    f"{_RUNS}/conductor.py": (
+        "tests/coordinator/runs/test_conductor.py",
+        "tests/coordinator/runs/test_schedule.py",
+        _EXHAUSTIVE,
+    ),
     "coordinator/cubepath/coordinator/normal_form/heap.py": (
         "tests/coordinator/normal_form/test_heap.py",
     ),
