@@ -127,16 +127,16 @@ def report(effects: Sequence[Effect]) -> Report:
     return found
 
 
-def sensed(one: HostNode, other: HostNode, number: int = 1) -> None:
+def sensed(one: HostNode, other: HostNode, *, number: int = 1) -> None:
     """Take both through the phase `sense`, each with what the other says."""
     said_by = [said(begun(node, number=number)) for node in (one, other)]
     hear(one, *said_by[1])
     hear(other, *said_by[0])
 
 
-def claimed(one: HostNode, other: HostNode, number: int = 1) -> None:
+def claimed(one: HostNode, other: HostNode, *, number: int = 1) -> None:
     """Take both through the phases before `settle`."""
-    sensed(one, other, number)
+    sensed(one, other, number=number)
     said_by = [said(begun(node, "claim", number, r0=2)) for node in (one, other)]
     hear(one, *said_by[1])
     hear(other, *said_by[0])

@@ -65,8 +65,7 @@ class Run:
         self, number: int, site: int, move: GeneratorPlacement | None, failed: str | None = None
     ) -> None:
         """Hear the report of a round: where the vehicle is now, by which move."""
-        claim = "none" if move is None else "granted"
-        report = Report(number, 0, 0, site, claim, move, {}, failed)
+        report = Report(number, 0, 0, site, "none" if move is None else "granted", move, {}, failed)
         self.conductor.hear(Reports(number, 0, [report]))
 
     def between(self, number: int) -> Ending | None:
