@@ -525,3 +525,21 @@ def test_actions_for_the_next_round_are_kept_in_every_round() -> None:
         hear(node, Acts(number + 1, 0, [Act(number + 1, 0, 0, [])]), early)
         assert ready(begun(node, "claim", number))
         assert report(begun(node, "settle", number)).claim == "none"
+
+
+def test_what_was_kept_for_a_round_is_gone_in_the_next() -> None:
+    """Verdicts and actions that came for a round that is over take no memory."""
+    winner, loser = contest()
+    hear(loser, *said(begun(winner, "settle", r0=2)))
+    begun(loser, "settle", r0=2)
+    begun(loser, number=2)
+    assert loser._heard == {}
+    (node,) = hosts(0, rule=OUTSIDE)
+    begun(node)
+    begun(node, "observe", r0=1)
+    begun(node, "claim")
+    acts = Acts(1, 0, [Act(1, 0, 0, [])])
+    hear(node, acts, acts)
+    begun(node, "settle")
+    begun(node, number=2)
+    assert node._given == {}
