@@ -1,4 +1,4 @@
-"""Running tests against a mutant: in a child process, which alone knows of the change.
+"""Running tests or the simulator against a mutant: in a child process, which alone has the change.
 
 A child is forked from a process that has imported what the project depends on, but nothing of the
 project itself. It imports the mutant in place of the module; the file is not touched, and processes
@@ -40,12 +40,14 @@ IMPORTED_BEFORE = ("numba", "mcap.writer", "msgspec", "zenoh")
 MEMORY_BYTES_MAX = 4 << 30
 WALL_FACTOR = 6
 """How much longer than its processor time a child may take, on a machine that has other work."""
-PASSED, NOTHING_COLLECTED, MISUSED = 0, 5, 4
+PASSED, FAILED, NOTHING_COLLECTED, MISUSED = 0, 1, 5, 4
+_BEGUN = "begun"
+"""The file in a child's folder that has a byte for each seed that was begun."""
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Some tests to run with a mutant of a file, or with the file as it is."""
+    """Some tests or seeds to run with a mutant of a file, or with the file as it is."""
 
     file: str
     number: int | None
@@ -54,11 +56,13 @@ class Trial:
     slow: bool
     seconds: float
     """The processor time that it may take."""
+    seeds: int = 0
+    """Where it is not 0, so many seeds of the simulator are run instead of the tests."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What came of a trial: whether all tests passed, and what it cost."""
+    """What came of a trial: whether all tests or seeds passed, and what it cost."""
 
     passed: bool
     empty: bool
@@ -66,6 +70,8 @@ class Verdict:
     seconds: float
     """The processor time."""
     output: str
+    seeds: int
+    """How many seeds were begun, the one that failed included."""
 
 
 def mutations_of(file: str) -> list[Mutation]:
@@ -126,13 +132,15 @@ class _Child:
         self.kill_rest()
         os.close(self.ended)
         output = (self.folder / "output").read_text(errors="replace")
+        begun = self.folder / _BEGUN
+        seeds = len(begun.read_bytes()) if begun.exists() else 0
         shutil.rmtree(self.folder, ignore_errors=True)
         code = os.waitstatus_to_exitcode(status)
         if code == MISUSED:
             raise AssertionError(f"pytest could not be run:\n{output}")
         passed = code in (PASSED, NOTHING_COLLECTED)
         seconds = used.ru_utime + used.ru_stime
-        return Verdict(passed, code == NOTHING_COLLECTED, seconds, output)
+        return Verdict(passed, code == NOTHING_COLLECTED, seconds, output, seeds)
 
     def kill_rest(self) -> None:
         """End what it has started and left."""
@@ -155,8 +163,8 @@ def _next_to_end(running: dict[int, _Child]) -> list[_Child]:
 
 
 def _in_child(trial: Trial, folder: Path) -> None:
-    """Make the trial, and end the process with the exit code of pytest."""
-    code = 1
+    """Make the trial, and end the process with its exit code."""
+    code = FAILED
     try:
         os.setpgid(0, 0)
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -187,6 +195,8 @@ def _tested(trial: Trial, folder: Path) -> int:
     if trial.number is not None:
         _keep_no_machine_code()
         sys.meta_path.insert(0, _MutantFinder(trial.file, trial.number))
+    if trial.seeds:
+        return _simulated(trial.seeds, folder)
     arguments = ["-n", "0", "-x", "-q", "-p", "no:randomly", "-p", "no:cacheprovider"]
     arguments += ["-c", str(ROOT / "pyproject.toml"), "--rootdir", str(ROOT), "-o", "timeout=0"]
     marked = "slow and not thorough" if trial.slow else "not slow"
@@ -194,6 +204,20 @@ def _tested(trial: Trial, folder: Path) -> int:
     arguments += ["-W", "ignore::pytest.PytestAssertRewriteWarning"]
     os.chdir(ROOT)
     return int(pytest.main([*arguments, *trial.tests], plugins=[_SameExamples()]))
+
+
+def _simulated(seeds: int, folder: Path) -> int:
+    """Run the simulator from seed 0 on until a seed fails, hangs or raises."""
+    from cubepath.coordinator.simulation.swarm import run_of  # the mutant is in place by now
+
+    with (folder / _BEGUN).open("wb", buffering=0) as begun:
+        for seed in range(seeds):
+            begun.write(b".")
+            failure = run_of(seed).failure
+            if failure is not None:
+                print(f"seed {seed}: {failure.kind}: {failure.detail}")
+                return FAILED
+    return PASSED
 
 
 class _SameExamples:

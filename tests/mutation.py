@@ -1,13 +1,16 @@
 """Change the source here and there, and see whether the tests notice.
 
 With cubepath installed: ``python tests/mutation.py [--sample 300] [--seed 1] [-n 1]
-[--only FILE]``.
+[--only FILE] [--seeds N]``.
 
 A sample of mutants, the same for the same seed, is drawn from the files of `MIRRORED`. Each is run
 against the tests that mirror its file: those that are fast, and where they notice nothing the slow
 ones. What survives is listed with its file, line and change: a test is missing, or the mutant is
 equivalent. Modules compiled by numba are not among the files. Exit code 1 where less than 95% of
 the sample is found, 2 where the tests fail on the source as it is.
+
+With ``--seeds N`` the files are those of `SIMULATED`. Before the tests the simulator runs its seeds
+from 0 on, N at most, until one fails; the report says how many that took.
 """
 
 from __future__ import annotations
@@ -18,7 +21,9 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from random import Random
+from statistics import mean, median
 
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
@@ -28,6 +33,7 @@ from cubepath.coordinator.commands.console import (
     complain,
 )
 from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import whole
 from mutants import ROOT, Trial, Verdict, mutations_of, run_trials
 
 _VERIFICATION = "coordinator/cubepath/coordinator/verification"
@@ -52,7 +58,11 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_PROCESSES}/node.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
     f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),
-    f"{_RUNS}/conductor.py": (_EXHAUSTIVE, "tests/coordinator/runs/test_schedule.py"),
+    f"{_RUNS}/conductor.py": (
+        "tests/coordinator/runs/test_conductor.py",
+        "tests/coordinator/runs/test_schedule.py",
+        _EXHAUSTIVE,
+    ),
     "coordinator/cubepath/coordinator/normal_form/heap.py": (
         "tests/coordinator/normal_form/test_heap.py",
     ),
@@ -77,26 +87,56 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_VERIFICATION}/transcript.py": _RECORDED,
 }
 """The files that are changed, each with the tests that are to notice."""
+SIMULATED = (
+    f"{_LOCAL}/arbitration.py",
+    f"{_LOCAL}/module.py",
+    f"{_PROCESSES}/dealing.py",
+    f"{_PROCESSES}/node.py",
+    f"{_PROCESSES}/pacer.py",
+    f"{_RUNS}/gatherer.py",
+    f"{_RUNS}/conductor.py",
+)
+"""The files of a simulated run that are changed with ``--seeds``."""
 FOUND_LEAST = 0.95
 SECONDS_LEAST = 10.0
 """The least processor time that a mutant gets; otherwise thrice that of the source as it is."""
 BASELINE_SECONDS = 600.0
+_Mutant = tuple[str, int]
+"""A file, and which of its mutations is made."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """What is tried on all mutants that are left: seeds of the simulator, or tests of a kind."""
+
+    name: str
+    slow: bool = False
+    seeds: int = 0
+
+    def trial(self, file: str, number: int | None, seconds: float) -> Trial:
+        return Trial(file, number, MIRRORED[file], self.slow, seconds, self.seeds)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a sample of mutants and print the report."""
     options = _parser().parse_args(arguments)
-    files = [options.only] if options.only else list(MIRRORED)
+    files = [options.only] if options.only else list(SIMULATED if options.seeds else MIRRORED)
     every = [(file, number) for file in files for number in range(len(mutations_of(file)))]
     count = min(options.sample, len(every))
     sample = sorted(Random(options.seed).sample(every, count))  # noqa: S311 - to be repeated
-    left = sample
-    for slow in (False, True) if sample else ():
-        seconds = _seconds_as_it_is(sorted({file for file, _ in left}), options.n, slow=slow)
+    stages = [_Stage("fast tests"), _Stage("slow tests", slow=True)]
+    if options.seeds:
+        stages.insert(0, _Stage("seeds", seeds=options.seeds))
+    left, seeds = sample, dict[_Mutant, int]()
+    for stage in stages if sample else ():
+        seconds = _seconds_as_it_is(sorted({file for file, _ in left}), options.n, stage)
         if seconds is None:
             return BAD_INPUT
-        left = _survivors(left, seconds, options.n, slow=slow)
-    print(_report(sample, left))
+        found = _found(left, seconds, options.n, stage)
+        left = [mutant for mutant in left if mutant not in found]
+        if stage.seeds:
+            seeds = {mutant: verdict.seeds for mutant, verdict in found.items()}
+    print(_report(sample, left, seeds if options.seeds else None))
     return DONE if len(left) <= (1 - FOUND_LEAST) * len(sample) else FAILED
 
 
@@ -106,47 +146,47 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1, help="which sample (default 1)")
     parser.add_argument("-n", type=int, default=1, help="how many processes (default 1)")
     parser.add_argument("--only", choices=MIRRORED, metavar="FILE", help="mutants of this file")
+    parser.add_argument(
+        "--seeds", type=whole(1), metavar="N", help="run so many seeds of the simulator first"
+    )
     return parser
 
 
 def _seconds_as_it_is(
-    files: Iterable[str], processes: int, *, slow: bool
+    files: Sequence[str], processes: int, stage: _Stage
 ) -> dict[str, float] | None:
-    """Return the processor time of each file's tests, of those that have any of this kind.
+    """Return the processor time of a stage for each file, of those that have any such tests.
 
-    None, with a complaint, where a test fails.
+    None, with a complaint, where something fails.
     """
     found: dict[str, float] = {}
-    trials = [Trial(file, None, MIRRORED[file], slow, BASELINE_SECONDS) for file in files]
-    for trial, verdict in _shown(trials, processes, f"{_kind(slow=slow)} tests as they are"):
+    tried = files[:1] if stage.seeds else files  # seeds are the same for all files
+    trials = [stage.trial(file, None, BASELINE_SECONDS) for file in tried]
+    for trial, verdict in _shown(trials, processes, f"{stage.name} as they are"):
         if not verdict.passed:
-            complain(f"{' '.join(trial.tests)}: they fail on the source as it is, expected not")
+            what = "seeds of the simulator" if stage.seeds else " ".join(trial.tests)
+            complain(f"{what}: they fail on the source as it is, expected not")
             complain(verdict.output)
             return None
         if not verdict.empty:
             found[trial.file] = verdict.seconds
-    return found
+    return dict.fromkeys(files, found[tried[0]]) if stage.seeds else found
 
 
-def _survivors(
-    mutants: Sequence[tuple[str, int]], seconds: dict[str, float], processes: int, *, slow: bool
-) -> list[tuple[str, int]]:
-    """Return the mutants of which these tests notice nothing."""
+def _found(
+    mutants: Sequence[_Mutant], seconds: dict[str, float], processes: int, stage: _Stage
+) -> dict[_Mutant, Verdict]:
+    """Return the mutants that are noticed."""
     trials = [
-        Trial(file, number, MIRRORED[file], slow, max(SECONDS_LEAST, 3 * seconds[file]))
+        stage.trial(file, number, max(SECONDS_LEAST, 3 * seconds[file]))
         for file, number in mutants
         if file in seconds
     ]
-    found = {
-        (trial.file, trial.number)
-        for trial, verdict in _shown(trials, processes, f"{_kind(slow=slow)} tests of mutants")
-        if not verdict.passed
+    return {
+        (trial.file, trial.number): verdict
+        for trial, verdict in _shown(trials, processes, f"{stage.name} of mutants")
+        if not verdict.passed and trial.number is not None
     }
-    return [mutant for mutant in mutants if mutant not in found]
-
-
-def _kind(*, slow: bool) -> str:
-    return "slow" if slow else "fast"
 
 
 def _shown(trials: Sequence[Trial], processes: int, what: str) -> Iterable[tuple[Trial, Verdict]]:
@@ -157,10 +197,20 @@ def _shown(trials: Sequence[Trial], processes: int, what: str) -> Iterable[tuple
             yield trial, verdict
 
 
-def _report(sample: Sequence[tuple[str, int]], left: Sequence[tuple[str, int]]) -> str:
-    """Return how many were found by file, and each survivor in a line."""
+def _report(
+    sample: Sequence[_Mutant], left: Sequence[_Mutant], seeds: dict[_Mutant, int] | None
+) -> str:
+    """Return how many were found by file, after how many seeds, and each survivor in a line."""
     drawn, survived = Counter(file for file, _ in sample), Counter(file for file, _ in left)
-    lines = [f"{drawn[file] - survived[file]:4} of {drawn[file]:4} found  {file}" for file in drawn]
+    lines = []
+    for file, count in drawn.items():
+        found = count - survived[file]
+        line = f"{found:4} of {count:4} found  {file}"
+        if seeds is not None:
+            took = [number for (one, _), number in seeds.items() if one == file]
+            often = f" (mean {mean(took):.1f}, median {median(took):g})" if took else ""
+            line += f": {len(took)} by seeds{often}, {found - len(took)} by tests only"
+        lines.append(line)
     for file, number in left:
         change = mutations_of(file)[number]
         lines.append(f"{file}:{change.line}: {change.before}  ->  {change.after}")

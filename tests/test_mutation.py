@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -15,6 +16,7 @@ from mutation import MIRRORED
 from mutators import mutations
 
 ACTIONS = "protocol/cubepath/protocol/core/actions.py"
+DEALING = "agents/cubepath/agents/processes/dealing.py"
 
 
 def changes(source: str) -> list[tuple[str, str]]:
@@ -133,3 +135,22 @@ def test_a_sample_is_found_and_no_file_is_touched() -> None:
     assert last.startswith(f"{found} of 3 mutants found, ")
     assert found >= 2
     assert (ROOT / ACTIONS).read_bytes() == before
+
+
+@pytest.mark.slow
+def test_the_simulator_finds_mutants_before_the_tests_do() -> None:
+    """What its seeds find is counted with how many it took; what is left is for the tests."""
+    command = [sys.executable, "tests/mutation.py", "--only", DEALING, "--sample", "4"]
+    done = subprocess.run(
+        [*command, "--seeds", "2"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert done.returncode in (0, 1), done.stderr
+    first, *survivors, _ = done.stdout.splitlines()
+    by_seeds = r"(\d) by seeds \(mean (\d\.\d), median [\d.]+\), (\d) by tests only"
+    line = re.fullmatch(rf" +(\d) of    4 found  {DEALING}: {by_seeds}", first)
+    assert line is not None, first
+    found, simulated, tested = int(line[1]), int(line[2]), int(line[4])
+    assert found == simulated + tested == 4 - len(survivors)
+    assert simulated >= 1
+    assert tested >= 1
+    assert 1 <= float(line[3]) <= 2

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from cubepath.agents.processes.dealing import dealt
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.graph import GraphSystem
 
 GRID = scene_from_spec("agv:graph=grid8x8,n=64")
 
@@ -71,3 +72,14 @@ def test_vertices_without_coordinates_are_dealt_by_number() -> None:
     """On a graph without places neighbours in the canonical order go together."""
     scene = scene_from_spec("agv:graph=C8,n=8")
     assert dealt(scene, 3) == [[0, 1], [2, 3, 4], [5, 6, 7]]
+
+
+def test_vertices_of_every_form_are_dealt() -> None:
+    """Some have coordinates, some are names, some a name with a number."""
+    start = ((0, 0), (0, 1), "a", ("a", 0))
+    system = GraphSystem(start, [*pairwise(start)])
+    scene = replace(GRID, system=system, start=start, goal=None, goals=())
+    for processes in (1, 2, 4):
+        parts = dealt(scene, processes)
+        assert len(parts) == processes
+        assert sorted(module for part in parts for module in part) == [0, 1, 2, 3]

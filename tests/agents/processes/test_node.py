@@ -50,8 +50,9 @@ def hosts(
     schedule: Schedule | None = None,
     seed: int = 0,
     started: bool = True,
+    together: bool = False,
 ) -> list[HostNode]:
-    """Return nodes with a vehicle each, on a path of four vertices, or in the row."""
+    """Return nodes with a vehicle each, or one with all, on a path of four vertices or in a row."""
     spec = f"agv:graph=P4,n={len(start)}" if isinstance(start[0], int) else ROW
     scene = replace(scene_from_spec(spec), start=start, goal=None, goals=())
     nodes = [
@@ -60,7 +61,7 @@ def hosts(
                 endpoint="",
                 run=RUN,
                 process=process,
-                modules=[process],
+                modules=[*range(len(start))] if together else [process],
                 scene=scene_to_toml(scene),
                 rule=rule,
                 seed=seed,
@@ -69,7 +70,7 @@ def hosts(
                 schedule=schedule,
             )
         )
-        for process in range(len(start))
+        for process in range(1 if together else len(start))
     ]
     if started:
         for node in nodes:
@@ -126,17 +127,17 @@ def report(effects: Sequence[Effect]) -> Report:
     return found
 
 
-def sensed(one: HostNode, other: HostNode) -> None:
+def sensed(one: HostNode, other: HostNode, *, number: int = 1) -> None:
     """Take both through the phase `sense`, each with what the other says."""
-    said_by = [said(begun(node)) for node in (one, other)]
+    said_by = [said(begun(node, number=number)) for node in (one, other)]
     hear(one, *said_by[1])
     hear(other, *said_by[0])
 
 
-def claimed(one: HostNode, other: HostNode) -> None:
+def claimed(one: HostNode, other: HostNode, *, number: int = 1) -> None:
     """Take both through the phases before `settle`."""
-    sensed(one, other)
-    said_by = [said(begun(node, "claim", r0=2)) for node in (one, other)]
+    sensed(one, other, number=number)
+    said_by = [said(begun(node, "claim", number, r0=2)) for node in (one, other)]
     hear(one, *said_by[1])
     hear(other, *said_by[0])
 
@@ -477,3 +478,68 @@ def test_a_reset_puts_modules_back_and_is_answered_each_time() -> None:
     assert put(hear(node, Reset(2, 5))) == [Ready(2, 0, "join")]
     assert hear(node, Reset(1, 5)) == []
     assert said(begun(node, number=3))[0].parts == [Here(3, 0, [7, 0])]
+
+
+def test_after_a_reset_ranks_count_from_the_first_round() -> None:
+    """Who goes before in a contest is the one who would in the first round of a run."""
+    seed = next(
+        seed
+        for seed in range(100)
+        if (rank(seed, 1, 0) < rank(seed, 1, 1)) != (rank(seed, 5, 0) < rank(seed, 5, 1))
+    )
+    nodes = hosts(0, 2, schedule=moving((0, 1), (1, 2)))
+    for node in nodes:
+        hear(node, Reset(4, seed))
+    claimed(*nodes, number=5)
+    winner = max((0, 1), key=lambda module: rank(seed, 1, module))
+    assert report(begun(nodes[winner], "settle", 5, r0=2)).claim == "granted"
+
+
+def test_it_listens_to_what_is_new_and_leaves_what_is_left() -> None:
+    """A region that some module is in before and after is in neither, nor is there an empty one."""
+    old, new = to_region(RUN, "0,0"), to_region(RUN, "1,0")
+    for start, move, there, back in (
+        ((7, 0), ((7, 0), (8, 0)), Listen((new,)), Ignore((new,))),
+        ((8, 0), ((7, 0), (8, 0)), Ignore((new,)), Listen((new,))),
+        ((7, 0), ((6, 0), (7, 0)), None, None),
+    ):
+        (node,) = hosts(start, (4, 0), schedule={0: moving(move)[0]}, together=True, started=False)
+        first = node.start()[0]
+        assert isinstance(first, Listen)
+        assert old in first.keys
+        begun(node)
+        begun(node, "claim")
+        for effects, expected in ((begun(node, "settle"), there), (hear(node, Reset(2, 0)), back)):
+            found = [each for each in effects if isinstance(each, Listen | Ignore)]
+            assert found == [each for each in [expected] if each is not None]
+
+
+def test_actions_for_the_next_round_are_kept_in_every_round() -> None:
+    """Those of round 3 may come in round 2; those of round 4 are too early."""
+    (node,) = hosts(0, rule=OUTSIDE)
+    hear(node, Acts(1, 0, [Act(1, 0, 0, [])]))
+    for number in (1, 2, 3):
+        begun(node, number=number)
+        begun(node, "observe", number)
+        early = Acts(number + 2, 0, [Act(number + 2, 0, 1, [])])
+        hear(node, Acts(number + 1, 0, [Act(number + 1, 0, 0, [])]), early)
+        assert ready(begun(node, "claim", number))
+        assert report(begun(node, "settle", number)).claim == "none"
+
+
+def test_what_was_kept_for_a_round_is_gone_in_the_next() -> None:
+    """Verdicts and actions that came for a round that is over take no memory."""
+    winner, loser = contest()
+    hear(loser, *said(begun(winner, "settle", r0=2)))
+    begun(loser, "settle", r0=2)
+    begun(loser, number=2)
+    assert loser._heard == {}
+    (node,) = hosts(0, rule=OUTSIDE)
+    begun(node)
+    begun(node, "observe", r0=1)
+    begun(node, "claim")
+    acts = Acts(1, 0, [Act(1, 0, 0, [])])
+    hear(node, acts, acts)
+    begun(node, "settle")
+    begun(node, number=2)
+    assert node._given == {}

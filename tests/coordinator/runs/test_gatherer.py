@@ -88,7 +88,7 @@ def test_what_contradicts_is_refused() -> None:
     """Two reports of a module for a round that differ, and a report of no module of the run."""
     spec = SPECS[0]
     report = reports(spec)[0]
-    gatherer = fed(spec, [report])
+    gatherer = fed(spec, [report, replace(report)])
     with pytest.raises(CheckError, match=r"module_\d+ reports round 1 twice, and differently"):
         gatherer.receive(replace(report, failed="no"))
     for stranger in (-1, 7):
@@ -205,20 +205,32 @@ def test_rounds_cubes_and_path_are_made_when_they_are_asked_for() -> None:
     assert ([*steps], gatherer.rounds) == (told[:5], 6)
 
 
-def test_a_cube_has_the_name_that_was_reported_last() -> None:
+@pytest.mark.parametrize("last", [0, 1])
+def test_a_cube_has_the_name_that_was_reported_last(last: int) -> None:
     """An edge has two names; the digest and the rounds keep each as it was."""
     scene = circle()
     gatherer = Gatherer(scene)
-    there = [0, 1]
-    for number, at in enumerate((there, there[::-1], there, there[::-1], there[::-1]), 1):
+    names = ([0, 1], [1, 0])
+    reported = [names[each] for each in (0, 1, 0, 1, last)]
+    for number, at in enumerate(reported, 1):
         for module, start in enumerate(scene.start):
             move = GeneratorPlacement("edge", at) if module == 0 else None
             site = (start, number % 2)[module == 0]
             gatherer.receive(Report(number, module, start, site, "none", move, {}))
-    assert [step.executed[0].at for step in gatherer.steps] == [
-        *(there, there[::-1], there, there[::-1], there[::-1])
-    ]
-    assert gatherer.schedule() == ((GeneratorPlacement("edge", there[::-1]),),)
+    assert [step.executed[0].at for step in gatherer.steps] == reported
+    assert gatherer.schedule() == ((GeneratorPlacement("edge", names[last]),),)
+
+
+@pytest.mark.slow
+def test_more_movers_than_two_bytes_can_number_are_gathered() -> None:
+    """The last of 65,537 modules moves, and is the mover on record."""
+    gatherer = Gatherer(scene_from_spec("agv:graph=C65538,n=65537"))
+    last = 1 << 16
+    for module in range(last):
+        gatherer.receive(Report(1, module, module, module, "none", None, {}))
+    move = GeneratorPlacement("edge", [last, last + 1])
+    gatherer.receive(Report(1, last, last, last + 1, "granted", move, {}))
+    assert [executed.module for executed in gatherer.steps[0].executed] == [last]
 
 
 def circle() -> Scene:

@@ -209,9 +209,9 @@ class ModuleCore:
     @property
     def finished(self) -> bool:
         """Return whether the claim is decided and every expected verdict has arrived."""
+        # With the verdicts of all that go before it the claim is decided as well.
         return (
             self._phase == "settle"
-            and (self._claim is None or self._granted is not None)
             and self._contest.before | self._takes_me <= self._verdicts.keys()
         )
 

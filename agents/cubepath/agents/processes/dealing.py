@@ -26,7 +26,7 @@ def dealt(scene: Scene, processes: int) -> list[list[int]]:
         axes = range(min(len(points[module]) for module in modules))
         spread = [_spread([points[module][axis] for module in modules]) for axis in axes]
         axis = spread.index(max(spread)) if spread else 0
-        modules.sort(key=lambda module: (points[module][axis : axis + 1], points[module], module))
+        modules.sort(key=lambda module: (points[module][axis:], points[module], module))
         first = parts // 2
         # Every process gets as many as it would if they were dealt out in turn, give or take one.
         cut = len(modules) * first // parts

@@ -263,7 +263,7 @@ class HostNode:
     def _missing(self, go: Go) -> list[str]:
         """Return the regions of the modules to which more was said than has been heard."""
         before = _BEFORE.get(go.phase)
-        if before is None or (before == "sense" and self._delivered):
+        if before is None:
             return []
         heard = self._heard.get((go.round, before), {})
         own = self._said.get(before, {})
@@ -281,15 +281,15 @@ class HostNode:
 
     # What is said.
 
-    def _regions_near(self, place: Site, *, sensed: bool) -> tuple[str, ...]:
+    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
         system = self._system
         places = system.listeners(place) if sensed else system.reach(place)
-        return tuple(sorted({system.region(near) for near in places}))
+        return frozenset(system.region(near) for near in places)
 
-    def _regions(self, part: Part) -> Iterable[str]:
+    def _regions(self, part: Part) -> frozenset[str]:
         system = self._system
         if isinstance(part, Verdict):
-            return sorted({system.region(site_from_json(place)) for place in part.to})
+            return frozenset(system.region(site_from_json(place)) for place in part.to)
         place = system.place_of(site_from_json(part.site))
         return self._regions_of(place, sensed=isinstance(part, Here))
 
@@ -457,8 +457,6 @@ class HostNode:
     def _conclude(self, parts: list[Part]) -> list[Effect]:
         """Say the verdicts; report if all modules are through with the round."""
         found: list[Effect] = [*self._say("settle", parts)]
-        if self._answers:
-            return found
         if not all(core.finished for core in self._cores.values()):
             return [*found, *self._wait()] if self._wait_s is None else found
         reports = Reports(

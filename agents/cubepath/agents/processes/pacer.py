@@ -59,9 +59,6 @@ class Pacer:
         Unless it `hears_all`, it listens to the answers alone and keeps nothing else.
         """
         self.round = 0
-        self.phase: Phase = "join"
-        self.idle = False
-        """Whether the phases that were asked for are over."""
         self._run = run
         self._modules_of = [list(modules) for modules in modules_of]
         self._patience_s = patience_s
@@ -72,8 +69,9 @@ class Pacer:
         self._begin_phase("join")
 
     def _begin_phase(self, phase: Phase) -> None:
-        self.phase = phase
+        self.phase: Phase = phase
         self.idle = False
+        """Whether the phases that were asked for are over."""
         self._ready: dict[int, Ready] = {}
         self._said: dict[int, set[tuple[str, int]]] = {}
         self._told: set[int] = set()

@@ -203,10 +203,7 @@ class Gatherer:
         # Of several names of an action the one that was reported last.
         last = np.zeros(len(path.actions), dtype=np.int64)
         last[np.frombuffer(path.names, dtype=np.int32)] = np.arange(len(path.names))
-        placed = {
-            path.actions[name]: path.placed[name]
-            for name in np.argsort(last, kind="stable").tolist()
-        }
+        placed = {path.actions[name]: path.placed[name] for name in np.argsort(last).tolist()}
         for cube in self.heap.each_cube():
             yield tuple(placed[action] for action in cube)
 
@@ -222,7 +219,7 @@ class Gatherer:
             return  # a report of this round was released already
         reports = self._waiting.setdefault(report.round, {})
         known = reports.setdefault(report.module, report)
-        if known is not report and known != report:
+        if known != report:
             raise CheckError(
                 f"module_{report.module} reports round {report.round} twice, and differently"
             )
