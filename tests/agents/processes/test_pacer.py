@@ -188,12 +188,12 @@ def test_it_asks_nothing_while_idle_or_joining() -> None:
 
 
 def test_patience_begins_anew_with_each_new_message_and_not_with_doubles() -> None:
-    """After 3 s without anything new it is over; the last wait is no longer than that."""
+    """After 3 s without anything new it is over; what passed before something new is forgotten."""
     pacer = paced(processes=3, patience_s=3.0)
     pacer.begin_round()
     assert pacer.tick()[-1] == Timer(2.0)
     hear(pacer, ready(1))
-    assert pacer.tick()[-1] == Timer(1.0)
+    assert pacer.tick()[-1] == Timer(3.0)
     hear(pacer, ready(1), Waiting(1, 0, "sense"))
     with pytest.raises(ProcessDied):
         pacer.tick()
@@ -204,6 +204,7 @@ def test_the_late_are_named_and_those_who_wait_for_them_are_not() -> None:
     pacer = paced(processes=3, patience_s=3.0)
     pacer.begin_round()
     hear(pacer, ready(1))
+    pacer.tick()
     pacer.tick()
     assert kept(hear(pacer, Waiting(1, 0, "sense"))) == [Waiting(1, 0, "sense")]
     with pytest.raises(ProcessDied) as caught:
@@ -218,6 +219,7 @@ def test_where_all_say_that_they_wait_all_are_named() -> None:
     pacer.begin_round()
     hear(pacer, ready(1))
     pacer.tick()
+    pacer.tick()
     hear(pacer, Waiting(1, 0, "sense"))
     with pytest.raises(ProcessDied, match=r"from module_0 \(process 0\), waiting for others$"):
         pacer.tick()
@@ -229,6 +231,7 @@ def test_who_waited_long_ago_is_named_with_that() -> None:
     pacer.begin_round()
     hear(pacer, ready(1), Waiting(1, 0, "sense"))
     pacer.tick()
+    pacer.tick()
     with pytest.raises(
         ProcessDied, match=r"module_0 \(process 0\), waiting for others when last heard of$"
     ):
@@ -238,6 +241,33 @@ def test_who_waited_long_ago_is_named_with_that() -> None:
     hear(pacer, Waiting(1, 0, "sense"))
     pacer.tick()
     with pytest.raises(ProcessDied, match=r"from module_1 \(process 1\)$"):
+        pacer.tick()
+
+
+def test_what_asks_or_waits_in_another_round_or_as_nobody_is_not_kept() -> None:
+    """Only processes of the run count, and only in its round."""
+    pacer = paced()
+    pacer.begin_round()
+    for message in (
+        Waiting(2, 0, "sense"),
+        Waiting(1, 2, "sense"),
+        Waiting(-1, 0, "sense"),
+        Again(1, -1, "sense", "0"),
+        Again(1 << 80, 0, "sense", "0"),
+    ):
+        assert hear(pacer, message) == []
+    assert kept(hear(pacer, Again(1, 1, "sense", "0"))) == [Again(1, 1, "sense", "0")]
+
+
+def test_processes_have_time_to_start_and_none_is_asked_too_late() -> None:
+    """A short patience does not count while they join; the first wait is no longer than it."""
+    pacer = Pacer(RUN, [[0], [1]], patience_s=0.5)
+    assert pacer.start()[-1] == Timer(0.5)
+    for _ in range(7):
+        pacer.tick()
+    hear(pacer, Ready(0, 0, "join"), Ready(0, 1, "join"))
+    assert pacer.begin_round()[-1] == Timer(0.5)
+    with pytest.raises(ProcessDied, match=r"no answer within 0\.5 s to phase sense"):
         pacer.tick()
 
 

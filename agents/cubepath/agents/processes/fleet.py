@@ -37,6 +37,7 @@ Sink: TypeAlias = Callable[[Message, bytes, int], None]
 """Receives each message, its bytes on the wire and the wall time in nanoseconds."""
 
 _POLL_S = 0.05
+_LOOK_S = 0.5
 _STDERR = 2
 _END_S_MAX = 5.0
 _HURRY_S_MAX = 0.5
@@ -127,6 +128,8 @@ class Fleet:
         shell.start()
         scene = scene_to_toml(self.scene)
         for process, modules in enumerate(self.modules_of):
+            if self._check is not None:
+                self._check()
             orders = Orders(
                 endpoint=self.endpoint,
                 run=self.run,
@@ -224,10 +227,14 @@ class Fleet:
         shell = self._shell
         if shell is None:
             raise CubepathError("the fleet has ended: start another")
+        looked = time.monotonic()
         while not self._pacer.idle:
             if self._check is not None:
                 self._check()
-            if not shell.step(_POLL_S):
+            came = shell.step(_POLL_S)
+            # Also while somebody talks: a message is no sign that all are alive.
+            if not came or time.monotonic() - looked > _LOOK_S:
+                looked = time.monotonic()
                 self._look_for_the_dead()
 
     def _look_for_the_dead(self) -> None:

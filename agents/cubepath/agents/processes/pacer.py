@@ -79,7 +79,8 @@ class Pacer:
         self._there: set[int] = set()
         self._waited: set[int] = set()
         self._waited_s = 0.0
-        self._ask_s = _ASK_S_MIN
+        self._moved = False
+        self._ask_s = min(_ASK_S_MIN, self._patience_s)
 
     def start(self) -> list[Effect]:
         """Listen, and wait until all processes have joined."""
@@ -145,14 +146,17 @@ class Pacer:
         match message:
             case Ready() | Said() | Reports() | Observations():
                 return self._take(message, data) if self._is_new(message) else []
-            case Waiting():
-                self._there.add(message.process)
-                self._waited.add(message.process)
-                return [Keep(data, message)]
-            case Again():
+            case Waiting() | Again() if self._is_of_now(message):
+                if isinstance(message, Waiting):
+                    self._there.add(message.process)
+                    self._waited.add(message.process)
                 return [Keep(data, message)]
             case _:
                 return []  # a stranger put it there
+
+    def _is_of_now(self, message: Waiting | Again) -> bool:
+        """Return whether a message is of this round and of a process of the run."""
+        return message.round == self.round and 0 <= message.process < len(self._modules_of)
 
     def _is_new(self, message: Ready | Said | Reports | Observations) -> bool:
         """Return whether a message is of this phase and no double."""
@@ -178,7 +182,7 @@ class Pacer:
                 self._said.setdefault(message.process, set()).add((message.region, message.number))
             case Reports() | Observations():
                 self._told.add(message.process)
-        self._waited_s = 0.0
+        self._moved = True
         found: list[Effect] = [Keep(data, message)]
         if self._is_through(message.process):
             self._through.add(message.process)
@@ -215,9 +219,14 @@ class Pacer:
         """Ask those again who have not answered; ProcessDied if patience is over."""
         if self.idle:
             return []
-        self._waited_s += self._ask_s
+        # The time before what came last does not count, nor the rest of that interval.
+        self._waited_s = 0.0 if self._moved else self._waited_s + self._ask_s
+        self._moved = False
         missing = [each for each in range(len(self._modules_of)) if each not in self._through]
-        if self._waited_s >= self._patience_s:
+        patience_s = self._patience_s
+        if self.phase == "join":
+            patience_s = max(patience_s, PATIENCE_S)  # processes take some time to start
+        if self._waited_s >= patience_s:
             raise ProcessDied(self._too_late(missing))
         self._there.clear()  # whoever still waits says so again
         found: list[Effect] = []
@@ -229,7 +238,7 @@ class Pacer:
                     found.append(Put(key_of(self._run, acts), encode(acts)))
                 kind = "reset" if isinstance(self._go, Reset) else "go"
                 found.append(Put(topic_key(self._run, kind, f"process_{process}"), data))
-        self._ask_s = min(2 * self._ask_s, _ASK_S_MAX, self._patience_s - self._waited_s)
+        self._ask_s = min(2 * self._ask_s, _ASK_S_MAX, patience_s - self._waited_s)
         return [*found, Timer(self._ask_s)]
 
     def _too_late(self, missing: list[int]) -> str:
@@ -239,7 +248,7 @@ class Pacer:
         late = unheard or silent or missing
         names = ", ".join(self.name(process) for process in late)
         what = f"phase {self.phase} of round {self.round}"
-        line = f"no answer within {self._patience_s:g} s to {what} from {names}"
+        line = f"no answer within {self._waited_s:g} s to {what} from {names}"
         if unheard:
             return line
         return f"{line}, waiting for others" + (" when last heard of" if silent else "")

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from cubepath.protocol.wire.sessions import check_descriptors, check_endpoint, o
 
 ANY_PORT = "tcp/127.0.0.1:0"
 _REFUSED = 4
+_START_S_MAX = 30.0
 _END_S_MAX = 5.0
 
 
@@ -42,12 +44,13 @@ class Router:
         self.restarts = 0
         """How many times it was started again."""
         try:
-            self.endpoint = self._launch(endpoint or ANY_PORT)
+            self._start(endpoint or ANY_PORT)
+            self.endpoint = self._listening()
         except BaseException:
             self._complaints.close()
             raise
 
-    def _launch(self, endpoint: str) -> str:
+    def _start(self, endpoint: str) -> None:
         self._child = subprocess.Popen(
             [sys.executable, "-P", "-m", "cubepath.protocol.wire.router", endpoint],
             stdin=subprocess.PIPE,
@@ -56,11 +59,18 @@ class Router:
             # A terminal's interrupt goes to the coordinator, which ends its processes properly.
             process_group=0,
         )
+
+    def _listening(self) -> str:
+        """Wait until the router listens, and return where."""
         if self._child.stdout is None:
             raise AssertionError("no pipe from the router")  # it was requested above
         try:
+            told = select.select([self._child.stdout], [], [], _START_S_MAX)[0]
+            if not told:
+                self._child.kill()  # its line is then empty
             found = self._child.stdout.readline().decode().strip()
         except BaseException:
+            self._child.kill()
             self._stop()
             raise
         if found:
@@ -81,12 +91,13 @@ class Router:
     def look_after(self) -> bool:
         """Start it again where it was if it has ended; return whether that was so.
 
-        Sessions find it there by themselves. What was on its way is lost.
+        Sessions find it there by themselves, however long it takes to start. What was on its way is
+        lost.
         """
         if self._child.poll() is None:
             return False
         self._stop()
-        self._launch(self.endpoint)
+        self._start(self.endpoint)
         self.restarts += 1
         return True
 

@@ -26,6 +26,7 @@ _FOR_SESSIONS = 24
 """Descriptors that a router and two clients need, with a few to spare."""
 _FOR_A_PROCESS = 4
 _POLL_S = 0.0005
+_AGAIN_S = 0.1
 _ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^/\s:\[\]]+):[0-9]{1,5}")
 
 
@@ -101,13 +102,20 @@ def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
     raise CubepathError("the zenoh router did not tell on which port it listens")
 
 
-def open_client(endpoint: str) -> zenoh.Session:
-    """Open a client session to the router at `endpoint`; CubepathError if it is not there."""
+def open_client(endpoint: str, patience_s: float = 0.0) -> zenoh.Session:
+    """Open a client session to the router at `endpoint`; CubepathError if it is not there.
+
+    It is tried for so many seconds: a router that has died may be on its way back.
+    """
     settings: Mapping[str, Any] = {"listen/endpoints": [], "connect/endpoints": [endpoint]}
-    try:
-        return zenoh.open(_config("client", **settings))
-    except zenoh.ZError as error:
-        raise CubepathError(f"no zenoh router at {endpoint}: {error}") from None
+    deadline = time.monotonic() + patience_s
+    while True:
+        try:
+            return zenoh.open(_config("client", **settings))
+        except zenoh.ZError:
+            if time.monotonic() >= deadline:
+                raise CubepathError(f"no zenoh router at {endpoint}: nobody answers") from None
+        time.sleep(_AGAIN_S)
 
 
 def put(session: zenoh.Session, key: str, data: bytes) -> None:

@@ -21,6 +21,7 @@ from cubepath.protocol.wire.messages import NoMessageError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
 
+_CONNECT_S_MAX = 10.0
 _PUBLISHERS_MAX = 512
 """Publishers declared at one time; modules that wander come to ever new regions."""
 
@@ -40,7 +41,7 @@ class Shell:
         self._due: float | None = None
         self._received: tuple[bytes, int] = b"", 0
         self.ended = False
-        self._session = open_client(endpoint)
+        self._session = open_client(endpoint, _CONNECT_S_MAX)
 
     def __enter__(self) -> Self:
         """Return the shell."""
