@@ -11,11 +11,12 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore, ProtocolError
 from cubepath.agents.local.observation import Observation, goal_sets
 from cubepath.agents.processes.orders import OUTSIDE, Orders
+from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, BEFORE, ORDER, Spoken
 from cubepath.agents.rules.actor import Actor, actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
@@ -44,15 +45,6 @@ from cubepath.protocol.wire.messages import (
 )
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
-Spoken: TypeAlias = Literal["sense", "claim", "settle"]
-"""The phases in which modules say something to each other."""
-_ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5}
-"""The phases of a round in order; a process joins at the end of the round before the first."""
-_BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}
-"""What must have been heard before a phase begins."""
-ASK_S_MIN, ASK_S_MAX = 1.0, 8.0
-"""What is missing is asked for after so many seconds, then after twice as many, up to the most."""
-
 
 class HostNode:
     """The modules of one process."""
@@ -76,7 +68,7 @@ class HostNode:
         orders, scene = self._orders, self._scene
         self._seed = seed
         self._actors: dict[int, Actor] = {}
-        self._at = (round_number, _ORDER["join"])
+        self._at = (round_number, ORDER["join"])
         self._phase: str = "join"
         self._round = round_number
         self._pending: Go | None = None
@@ -171,7 +163,7 @@ class HostNode:
             return [*self._answers, *self._wait()]
         found: list[Effect] = []
         if self._pending is not None:
-            before = _BEFORE.get(self._pending.phase)
+            before = BEFORE.get(self._pending.phase)
             if before is not None:
                 found += [self._ask(before, region) for region in self._missing(self._pending)]
         elif self._phase == "settle" and not self._answers:
@@ -262,7 +254,7 @@ class HostNode:
 
     def _missing(self, go: Go) -> list[str]:
         """Return the regions of the modules to which more was said than has been heard."""
-        before = _BEFORE.get(go.phase)
+        before = BEFORE.get(go.phase)
         if before is None:
             return []
         heard = self._heard.get((go.round, before), {})
@@ -334,7 +326,7 @@ class HostNode:
     def _go(self, go: Go) -> list[Effect]:
         if go.phase == "stop":
             return [End()]
-        at = (go.round, _ORDER[go.phase])
+        at = (go.round, ORDER[go.phase])
         if at == self._at:
             return self._repeat()
         if at < self._at:
@@ -384,7 +376,7 @@ class HostNode:
         ):
             return self._wait() if self._wait_s is None else []
         self._pending = None
-        self._at = (go.round, _ORDER[go.phase])
+        self._at = (go.round, ORDER[go.phase])
         self._phase = go.phase
         self._answers = []
         before = self._go_on()
@@ -492,7 +484,7 @@ class HostNode:
         return self._try_to_begin()
 
     def _reset(self, reset: Reset) -> list[Effect]:
-        at = (reset.round, _ORDER["join"])
+        at = (reset.round, ORDER["join"])
         if at == self._at:
             return [*self._answers]
         if at < self._at:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, TypeAlias
 
+from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import everything, key_of, topic_key
 from cubepath.protocol.wire.messages import (
@@ -35,7 +36,6 @@ PATIENCE_S = 60.0
 """How long nothing may come of a phase, unless told otherwise."""
 PATIENCE_S_MAX = 3600.0
 """Links to processes that stand still are closed after that time."""
-_ASK_S_MIN, _ASK_S_MAX = 1.0, 8.0
 _NAMED_MAX = 8
 
 
@@ -80,7 +80,7 @@ class Pacer:
         self._waited: set[int] = set()
         self._waited_s = 0.0
         self._moved = False
-        self._ask_s = min(_ASK_S_MIN, self._patience_s)
+        self._ask_s = min(ASK_S_MIN, self._patience_s)
 
     def start(self) -> list[Effect]:
         """Listen, and wait until all processes have joined."""
@@ -238,7 +238,7 @@ class Pacer:
                     found.append(Put(key_of(self._run, acts), encode(acts)))
                 kind = "reset" if isinstance(self._go, Reset) else "go"
                 found.append(Put(topic_key(self._run, kind, f"process_{process}"), data))
-        self._ask_s = min(2 * self._ask_s, _ASK_S_MAX, patience_s - self._waited_s)
+        self._ask_s = min(2 * self._ask_s, ASK_S_MAX, patience_s - self._waited_s)
         return [*found, Timer(self._ask_s)]
 
     def _too_late(self, missing: list[int]) -> str:
