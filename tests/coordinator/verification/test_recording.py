@@ -27,7 +27,7 @@ from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
+from cubepath.protocol.recordings.recording import RecordingWriter, copy_recording, read_recording
 from cubepath.protocol.wire.messages import Cube, Executed, decode
 from recordings import all_edited, edited, first, parts, record_of, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
@@ -421,8 +421,9 @@ def test_admissible_and_applied_as_by_definition() -> None:
 
 
 def damaged(path: Path) -> Path:
-    """Write a recording whose second half is cut off."""
-    data = crowd().path.read_bytes()
+    """Write a recording of small chunks whose second half is cut off."""
+    copy_recording(crowd(), path.with_suffix(".whole"))
+    data = path.with_suffix(".whole").read_bytes()
     path.write_bytes(data[: len(data) // 2])
     return path
 

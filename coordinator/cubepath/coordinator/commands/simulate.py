@@ -8,9 +8,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import re
+import signal
 import sys
+import threading
 import time
+from collections.abc import Callable, Generator
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import (
@@ -64,6 +68,25 @@ def add_simulate_command(command: AddCommand) -> None:
     )
 
 
+@contextlib.contextmanager
+def _interrupts() -> Generator[Callable[[], bool]]:
+    """Remember an interrupt: where Python runs a finalizer, the exception would be dropped."""
+    came = threading.Event()
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        came.set()
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield came.is_set
+        return
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield came.is_set
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
 def _seeds(text: str) -> range:
     found = _RANGE.fullmatch(text)
     first, last = (found[1], found[2] or found[1]) if found else (1, 0)
@@ -89,7 +112,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
         try:
             # A rule that prints would print into the answer.
-            with contextlib.redirect_stdout(sys.stderr):
+            with contextlib.redirect_stdout(sys.stderr), _interrupts() as asked_to_end:
                 for kept in simulate_seeds(
                     options.seeds, asked, options.out, tally, failing=failing
                 ):
@@ -98,6 +121,9 @@ def _simulate(options: argparse.Namespace) -> int:
                         _tell(kept)
                     bar.set_postfix_str(_state(tally), refresh=False)
                     bar.update()
+                    interrupted = asked_to_end()
+                    if interrupted:
+                        break
         except KeyboardInterrupt:
             interrupted = True
     document = tally.document(time.monotonic() - began)
