@@ -136,7 +136,10 @@ def test_an_interrupt_ends_with_what_was_found(tmp_path: Path) -> None:
         assert child.stderr is not None
         first = child.stderr.readline()  # the line of progress after some seconds
         child.send_signal(signal.SIGINT)
-        out, err = child.communicate(timeout=60)
+        try:
+            out, err = child.communicate(timeout=60)
+        finally:
+            child.kill()
     assert "simulate: " in first
     assert child.returncode == 130
     assert err.splitlines()[-1] == "cubepath: interrupted"
