@@ -141,7 +141,7 @@ class HostNode:
         return tuple(to_region(self._orders.run, region) for region in sorted(regions))
 
     def receive(self, data: bytes) -> list[Effect]:
-        """Take a message; what is no message, or not for a process, is an error."""
+        """Take a message; NoMessageError if it is none. What is not for a process is ignored."""
         message = decode(data)
         match message:
             case Said():

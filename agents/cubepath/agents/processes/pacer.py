@@ -141,7 +141,7 @@ class Pacer:
     # What comes of it.
 
     def receive(self, data: bytes) -> list[Effect]:
-        """Take a message; InputError if it is none."""
+        """Take a message; NoMessageError if it is none."""
         message = decode(data)
         match message:
             case Ready() | Said() | Reports() | Observations():

@@ -39,6 +39,7 @@ class Shell:
         self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._due: float | None = None
+        self._before_tick: int | None = None
         self._received: tuple[bytes, int] = b"", 0
         self.ended = False
         self._session = open_client(endpoint, _CONNECT_S_MAX)
@@ -74,18 +75,17 @@ class Shell:
     def step(self, timeout_s: float | None = None) -> bool:
         """Take the next message or tick, waiting for it at most so long; return whether any came.
 
-        InputError if what was put on a key is no message; the line names the key.
+        A tick comes after the messages that had arrived when it was due, and before all others.
+        Raises CheckError if what was put on a key is no message; the line names the key.
         """
+        if self._is_due():
+            return self._tick()
         left = None if self._due is None else max(0.0, self._due - time.monotonic())
         wait = min((each for each in (left, timeout_s) if each is not None), default=None)
         try:
             sample, wall_ns = self._queue.get(timeout=wait)
         except Empty:
-            if self._due is None or time.monotonic() < self._due:
-                return False
-            self._due = None
-            self.carry_out(self._node.tick())
-            return True
+            return self._due is not None and time.monotonic() >= self._due and self._tick()
         data = sample.payload.to_bytes()
         try:
             effects = self._node.receive(data)
@@ -94,6 +94,24 @@ class Shell:
         self._received = data, wall_ns
         self.carry_out(effects)
         return True
+
+    def _is_due(self) -> bool:
+        """Return whether the tick comes next; if a message does, count it."""
+        if self._due is None or time.monotonic() < self._due:
+            return False
+        if self._before_tick is None:
+            self._before_tick = self._queue.qsize()
+        self._before_tick -= 1
+        return self._before_tick < 0
+
+    def _tick(self) -> bool:
+        self._set_timer(None)
+        self.carry_out(self._node.tick())
+        return True
+
+    def _set_timer(self, seconds: float | None) -> None:
+        self._due = None if seconds is None else time.monotonic() + seconds
+        self._before_tick = None
 
     def carry_out(self, effects: list[Effect]) -> None:
         """Carry out effects in their order."""
@@ -104,7 +122,7 @@ class Shell:
                 case Keep():
                     self._on_record(effect)
                 case Timer(seconds=seconds):
-                    self._due = None if seconds is None else time.monotonic() + seconds
+                    self._set_timer(seconds)
                 case Listen(keys=keys):
                     for key in keys:
                         self._subscribers[key] = subscribe(self._session, key, self._enqueue)

@@ -1,0 +1,137 @@
+"""The shell of a node on zenoh: messages in their order, and ticks however many there are."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.wire.messages import NoMessageError
+from cubepath.protocol.wire.nodes import Effect, End, Listen, Timer
+from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sessions import open_client, put, wait_for_subscriber
+from cubepath.protocol.wire.shell import Shell
+
+pytestmark = pytest.mark.slow
+
+KEY = "cubepath/test/echo"
+ENOUGH_S = 20.0
+
+
+class Listener:
+    """Hears until its timer runs out, and calls back for each message that it hears."""
+
+    def __init__(self, wait_s: float, on_heard: Callable[[], None] = lambda: None) -> None:
+        """Tick once, after `wait_s`."""
+        self.wait_s = wait_s
+        self.on_heard = on_heard
+        self.heard: list[bytes] = []
+        self.heard_at_tick: int | None = None
+
+    def start(self) -> list[Effect]:
+        """Listen."""
+        return [Listen((KEY,)), Timer(self.wait_s)]
+
+    def receive(self, data: bytes) -> list[Effect]:
+        """Note what was said."""
+        if data == b"stranger":
+            raise NoMessageError("not a message")
+        self.heard.append(data)
+        self.on_heard()
+        return []
+
+    def tick(self) -> list[Effect]:
+        """End."""
+        self.heard_at_tick = len(self.heard)
+        return [End()]
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    """Return where a router listens."""
+    router = Router(processes=True)
+    try:
+        yield router.endpoint
+    finally:
+        router.close()
+
+
+@pytest.fixture
+def guest(endpoint: str) -> Iterator[zenoh.Session]:
+    """Return somebody else who talks to the node."""
+    with open_client(endpoint) as found:
+        yield found
+
+
+def arrived(shell: Shell) -> int:
+    """Return how many messages wait to be taken; nothing else shows it."""
+    return shell._queue.qsize()
+
+
+def say(guest: zenoh.Session, shell: Shell, *messages: bytes) -> None:
+    """Say messages to a shell that listens, and wait until all of them have arrived."""
+    before = arrived(shell)
+    wait_for_subscriber(guest, KEY)
+    for each in messages:
+        put(guest, KEY, each)
+    begun = time.monotonic()
+    while arrived(shell) < before + len(messages):
+        assert time.monotonic() - begun < ENOUGH_S
+        time.sleep(0.001)
+
+
+def test_a_tick_comes_while_messages_never_stop(endpoint: str, guest: zenoh.Session) -> None:
+    """A node that is talked to without a gap still asks again, and its patience still ends."""
+
+    def chatter() -> None:
+        for _ in range(2):
+            put(guest, KEY, b"more")
+
+    node = Listener(ENOUGH_S, on_heard=chatter)
+    with Shell(node, endpoint) as shell:
+        shell.start()
+        say(guest, shell, *[b"more"] * 100)
+        shell.carry_out([Timer(0.2)])
+        begun = time.monotonic()
+        while not shell.ended and time.monotonic() - begun < ENOUGH_S:
+            shell.step(1.0)
+    assert node.heard_at_tick
+
+
+def test_what_had_arrived_is_taken_before_the_tick(endpoint: str, guest: zenoh.Session) -> None:
+    """A process that was stopped hears what was said meanwhile before it asks again."""
+    node = Listener(ENOUGH_S)
+    with Shell(node, endpoint) as shell:
+        shell.start()
+        say(guest, shell, b"a", b"b", b"c")
+        shell.carry_out([Timer(0.0)])
+        while not shell.ended:
+            assert shell.step(ENOUGH_S)
+    assert (node.heard, node.heard_at_tick) == ([b"a", b"b", b"c"], 3)
+
+
+def test_a_timer_that_is_set_anew_begins_anew(endpoint: str, guest: zenoh.Session) -> None:
+    """A tick that was due comes no more if a message before it has stopped the timer."""
+    node = Listener(ENOUGH_S)
+    with Shell(node, endpoint) as shell:
+        shell.start()
+        say(guest, shell, b"a", b"b", b"c")
+        shell.carry_out([Timer(0.0)])
+        assert shell.step(ENOUGH_S)
+        shell.carry_out([Timer(None)])
+        assert shell.step(ENOUGH_S)
+        assert shell.step(ENOUGH_S)
+        assert not shell.step(0.01)
+    assert (node.heard, node.heard_at_tick) == ([b"a", b"b", b"c"], None)
+
+
+def test_what_is_no_message_is_named_with_its_key(endpoint: str, guest: zenoh.Session) -> None:
+    """CheckError, in one line."""
+    with Shell(Listener(ENOUGH_S), endpoint) as shell:
+        shell.start()
+        say(guest, shell, b"stranger")
+        with pytest.raises(CheckError, match=r"echo: not a message$"):
+            shell.step(ENOUGH_S)
