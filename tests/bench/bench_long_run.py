@@ -14,6 +14,7 @@ recording, each in a process of its own: real time, and the most that was reside
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import subprocess
 import sys
@@ -46,11 +47,14 @@ def resident_kb(pid: int, key: str = "VmRSS") -> int:
 def processes_of(pid: int) -> dict[str, int]:
     """Return the process ids of a run by what they are."""
     found = {"coordinator": pid}
-    for task in Path(f"/proc/{pid}/task").iterdir():
-        for child in (task / "children").read_text().split():
-            command = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
-            name = command[command.index(b"-m") + 1].decode().rpartition(".")[2]
-            found[f"{name} {len(found)}" if name == "host" else name] = int(child)
+    with contextlib.suppress(OSError):  # one of them has just ended
+        for task in Path(f"/proc/{pid}/task").iterdir():
+            for child in (task / "children").read_text().split():
+                command = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+                if b"-m" not in command:
+                    continue  # it has just been started, or has just ended
+                name = command[command.index(b"-m") + 1].decode().rpartition(".")[2]
+                found[f"{name} {len(found)}" if name == "host" else name] = int(child)
     return found
 
 

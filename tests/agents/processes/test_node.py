@@ -224,14 +224,14 @@ def test_what_comes_after_its_phase_is_ignored() -> None:
     sensed(one, other)
     begun(one, "claim", r0=2)
     late = Said(1, "sense", 1, "0", 1, [Here(1, 1, 3)])
-    before = dict(one._heard)
+    before = dict(one._inbox._heard)
     assert hear(one, late) == []
-    assert one._heard == before
+    assert one._inbox._heard == before
     begun(one, "settle")
     for phase in ("sense", "claim", "settle"):
         assert hear(one, Said(1, phase, 1, "0", 5, [])) == []
     assert hear(one, Said(0, "claim", 1, "0", 0, []), Said(3, "sense", 1, "0", 0, [])) == []
-    assert one._heard == {}
+    assert one._inbox._heard == {}
 
 
 def test_what_a_process_says_itself_does_not_count_twice() -> None:
@@ -533,7 +533,7 @@ def test_what_was_kept_for_a_round_is_gone_in_the_next() -> None:
     hear(loser, *said(begun(winner, "settle", r0=2)))
     begun(loser, "settle", r0=2)
     begun(loser, number=2)
-    assert loser._heard == {}
+    assert loser._inbox._heard == {}
     (node,) = hosts(0, rule=OUTSIDE)
     begun(node)
     begun(node, "observe", r0=1)

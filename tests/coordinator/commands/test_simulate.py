@@ -113,6 +113,8 @@ def test_a_rule_that_raises_is_a_failing_seed(tmp_path: Path, fickle: dict[str, 
         (["--system", "hex:n=3", "--modules", "4"], "expected one of hex"),
         (["--modules", "0"], "expected a whole number of at least 1, found '0'"),
         (["--out", "FILE"], "FILE: not a folder, expected one for recordings"),
+        (["--out", "FILE/deep/er"], "FILE: not a folder, expected one for recordings"),
+        (["--out", "/proc/1/deep"], "/proc/1/deep: cannot be written"),
     ],
 )
 def test_bad_input_is_one_line(options: list[str], why: str, tmp_path: Path) -> None:

@@ -8,13 +8,13 @@ difference; what is missing it asks for again.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Mapping
-from functools import lru_cache
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore, ProtocolError
 from cubepath.agents.local.observation import Observation, goal_sets
+from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, BEFORE, ORDER, Spoken
 from cubepath.agents.rules.actor import Actor, actors_for
@@ -29,7 +29,6 @@ from cubepath.protocol.wire.messages import (
     Acts,
     Again,
     Go,
-    Here,
     Message,
     Observations,
     Observed,
@@ -38,7 +37,6 @@ from cubepath.protocol.wire.messages import (
     Reports,
     Reset,
     Said,
-    Verdict,
     Waiting,
     decode,
     encode,
@@ -60,7 +58,7 @@ class HostNode:
         self._rule: RuleType | None = None
         if orders.rule != OUTSIDE:
             self._rule = rule_named(orders.rule, self._system)
-        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._outbox = Outbox(self._system, orders.run, orders.process)
         self._begin(orders.seed, 0)
 
     def _begin(self, seed: int, round_number: int) -> None:
@@ -73,8 +71,8 @@ class HostNode:
         self._round = round_number
         self._pending: Go | None = None
         self._given: dict[int, Acts] = {}
-        self._said: dict[str, dict[str, list[Put]]] = {}
-        self._heard: dict[tuple[int, str], dict[tuple[str, int, int], Said]] = {}
+        self._inbox = Inbox()
+        self._outbox.begin(round_number)
         self._answers: list[Put] = []
         self._delivered = False
         self._wait_s: float | None = None
@@ -195,7 +193,7 @@ class HostNode:
     def _repeated(self, again: Again) -> Iterable[Put]:
         if again.round != self._round:
             return ()
-        return self._said.get(again.phase, {}).get(again.region, ())
+        return self._outbox.said_to(again.phase, again.region)
 
     def _answer(self, *messages: Message) -> list[Put]:
         """Answer the coordinator; the answer is repeated if it asks again."""
@@ -204,22 +202,15 @@ class HostNode:
         return puts
 
     def _ready(self, phase: Literal["sense", "observe", "claim", "settle", "over"]) -> Ready:
-        counts: dict[str, int] = {}
-        if phase in ("sense", "claim", "settle"):
-            counts = {region: len(puts) for region, puts in self._said.get(phase, {}).items()}
+        counts = self._outbox.counts(phase)
         return Ready(self._round, self._orders.process, phase, counts)
 
     # What is heard.
 
     def _hear(self, said: Said) -> list[Effect]:
         """Keep what was said for the end of its phase; verdicts are given at once."""
-        if not self._awaits(said):
+        if not self._awaits(said) or not self._inbox.keep(said):
             return []
-        store = self._heard.setdefault((said.round, said.phase), {})
-        key = (said.region, said.process, said.number)
-        if key in store:
-            return []
-        store[key] = said
         if said.phase == self._phase == "settle":
             return self._conclude(self._tell_own(self._give(said)))
         return self._try_to_begin()
@@ -257,55 +248,15 @@ class HostNode:
         before = BEFORE.get(go.phase)
         if before is None:
             return []
-        heard = self._heard.get((go.round, before), {})
-        own = self._said.get(before, {})
-        counts = {region: len(own.get(region, ())) for region in self._within}
-        for region, _, _ in heard:
-            if region in counts:
-                counts[region] += 1
-        return [region for region in sorted(counts) if counts[region] < go.said.get(region, 0)]
+        heard = self._inbox.counts(go.round, before) + Counter(self._outbox.counts(before))
+        return [region for region in sorted(self._within) if heard[region] < go.said.get(region, 0)]
 
     def _deliver(self, round_number: int, phase: Spoken) -> None:
         """Give modules all that was said in a phase by modules of other processes."""
-        heard = self._heard.pop((round_number, phase), {})
-        for key in sorted(heard):
-            self._give(heard[key])
+        for said in self._inbox.take(round_number, phase):
+            self._give(said)
 
     # What is said.
-
-    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
-        system = self._system
-        places = system.listeners(place) if sensed else system.reach(place)
-        return frozenset(system.region(near) for near in places)
-
-    def _regions(self, part: Part) -> frozenset[str]:
-        system = self._system
-        if isinstance(part, Verdict):
-            return frozenset(system.region(site_from_json(place)) for place in part.to)
-        place = system.place_of(site_from_json(part.site))
-        return self._regions_of(place, sensed=isinstance(part, Here))
-
-    def _say(self, phase: Spoken, parts: Iterable[Part]) -> list[Put]:
-        """Say the parts to the regions that they are addressed to; own modules hear them too."""
-        by_region: dict[str, list[Part]] = {}
-        for part in parts:
-            for region in self._regions(part):
-                by_region.setdefault(region, []).append(part)
-        said = self._said.setdefault(phase, {})
-        found = []
-        for region in sorted(by_region):
-            puts = said.setdefault(region, [])
-            message = Said(
-                round=self._round,
-                phase=phase,
-                process=self._orders.process,
-                region=region,
-                number=len(puts),
-                parts=by_region[region],
-            )
-            puts.append(Put(to_region(self._orders.run, region), encode(message)))
-            found.append(puts[-1])
-        return found
 
     def _tell_own(self, parts: Iterable[Part]) -> list[Part]:
         """Give what own modules say to own modules; return all that is said, answers included."""
@@ -359,12 +310,8 @@ class HostNode:
 
     def _repeat(self) -> list[Effect]:
         """Say again all that was said in this phase."""
-        said: list[Effect] = []
-        for puts in self._said.get(self._phase, {}).values():
-            said += puts
-        if not self._answers:
-            said.append(self._waiting(self._round, self._phase))
-        return [*said, *self._answers]
+        answers = self._answers or [self._waiting(self._round, self._phase)]
+        return [*self._outbox.said(self._phase), *answers]
 
     def _try_to_begin(self) -> list[Effect]:
         """Begin the phase that was asked for, if nothing is missing."""
@@ -398,12 +345,12 @@ class HostNode:
 
     def _sense(self, round_number: int) -> list[Effect]:
         self._round = round_number
-        self._said = {}
+        self._outbox.begin(round_number)
+        self._inbox.forget_before(round_number)
         self._delivered = False
-        self._heard = {key: heard for key, heard in self._heard.items() if key[0] >= round_number}
         self._given = {key: acts for key, acts in self._given.items() if key >= round_number}
         parts = [part for core in self._cores.values() for part in core.sense(round_number)]
-        said = self._say("sense", self._tell_own(parts))
+        said = self._outbox.say("sense", self._tell_own(parts))
         return [*said, *self._answer(self._ready("sense"))]
 
     def _observe(self) -> list[Effect]:
@@ -434,21 +381,20 @@ class HostNode:
             for module, core in self._cores.items():
                 choice = self._actors[module].act(core.observation())
                 claims += core.claim(choice.action, choice.note, choice.failed)
-        said = self._say("claim", self._tell_own(claims))
+        said = self._outbox.say("claim", self._tell_own(claims))
         return [*said, *self._answer(self._ready("claim"))]
 
     def _arbitrate(self) -> list[Effect]:
         self._deliver(self._round, "claim")
         parts = [part for core in self._cores.values() for part in core.arbitrate()]
-        heard = self._heard.get((self._round, "settle"), {})
         said = self._tell_own(parts)
-        for key in sorted(heard):
-            said += self._tell_own(self._give(heard[key]))
+        for verdicts in self._inbox.kept(self._round, "settle"):
+            said += self._tell_own(self._give(verdicts))
         return self._conclude(said)
 
     def _conclude(self, parts: list[Part]) -> list[Effect]:
         """Say the verdicts; report if all modules are through with the round."""
-        found: list[Effect] = [*self._say("settle", parts)]
+        found: list[Effect] = [*self._outbox.say("settle", parts)]
         if not all(core.finished for core in self._cores.values()):
             return [*found, *self._wait()] if self._wait_s is None else found
         reports = Reports(

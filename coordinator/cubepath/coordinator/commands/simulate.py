@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import errno
+import os
 import re
 import signal
 import sys
@@ -29,6 +31,7 @@ from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, whole
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import unwritable
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.simulation.swarm import Kept, Tally
@@ -95,6 +98,18 @@ def _seeds(text: str) -> range:
     return range(int(first), int(last) + 1)
 
 
+def _check_folder(folder: Path) -> None:
+    """Check that a folder can be written to, or made when a seed fails; InputError if not."""
+    try:
+        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    if not there.is_dir():
+        raise InputError(f"{there}: not a folder, expected one for recordings")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise InputError(f"{folder}: cannot be written: {os.strerror(errno.EACCES)}")
+
+
 def _simulate(options: argparse.Namespace) -> int:
     from cubepath.coordinator.simulation.scenarios import Asked, check  # noqa: PLC0415
     from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds  # noqa: PLC0415
@@ -102,8 +117,7 @@ def _simulate(options: argparse.Namespace) -> int:
     check_files(options, [])
     asked = Asked(options.system, options.rule, options.modules)
     check(asked)
-    if options.out.exists() and not options.out.is_dir():
-        raise InputError(f"{options.out}: not a folder, expected one for recordings")
+    _check_folder(options.out)
     tally, began, interrupted = Tally(), time.monotonic(), False
     with progress_bar(len(options.seeds), "simulate", " seeds") as bar:
 

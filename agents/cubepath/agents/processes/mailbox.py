@@ -1,0 +1,111 @@
+"""What a process has heard from others and said itself, by phase and region, until it is over.
+
+Room: agents. A phase begins once all that was said before it has been heard, and what somebody has
+missed is said again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from functools import lru_cache
+
+from cubepath.agents.processes.phases import Spoken
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import System
+from cubepath.protocol.wire.keys import to_region
+from cubepath.protocol.wire.messages import Here, Part, Said, Verdict, encode
+from cubepath.protocol.wire.nodes import Put
+
+
+class Inbox:
+    """What other processes said, each message once."""
+
+    def __init__(self) -> None:
+        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Said]] = {}
+
+    def keep(self, said: Said) -> bool:
+        """Keep what was said; return False if it is kept already."""
+        kept = self._heard.setdefault((said.round, said.phase), {})
+        return kept.setdefault((said.region, said.process, said.number), said) is said
+
+    def kept(self, round_number: int, phase: Spoken) -> list[Said]:
+        """Return what was said in a phase, in an order that does not depend on its arrival."""
+        kept = self._heard.get((round_number, phase), {})
+        return [kept[key] for key in sorted(kept)]
+
+    def take(self, round_number: int, phase: Spoken) -> list[Said]:
+        """Return what was said in a phase, and keep it no longer."""
+        found = self.kept(round_number, phase)
+        self._heard.pop((round_number, phase), None)
+        return found
+
+    def counts(self, round_number: int, phase: Spoken) -> Counter[str]:
+        """Return by region how many messages of a phase are kept."""
+        return Counter(region for region, _, _ in self._heard.get((round_number, phase), ()))
+
+    def forget_before(self, round_number: int) -> None:
+        """Forget what was said in earlier rounds."""
+        self._heard = {key: kept for key, kept in self._heard.items() if key[0] >= round_number}
+
+
+class Outbox:
+    """What the modules of a process have said in a round."""
+
+    def __init__(self, system: System, run: str, process: int) -> None:
+        self._system = system
+        self._run = run
+        self._process = process
+        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self.begin(0)
+
+    def begin(self, round_number: int) -> None:
+        """Begin a round, in which nothing has been said yet."""
+        self._round = round_number
+        self._said: dict[str, dict[str, list[Put]]] = {}
+
+    def say(self, phase: Spoken, parts: Iterable[Part]) -> list[Put]:
+        """Say parts to the regions that they are addressed to, a message a region."""
+        by_region: dict[str, list[Part]] = {}
+        for part in parts:
+            for region in self._regions(part):
+                by_region.setdefault(region, []).append(part)
+        said = self._said.setdefault(phase, {})
+        found = []
+        for region in sorted(by_region):
+            puts = said.setdefault(region, [])
+            message = Said(
+                round=self._round,
+                phase=phase,
+                process=self._process,
+                region=region,
+                number=len(puts),
+                parts=by_region[region],
+            )
+            puts.append(Put(to_region(self._run, region), encode(message)))
+            found.append(puts[-1])
+        return found
+
+    def said(self, phase: str) -> list[Put]:
+        """Return all that was said in a phase: nothing, if it is not one to speak in."""
+        return [put for puts in self._said.get(phase, {}).values() for put in puts]
+
+    def said_to(self, phase: Spoken, region: str) -> list[Put]:
+        """Return what was said to a region in a phase."""
+        return self._said.get(phase, {}).get(region, [])
+
+    def counts(self, phase: str) -> dict[str, int]:
+        """Return by region how many messages were said in a phase."""
+        return {region: len(puts) for region, puts in self._said.get(phase, {}).items()}
+
+    def _regions(self, part: Part) -> frozenset[str]:
+        system = self._system
+        if isinstance(part, Verdict):
+            return frozenset(system.region(site_from_json(place)) for place in part.to)
+        place = system.place_of(site_from_json(part.site))
+        return self._regions_of(place, sensed=isinstance(part, Here))
+
+    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
+        system = self._system
+        places = system.listeners(place) if sensed else system.reach(place)
+        return frozenset(system.region(near) for near in places)
