@@ -55,7 +55,7 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     ),
     f"{_LOCAL}/module.py": ("tests/agents/local/test_module.py", _EXHAUSTIVE),
     f"{_PROCESSES}/dealing.py": ("tests/agents/processes/test_dealing.py",),
-    f"{_PROCESSES}/mailbox.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
+    f"{_PROCESSES}/mailbox.py": ("tests/agents/processes/test_mailbox.py", _EXHAUSTIVE),
     f"{_PROCESSES}/node.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
     f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),

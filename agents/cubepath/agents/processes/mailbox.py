@@ -52,12 +52,12 @@ class Inbox:
 class Outbox:
     """What the modules of a process have said in a round."""
 
-    def __init__(self, system: System, run: str, process: int) -> None:
+    def __init__(self, system: System, run: str, process: int, round_number: int) -> None:
         self._system = system
         self._run = run
         self._process = process
         self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
-        self.begin(0)
+        self.begin(round_number)
 
     def begin(self, round_number: int) -> None:
         """Begin a round, in which nothing has been said yet."""
@@ -82,8 +82,9 @@ class Outbox:
                 number=len(puts),
                 parts=by_region[region],
             )
-            puts.append(Put(to_region(self._run, region), encode(message)))
-            found.append(puts[-1])
+            put = Put(to_region(self._run, region), encode(message))
+            puts.append(put)
+            found.append(put)
         return found
 
     def said(self, phase: str) -> list[Put]:

@@ -58,7 +58,6 @@ class HostNode:
         self._rule: RuleType | None = None
         if orders.rule != OUTSIDE:
             self._rule = rule_named(orders.rule, self._system)
-        self._outbox = Outbox(self._system, orders.run, orders.process)
         self._begin(orders.seed, 0)
 
     def _begin(self, seed: int, round_number: int) -> None:
@@ -72,7 +71,7 @@ class HostNode:
         self._pending: Go | None = None
         self._given: dict[int, Acts] = {}
         self._inbox = Inbox()
-        self._outbox.begin(round_number)
+        self._outbox = Outbox(scene.system, orders.run, orders.process, round_number)
         self._answers: list[Put] = []
         self._delivered = False
         self._wait_s: float | None = None
