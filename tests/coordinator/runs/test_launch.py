@@ -29,6 +29,7 @@ from cubepath.coordinator.runs.gatherer import Gatherer, PathDigest
 from cubepath.coordinator.runs.launch import Plan, run
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
@@ -68,9 +69,11 @@ def cubepath(*arguments: str, **keywords: Any) -> subprocess.CompletedProcess[st
     )
 
 
-def digest_of_play(spec: str, rule: str, *, seed: int, hesitate: float, rounds: int) -> str:
+def digest_of_play(
+    system: str | Scene, rule: str, *, seed: int, hesitate: float, rounds: int
+) -> str:
     """Return the digest of the same run in the environment, in one process."""
-    scene = scene_from_spec(spec)
+    scene = scene_from_spec(system) if isinstance(system, str) else system
     played = play(
         scene, rule_named(rule, scene.system), seed=seed, hesitate=hesitate, max_rounds=rounds
     )
@@ -129,6 +132,28 @@ def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -
     assert outcome.ended in ("goal", "max-rounds")
     assert outcome.moves > 20
     assert outcome.path_digest == digest_of_play(system, "random", seed=4, hesitate=0.2, rounds=30)
+
+
+@pytest.mark.thorough
+def test_a_thousand_modules_reach_their_goal(tmp_path: Path) -> None:
+    """Each vehicle of a crowd goes on by one column, as in the environment; verify passes."""
+    scene = scene_from_spec("agv:graph=grid50x40,n=1000")
+    start, goals = ([(x + step, y) for x in range(25) for y in range(40)] for step in (0, 1))
+    scene = replace(
+        scene,
+        start=tuple(start),
+        goal=frozenset(goals),
+        goals=tuple((each,) for each in goals),
+    )
+    path = tmp_path / "crowd.toml"
+    path.write_text(scene_to_toml(scene))
+    plan = Plan(system=str(path), hesitate=0.5, processes=4, log=tmp_path / "run.mcap")
+    outcome = run(plan)
+    assert (outcome.goal_reached, outcome.modules, outcome.processes) == (True, 1000, 4)
+    rounds = outcome.rounds
+    again = digest_of_play(scene, "tswap", seed=0, hesitate=0.5, rounds=rounds)
+    assert (rounds > 5, outcome.path_digest) == (True, again)
+    assert verify(read_recording(tmp_path / "run.mcap")).ok
 
 
 @pytest.mark.slow
