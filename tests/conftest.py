@@ -1,10 +1,14 @@
 """Settings for all tests: no deadline for hypothesis, since these machines are noisy.
 
-On a slow machine a command writes lines of progress; tests compare what else it writes.
+On a slow machine a command writes lines of progress; tests compare what else it writes. What is
+thorough is slow too, so that ``-m 'not slow'`` leaves it out.
 """
+
+from __future__ import annotations
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 os.environ["CUBEPATH_PROGRESS"] = "0"
@@ -13,3 +17,11 @@ settings.register_profile(
     "cubepath", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
 )
 settings.load_profile("cubepath")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is thorough as slow, before any test is deselected."""
+    for item in items:
+        if item.get_closest_marker("thorough"):
+            item.add_marker("slow")

@@ -92,7 +92,7 @@ def test_what_only_people_and_type_checkers_read_is_left_alone() -> None:
     assert changes(source) == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("file", MIRRORED)
 def test_every_mutation_is_another_program(file: str) -> None:
     """Applied to a tree of its own it changes the code, and what comes out can be compiled."""
@@ -115,7 +115,7 @@ def test_every_file_and_its_tests_are_there() -> None:
         assert all((ROOT / each).is_file() for each in tests)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_sample_is_found_and_no_file_is_touched() -> None:
     """The same report for the same seed: how many are found, by file, and what survives."""
     before = (ROOT / ACTIONS).read_bytes()
@@ -137,7 +137,7 @@ def test_a_sample_is_found_and_no_file_is_touched() -> None:
     assert (ROOT / ACTIONS).read_bytes() == before
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_simulator_finds_mutants_before_the_tests_do() -> None:
     """What its seeds find is counted with how many it took; what is left is for the tests."""
     command = [sys.executable, "tests/mutation.py", "--only", DEALING, "--sample", "4"]

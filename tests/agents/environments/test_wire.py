@@ -8,6 +8,7 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 import pytest
@@ -80,15 +81,18 @@ def wire_path(reports: list[Report]) -> Path:
     ]
 
 
-FEW = ("hex:n=7", "agv:graph=grid4x4,n=8", "arm:n=7")
-"""The systems that are tried with twenty seeds every time; the others when there is time."""
+def some(names: list[str], few: tuple[str, ...]) -> list[Any]:
+    """Return parameters, of which a few are tried every time, and the others when there is time."""
+    return [
+        each if each in few else pytest.param(each, marks=pytest.mark.thorough) for each in names
+    ]
+
+
+SOME = some(SPECS, ("hex:n=7", "agv:graph=grid4x4,n=8", "arm:n=7"))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "spec",
-    [each if each in FEW else pytest.param(each, marks=pytest.mark.thorough) for each in SPECS],
-)
+@pytest.mark.parametrize("spec", SOME)
 def test_same_seed_same_path_over_twenty_seeds(spec: str) -> None:
     """Random modules that hesitate: environment, 0 and 2 processes agree for 20 seeds."""
     scene = scene_from_spec(spec)
@@ -129,7 +133,7 @@ def reports_of_seeds(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", SPECS)
+@pytest.mark.parametrize("spec", SOME)
 def test_same_path_with_a_process_for_each_module(spec: str) -> None:
     """Three processes, and one a module, give the path of the environment."""
     scene = scene_from_spec(spec)
@@ -144,7 +148,7 @@ def test_same_path_with_a_process_for_each_module(spec: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", LOCAL_FAMILIES)
+@pytest.mark.parametrize("family", some(LOCAL_FAMILIES, ("hex", "agv", "agv-labelled", "arm")))
 def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> None:
     """The rule that reaches the goal does so with the same moves, also when modules hesitate."""
     scene = scene_from_spec(family)

@@ -95,6 +95,7 @@ def test_what_standard_output_cannot_encode_is_escaped(
         assert shown in done.stdout
 
 
+@pytest.mark.thorough
 def test_too_little_memory_is_told_in_one_line(tmp_path: Path) -> None:
     """With exit code 1, and what helps; nothing is written."""
     code = """

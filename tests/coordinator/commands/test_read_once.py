@@ -235,6 +235,7 @@ def test_what_is_done_with_a_recording_reads_it_once(folder: Path) -> None:
     assert [carried.fallen for carried in (replayed, picture, film)] == [moves, moves, 0]
 
 
+@pytest.mark.thorough
 def test_drawing_a_path_reads_it_once(folder: Path) -> None:
     """Every form of file whose sites can be drawn, and cubes; the moves fall once."""
     drawn = {name: form for name, form in FORMS.items() if name not in NOT_DRAWN}

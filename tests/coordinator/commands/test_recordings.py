@@ -113,7 +113,7 @@ def test_what_is_for_one_file_is_refused_for_several(
     assert (told.out, told.err.count("\n")) == ("", 1)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_number_of_files(folder: Path) -> None:
     """Fifteen recordings take what three take, but for what waits to be collected."""
 

@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterable
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
@@ -333,8 +333,10 @@ def children_of(pid: int) -> dict[int, str]:
     found = {}
     for task in Path(f"/proc/{pid}/task").iterdir():
         for child in (task / "children").read_text().split():
-            command = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
-            found[int(child)] = command[command.index(b"-m") + 1].decode()
+            # It may have just been started, and have no command yet, or may have just ended.
+            with suppress(FileNotFoundError, ProcessLookupError, ValueError):
+                command = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
+                found[int(child)] = command[command.index(b"-m") + 1].decode()
     return found
 
 

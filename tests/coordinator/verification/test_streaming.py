@@ -116,7 +116,7 @@ def test_a_file_that_is_changed_while_it_is_read_is_refused() -> None:
         verify(recording)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("as_batches", [False, True])
 def test_memory_does_not_grow_with_the_messages(as_batches: bool) -> None:
     """A part more takes less than 100 bytes more, those of the moves and of the certificate."""
