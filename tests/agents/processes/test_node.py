@@ -51,6 +51,7 @@ def hosts(
     seed: int = 0,
     started: bool = True,
     together: bool = False,
+    note_length: int = 0,
 ) -> list[HostNode]:
     """Return nodes with a vehicle each, or one with all, on a path of four vertices or in a row."""
     spec = f"agv:graph=P4,n={len(start)}" if isinstance(start[0], int) else ROW
@@ -66,7 +67,7 @@ def hosts(
                 rule=rule,
                 seed=seed,
                 hesitate=0.0,
-                note_length=0,
+                note_length=note_length,
                 schedule=schedule,
             )
         )
@@ -416,6 +417,32 @@ def test_after_its_schedule_a_module_follows_the_rule() -> None:
     assert put(over) == [Ready(1, 0, "over")]
     assert begun(node, "over") == over
     assert put(begun(node, number=2))[0] == Said(2, "sense", 0, "0", 0, [Here(2, 0, 1)])
+
+
+def test_only_a_driven_process_listens_for_actions() -> None:
+    """Those for itself."""
+    key = topic_key(RUN, "acts", "process_0")
+    for rule in (OUTSIDE, "random"):
+        (node,) = hosts(0, rule=rule, started=False)
+        (listen,) = (each for each in node.start() if isinstance(each, Listen))
+        assert (key in listen.keys) == (rule == OUTSIDE)
+
+
+def test_a_driven_process_sends_what_its_modules_observe() -> None:
+    """For each its round, its number, what it senses, what it may do, and the notes of others."""
+    (node,) = hosts(0, 1, rule=OUTSIDE, together=True, note_length=2)
+    for number in (1, 2):
+        begun(node, number=number)
+        sent, _ = put(begun(node, "observe", number))
+        assert isinstance(sent, Observations)
+        assert [(each.round, each.module) for each in sent.parts] == [(number, 0), (number, 1)]
+        assert all(sum(each.observation) and each.action_mask[0] for each in sent.parts)
+        notes = [[each for each in seen.notes if min(each) >= 0] for seen in sent.parts]
+        assert notes == ([[], []] if number == 1 else [[[7, 8]], [[5, 6]]])
+        acts = [Act(number, 0, 0, [5, 6]), Act(number, 1, 0, [7, 8])]
+        hear(node, Acts(number, 0, acts))
+        begun(node, "claim", number)
+        begun(node, "settle", number)
 
 
 def test_actions_from_outside_are_waited_for() -> None:

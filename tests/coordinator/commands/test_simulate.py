@@ -112,8 +112,8 @@ def test_a_rule_that_raises_is_a_failing_seed(tmp_path: Path, fickle: dict[str, 
         (["--rule", "nonesuch"], "unknown rule 'nonesuch'"),
         (["--system", "hex:n=3", "--modules", "4"], "expected one of hex"),
         (["--modules", "0"], "expected a whole number of at least 1, found '0'"),
-        (["--out", "FILE"], "FILE: not a folder, expected one for recordings"),
-        (["--out", "FILE/deep/er"], "FILE: not a folder, expected one for recordings"),
+        (["--out", "FILE"], "FILE: not a folder, expected one to write to"),
+        (["--out", "FILE/deep/er"], "FILE: not a folder, expected one to write to"),
         (["--out", "/proc/1/deep"], "/proc/1/deep: cannot be written"),
     ],
 )
@@ -126,7 +126,8 @@ def test_bad_input_is_one_line(options: list[str], why: str, tmp_path: Path) -> 
     assert why in line
 
 
-def test_an_interrupt_ends_with_what_was_found(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_ends_with_what_was_found(tmp_path: Path, number: signal.Signals) -> None:
     """Exit code 130, and the seeds so far are counted."""
     with subprocess.Popen(
         [*PYTHON, "simulate", "--seeds", "0..1000000", "--json", "--out", str(tmp_path)],
@@ -137,7 +138,7 @@ def test_an_interrupt_ends_with_what_was_found(tmp_path: Path) -> None:
     ) as child:
         assert child.stderr is not None
         first = child.stderr.readline()  # the line of progress after some seconds
-        child.send_signal(signal.SIGINT)
+        child.send_signal(number)
         try:
             out, err = child.communicate(timeout=60)
         finally:

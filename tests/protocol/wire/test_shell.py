@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 
 import pytest
 import zenoh
@@ -101,13 +102,20 @@ def test_a_tick_comes_while_messages_never_stop(endpoint: str, guest: zenoh.Sess
     assert node.heard_at_tick
 
 
-def test_what_had_arrived_is_taken_before_the_tick(endpoint: str, guest: zenoh.Session) -> None:
-    """A process that was stopped hears what was said meanwhile before it asks again."""
-    node = Listener(ENOUGH_S)
+@contextmanager
+def due(node: Listener, endpoint: str, guest: zenoh.Session) -> Generator[Shell]:
+    """Give a shell whose timer has run out, and to which three messages have come before."""
     with Shell(node, endpoint) as shell:
         shell.start()
         say(guest, shell, b"a", b"b", b"c")
         shell.carry_out([Timer(0.0)])
+        yield shell
+
+
+def test_what_had_arrived_is_taken_before_the_tick(endpoint: str, guest: zenoh.Session) -> None:
+    """A process that was stopped hears what was said meanwhile before it asks again."""
+    node = Listener(ENOUGH_S)
+    with due(node, endpoint, guest) as shell:
         while not shell.ended:
             assert shell.step(ENOUGH_S)
     assert (node.heard, node.heard_at_tick) == ([b"a", b"b", b"c"], 3)
@@ -116,10 +124,7 @@ def test_what_had_arrived_is_taken_before_the_tick(endpoint: str, guest: zenoh.S
 def test_a_timer_that_is_set_anew_begins_anew(endpoint: str, guest: zenoh.Session) -> None:
     """A tick that was due comes no more if a message before it has stopped the timer."""
     node = Listener(ENOUGH_S)
-    with Shell(node, endpoint) as shell:
-        shell.start()
-        say(guest, shell, b"a", b"b", b"c")
-        shell.carry_out([Timer(0.0)])
+    with due(node, endpoint, guest) as shell:
         assert shell.step(ENOUGH_S)
         shell.carry_out([Timer(None)])
         assert shell.step(ENOUGH_S)

@@ -82,7 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _guarded(arguments: Sequence[str] | None, interrupts: Interrupts) -> int:
     """Carry out the command; turn an error into one line and an exit code."""
-    options = argparse.Namespace(smaller="a smaller input")
+    options = argparse.Namespace(smaller="a smaller input", interrupts=interrupts)
     try:
         prepare_streams()
         _parser().parse_args(arguments, options)

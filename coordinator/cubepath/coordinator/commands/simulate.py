@@ -7,16 +7,10 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import errno
-import os
 import re
-import signal
 import sys
-import threading
 import time
-from collections.abc import Callable, Generator
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import (
@@ -30,8 +24,7 @@ from cubepath.coordinator.commands.console import (
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, whole
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.output_files import unwritable
+from cubepath.protocol.core.output_files import check_output_folder
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.simulation.swarm import Kept, Tally
@@ -71,43 +64,12 @@ def add_simulate_command(command: AddCommand) -> None:
     )
 
 
-@contextlib.contextmanager
-def _interrupts() -> Generator[Callable[[], bool]]:
-    """Remember an interrupt: where Python runs a finalizer, the exception would be dropped."""
-    came = threading.Event()
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        came.set()
-        raise KeyboardInterrupt
-
-    if threading.current_thread() is not threading.main_thread():
-        yield came.is_set
-        return
-    before = signal.signal(signal.SIGINT, interrupt)
-    try:
-        yield came.is_set
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def _seeds(text: str) -> range:
     found = _RANGE.fullmatch(text)
     first, last = (found[1], found[2] or found[1]) if found else (1, 0)
     if int(last) < int(first):
         raise argparse.ArgumentTypeError(f"expected A..B with A at most B, found {text!r}")
     return range(int(first), int(last) + 1)
-
-
-def _check_folder(folder: Path) -> None:
-    """Check that a folder can be written to, or made when a seed fails; InputError if not."""
-    try:
-        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
-    except OSError as error:
-        raise unwritable(folder, error) from None
-    if not there.is_dir():
-        raise InputError(f"{there}: not a folder, expected one for recordings")
-    if not os.access(there, os.W_OK | os.X_OK):
-        raise InputError(f"{folder}: cannot be written: {os.strerror(errno.EACCES)}")
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -117,7 +79,7 @@ def _simulate(options: argparse.Namespace) -> int:
     check_files(options, [])
     asked = Asked(options.system, options.rule, options.modules)
     check(asked)
-    _check_folder(options.out)
+    check_output_folder(options.out)
     tally, began, interrupted = Tally(), time.monotonic(), False
     with progress_bar(len(options.seeds), "simulate", " seeds") as bar:
 
@@ -126,7 +88,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
         try:
             # A rule that prints would print into the answer.
-            with contextlib.redirect_stdout(sys.stderr), _interrupts() as asked_to_end:
+            with contextlib.redirect_stdout(sys.stderr):
                 for kept in simulate_seeds(
                     options.seeds, asked, options.out, tally, failing=failing
                 ):
@@ -135,7 +97,8 @@ def _simulate(options: argparse.Namespace) -> int:
                         _tell(kept)
                     bar.set_postfix_str(_state(tally), refresh=False)
                     bar.update()
-                    interrupted = asked_to_end()
+                    # Where Python runs a finalizer, the exception would be dropped.
+                    interrupted = options.interrupts.came
                     if interrupted:
                         break
         except KeyboardInterrupt:

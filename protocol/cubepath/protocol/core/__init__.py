@@ -56,6 +56,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.output_files import (
         STANDARD_OUTPUT,
         check_output,
+        check_output_folder,
         is_special,
         same_file,
         unwritable,
@@ -109,7 +110,8 @@ else:
             "names": "GeneratorPlacement Json schema_with_definitions",
             "ordinals": "Ordinals",
             "output_files": (
-                "STANDARD_OUTPUT check_output is_special same_file unwritable written_whole"
+                "STANDARD_OUTPUT check_output check_output_folder is_special same_file"
+                " unwritable written_whole"
             ),
             "sites": (
                 "Site in_order pairs_from_json site_from_json site_text sites_from_json to_json"
@@ -169,6 +171,7 @@ __all__ = [
     "apply_in_place",
     "check_keys",
     "check_output",
+    "check_output_folder",
     "commute",
     "did_you_mean",
     "end_at",

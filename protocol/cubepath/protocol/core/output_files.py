@@ -112,6 +112,18 @@ def check_output(path: Path) -> None:
         raise unwritable(path, error) from None
 
 
+def check_output_folder(folder: Path) -> None:
+    """Check that a folder can be written to, or made where files will be; InputError if not."""
+    try:
+        there = next(each for each in (folder, *folder.absolute().parents) if each.exists())
+    except OSError as error:
+        raise unwritable(folder, error) from None
+    if not there.is_dir():
+        raise InputError(f"{there}: not a folder, expected one to write to")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise unwritable(folder, PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
+
+
 def _resolved(path: Path) -> Path:
     try:
         return path.resolve()
