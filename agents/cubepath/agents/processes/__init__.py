@@ -11,6 +11,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
+    from cubepath.agents.processes.judge import Judge, refuse
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
     from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
@@ -20,6 +21,7 @@ else:
         {
             "dealing": "dealt",
             "fleet": "Fleet",
+            "judge": "Judge refuse",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
             "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
@@ -32,7 +34,9 @@ __all__ = [
     "PATIENCE_S_MAX",
     "Fleet",
     "HostNode",
+    "Judge",
     "Orders",
     "Pacer",
     "dealt",
+    "refuse",
 ]

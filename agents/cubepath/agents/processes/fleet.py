@@ -21,8 +21,10 @@ import msgspec
 
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.host import TOLD, host
-from cubepath.agents.processes.orders import Orders
-from cubepath.agents.processes.pacer import PATIENCE_S, Pacer, ProcessDied
+from cubepath.agents.processes.judge import Judge
+from cubepath.agents.processes.orders import OUTSIDE, Orders
+from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
+from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
@@ -63,6 +65,7 @@ class Fleet:
         patience_s: float = PATIENCE_S,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
+        plausible: Check | None = None,
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
 
@@ -71,7 +74,8 @@ class Fleet:
         run.
 
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
-        waiting and may raise to end the run between two messages.
+        waiting and may raise to end the run between two messages. `plausible` may refuse what
+        modules say or report.
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
@@ -89,8 +93,15 @@ class Fleet:
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
         self.modules_of = dealt(scene, max(1, self.processes))
+        self._judge = Judge(self.run, self.modules_of, scene.system)
+        self._judge.note_length = 0 if schedule is not None else self._rule_note_length()
         self._pacer = Pacer(
-            self.run, self.modules_of, patience_s=patience_s, hears_all=sink is not None
+            self.run,
+            self.modules_of,
+            judge=self._judge,
+            check=plausible,
+            patience_s=patience_s,
+            hears_all=sink is not None,
         )
         self._router: Router | None = None
         self._shell: Shell | None = None
@@ -135,6 +146,7 @@ class Fleet:
                 run=self.run,
                 process=process,
                 modules=modules,
+                processes=self.modules_of,
                 scene=scene,
                 rule=self._rule,
                 seed=self._seed,
@@ -149,6 +161,11 @@ class Fleet:
                 self._thread.start()
         self._wait()
         self._joined = True
+
+    def _rule_note_length(self) -> int:
+        if self._rule == OUTSIDE:
+            return self._note_length
+        return rule_named(self._rule, self.scene.system).note_length(len(self.scene.start))
 
     def _own(self, modules: list[int]) -> dict[int, dict[int, GeneratorPlacement]] | None:
         if self._schedule is None:
@@ -206,6 +223,7 @@ class Fleet:
 
     def end_schedule(self) -> None:
         """Let all modules follow their rule from the next round on; call it between two rounds."""
+        self._judge.note_length = self._rule_note_length()
         self._do(self._pacer.end_schedule())
 
     def observe(self) -> None:

@@ -56,7 +56,7 @@ DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
 _SAID = ("ready", "said", "reports", "again", "waiting")
 """The kinds of messages that each process may send."""
-_SAID_HERE = ("go", "edges", "cube", "certificate", "summary")
+_SAID_HERE = ("go", "refused", "edges", "cube", "certificate", "summary")
 _INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
@@ -91,8 +91,9 @@ class Plan:
 class Outcome:
     """The outcome of a run; the first fourteen fields are the keys of ``cubepath run --json``.
 
-    `error` is a key too if there is one. If a schedule was carried out, there are two more: how
-    many cubes it has, and where it stopped, None if it did not.
+    So is `refused`, how many messages were refused. `error` is a key too if there is one. If a
+    schedule was carried out, there are two more: how many cubes it has, and where it stopped, None
+    if it did not.
     """
 
     log: str
@@ -112,6 +113,7 @@ class Outcome:
     ended: Ended
     error: str | None
     messages: int
+    refused: int = 0
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
 
@@ -325,6 +327,7 @@ class _Run:
                 patience_s=plan.patience,
                 sink=self._wire,
                 check=lambda: self._between_messages(check),
+                plausible=conductor.check,
             ) as fleet,
         ):
             ending = conductor.between(0, fleet.end_schedule)
@@ -376,6 +379,7 @@ class _Run:
             ended=ending.ended,
             error=ending.error,
             messages=self._writer.messages,
+            refused=self._conductor.refused,
             schedule_cubes=self._conductor.schedule_cubes,
             schedule_stopped=self._conductor.stopped,
         )

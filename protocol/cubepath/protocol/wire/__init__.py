@@ -13,6 +13,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.protocol.wire.keys import (
         addressees,
+        belongs,
         everything,
         key_of,
         to_region,
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
         topic_of,
     )
     from cubepath.protocol.wire.messages import (
+        MESSAGE_BYTES_MAX,
         Act,
         Acts,
         Again,
@@ -32,11 +34,14 @@ if TYPE_CHECKING:
         Go,
         Here,
         Message,
+        NoMessageError,
         Note,
         Observations,
         Observed,
         Part,
         Ready,
+        Reason,
+        Refused,
         Report,
         Reports,
         Reset,
@@ -65,10 +70,12 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "keys": ("addressees everything key_of to_region topic_in_key topic_key topic_of"),
+            "keys": (
+                "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
+            ),
             "messages": (
-                "Act Acts Again Certified Claim Cube Edges Executed Go Here Message "
-                "Note Observations Observed Part Ready Report Reports Reset Said "
+                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Cube Edges Executed Go Here Message "
+                "Note Observations Observed Part Ready Reason Refused Report Reports Reset Said "
                 "Stopped Summary Verdict Waiting decode encode kind_of parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
@@ -79,6 +86,7 @@ else:
     )
 
 __all__ = [
+    "MESSAGE_BYTES_MAX",
     "Act",
     "Acts",
     "Again",
@@ -95,6 +103,7 @@ __all__ = [
     "Keep",
     "Listen",
     "Message",
+    "NoMessageError",
     "Node",
     "Note",
     "Observations",
@@ -102,6 +111,8 @@ __all__ = [
     "Part",
     "Put",
     "Ready",
+    "Reason",
+    "Refused",
     "Report",
     "Reports",
     "Reset",
@@ -114,6 +125,7 @@ __all__ = [
     "Verdict",
     "Waiting",
     "addressees",
+    "belongs",
     "check_descriptors",
     "decode",
     "encode",
