@@ -74,8 +74,8 @@ else:
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
             "messages": (
-                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Cube Edges Executed Go Here Message "
-                "Note Observations Observed Part Ready Reason Refused Report Reports Reset Said "
+                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Cube Edges "
+                "Executed Go Here Message Note Observations Observed Part Ready Reason Refused Report Reports Reset Said "
                 "Stopped Summary Verdict Waiting decode encode kind_of parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
