@@ -11,6 +11,8 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
+    from cubepath.agents.processes.joining import Joining, join
+    from cubepath.agents.processes.network import Network
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
     from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
@@ -20,6 +22,8 @@ else:
         {
             "dealing": "dealt",
             "fleet": "Fleet",
+            "joining": "Joining join",
+            "network": "Network",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
             "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
@@ -32,7 +36,10 @@ __all__ = [
     "PATIENCE_S_MAX",
     "Fleet",
     "HostNode",
+    "Joining",
+    "Network",
     "Orders",
     "Pacer",
     "dealt",
+    "join",
 ]

@@ -11,6 +11,14 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.protocol.wire.access import PROCESSES_MAX
+    from cubepath.protocol.wire.authority import make_certificates
+    from cubepath.protocol.wire.credentials import (
+        COORDINATOR,
+        GUEST,
+        Credentials,
+        process_name,
+    )
     from cubepath.protocol.wire.keys import (
         addressees,
         everything,
@@ -52,19 +60,25 @@ if TYPE_CHECKING:
         schema_of,
     )
     from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
-    from cubepath.protocol.wire.router import Router
+    from cubepath.protocol.wire.router import Router, check_secure, without_tls
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
+        check_endpoint,
         open_client,
         put,
+        routers_of,
         subscribe,
         wait_for_subscriber,
     )
     from cubepath.protocol.wire.shell import Shell
+    from cubepath.protocol.wire.sockets import discard
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "access": "PROCESSES_MAX",
+            "authority": "make_certificates",
+            "credentials": "COORDINATOR GUEST Credentials process_name",
             "keys": ("addressees everything key_of to_region topic_in_key topic_key topic_of"),
             "messages": (
                 "Act Acts Again Certified Claim Cube Edges Executed Go Here Message "
@@ -72,18 +86,26 @@ else:
                 "Stopped Summary Verdict Waiting decode encode kind_of parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
-            "router": "Router",
-            "sessions": "check_descriptors open_client put subscribe wait_for_subscriber",
+            "router": "Router check_secure without_tls",
+            "sessions": (
+                "check_descriptors check_endpoint open_client put routers_of subscribe"
+                " wait_for_subscriber"
+            ),
             "shell": "Shell",
+            "sockets": "discard",
         },
     )
 
 __all__ = [
+    "COORDINATOR",
+    "GUEST",
+    "PROCESSES_MAX",
     "Act",
     "Acts",
     "Again",
     "Certified",
     "Claim",
+    "Credentials",
     "Cube",
     "Edges",
     "Effect",
@@ -115,14 +137,20 @@ __all__ = [
     "Waiting",
     "addressees",
     "check_descriptors",
+    "check_endpoint",
+    "check_secure",
     "decode",
+    "discard",
     "encode",
     "everything",
     "key_of",
     "kind_of",
+    "make_certificates",
     "open_client",
     "parts_of",
+    "process_name",
     "put",
+    "routers_of",
     "schema_of",
     "subscribe",
     "to_region",
@@ -130,4 +158,5 @@ __all__ = [
     "topic_key",
     "topic_of",
     "wait_for_subscriber",
+    "without_tls",
 ]

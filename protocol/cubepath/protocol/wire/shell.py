@@ -16,6 +16,7 @@ from typing import Self
 import zenoh
 
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.keys import topic_in_key
 from cubepath.protocol.wire.messages import NoMessageError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
@@ -30,9 +31,17 @@ class Shell:
     """One node on one session, as a context manager that closes it."""
 
     def __init__(
-        self, node: Node, endpoint: str, keep: Callable[[Keep, int], None] | None = None
+        self,
+        node: Node,
+        endpoint: str,
+        keep: Callable[[Keep, int], None] | None = None,
+        *,
+        credentials: Credentials = GUEST,
     ) -> None:
-        """Open a session; `keep` receives what belongs on record, and the wall time in ns."""
+        """Open a session with the credentials of who the node speaks for.
+
+        `keep` receives what belongs on record, and the wall time in ns.
+        """
         self._node = node
         self._keep = keep
         self._queue: SimpleQueue[tuple[zenoh.Sample, int]] = SimpleQueue()
@@ -42,7 +51,7 @@ class Shell:
         self._before_tick: int | None = None
         self._received: tuple[bytes, int] = b"", 0
         self.ended = False
-        self._session = open_client(endpoint, _CONNECT_S_MAX)
+        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
 
     def __enter__(self) -> Self:
         """Return the shell."""
