@@ -25,9 +25,9 @@ from cubepath.agents.processes.join_messages import (
     orders_key,
     read_offer,
 )
+from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
-from cubepath.agents.processes.recruits import Liveness
 from cubepath.agents.processes.roster import ASK_S
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
@@ -56,7 +56,7 @@ class Joining:
 
     def check(self) -> None:
         """InputError if it cannot be tried at all."""
-        check_endpoint(self.connect)
+        check_endpoint(self.connect, connect=True)
         check_secure(self.connect, self.secure)
         if self.secure is not None and self.name is None:
             raise InputError("secure: expected also --as process_N, the name of its certificate")
@@ -134,6 +134,8 @@ def _is_timeout(error: zenoh.ReplyError) -> bool:
 
 
 def _check_there(liveness: Liveness, run: str) -> None:
+    if liveness.is_alone():
+        raise CheckError(f"the router of run {run} is gone")
     if liveness.gone():
         raise CheckError(f"the coordinator of run {run} is gone")
 

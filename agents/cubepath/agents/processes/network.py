@@ -38,7 +38,7 @@ class Network:
             raise InputError(f"connect={self.connect}: the run has a router already, to listen")
         endpoint = self.listen if self.connect is None else self.connect
         if endpoint is not None:
-            check_endpoint(endpoint)
+            check_endpoint(endpoint, connect=self.connect is not None)
             check_secure(endpoint, self.secure)
         if not 0 <= self.wait_for <= modules:
             raise InputError(f"wait-for={self.wait_for}: expected 0 to {modules}, one a module")

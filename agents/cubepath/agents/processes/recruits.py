@@ -19,19 +19,16 @@ from cubepath.agents.processes.join_messages import (
     orders_key,
     read_request,
 )
+from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.roster import Roster, spans
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
-from cubepath.protocol.wire.sessions import open_client, routers_of
+from cubepath.protocol.wire.sessions import open_client
 
 _CONNECT_S_MAX = 10.0
 _POLL_S = 0.05
 _SAY_S = 1.0
-_GONE_S = 1.0
-"""A process that is not alive for so long has gone, at a router that is there."""
-_SETTLE_S = 15.0
-"""Sessions find a router that came back within this time, and are alive again."""
 
 
 class Recruits:
@@ -127,52 +124,3 @@ def _number(name: str) -> int:
     if head != "process" or not (number.isascii() and number.isdigit()) or len(number) > 9:
         raise InputError(f"{name}: expected process_N, or {ANY}")
     return int(number)
-
-
-class Liveness:
-    """Which liveliness tokens of a key expression were there, and are there no more.
-
-    While a router is away all of them are; so none has gone before sessions could find it again.
-    """
-
-    def __init__(self, session: zenoh.Session, key: str) -> None:
-        """Watch the tokens from now on, those that are there already included."""
-        self._session = session
-        self._absent: dict[str, float | None] = {}
-        self._routers: tuple[str, ...] = ()
-        self._unsettled_s = time.monotonic() - _SETTLE_S
-        self._changes: SimpleQueue[tuple[str, bool]] = SimpleQueue()
-        self._subscriber = session.liveliness().declare_subscriber(
-            key, zenoh.handlers.Callback(self._enqueue, indirect=False), history=True
-        )
-
-    def _enqueue(self, sample: zenoh.Sample) -> None:
-        self._changes.put((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
-
-    def gone(self) -> list[str]:
-        """Return the keys of tokens that have gone for good, as far as one can tell."""
-        now = time.monotonic()
-        while not self._changes.empty():
-            key, alive = self._changes.get_nowait()
-            if alive:
-                self._absent[key] = None
-            elif self._absent.get(key) is None:
-                self._absent[key] = now
-        routers = routers_of(self._session)
-        if routers != self._routers or not routers:
-            if self._routers or not routers:  # not when it is seen for the first time
-                self._unsettled_s = now
-            self._routers = routers
-        if now - self._unsettled_s < _SETTLE_S:
-            return []
-        return [
-            key
-            for key, since in self._absent.items()
-            if since is not None and now - since >= _GONE_S
-        ]
-
-    @property
-    def known(self) -> list[str]:
-        """Return the keys of the tokens that are there, or were."""
-        self.gone()
-        return sorted(self._absent)

@@ -69,6 +69,7 @@ if TYPE_CHECKING:
         routers_of,
         subscribe,
         wait_for_subscriber,
+        watch,
     )
     from cubepath.protocol.wire.shell import Shell
     from cubepath.protocol.wire.sockets import discard
@@ -89,7 +90,7 @@ else:
             "router": "Router check_secure without_tls",
             "sessions": (
                 "check_descriptors check_endpoint open_client put routers_of subscribe"
-                " wait_for_subscriber"
+                " wait_for_subscriber watch"
             ),
             "shell": "Shell",
             "sockets": "discard",
@@ -158,5 +159,6 @@ __all__ = [
     "topic_key",
     "topic_of",
     "wait_for_subscriber",
+    "watch",
     "without_tls",
 ]

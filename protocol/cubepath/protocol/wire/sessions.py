@@ -35,7 +35,10 @@ _FOR_SESSIONS = 24
 _FOR_A_PROCESS = 4
 _POLL_S = 0.0005
 _AGAIN_S = 0.1
-_ENDPOINT = re.compile(r"(?:tcp|tls)/(?:\[[0-9a-fA-F:]+\]|[^/\s:\[\]#?;]+):[0-9]{1,5}", re.ASCII)
+_PLACE = r"(?:\[[0-9a-fA-F:]+\]|[^/\s:\[\]#?;]+):[0-9]{1,5}"
+_ENDPOINT = re.compile(rf"(?:tcp|tls)/{_PLACE}", re.ASCII)
+_FROM = re.compile(rf"#bind={_PLACE}", re.ASCII)
+"""At the end of where to connect to: from which address of this host, with port 0 for any."""
 _EVERYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}  # noqa: S104 - looked for, not listened on
 
 
@@ -77,9 +80,14 @@ def check_descriptors(processes: int = 0, files: int = 0) -> None:
         )
 
 
-def check_endpoint(endpoint: str) -> None:
-    """Check that an endpoint is ``tcp/HOST:PORT`` or ``tls/HOST:PORT``; InputError if not."""
-    if not _ENDPOINT.fullmatch(endpoint):
+def check_endpoint(endpoint: str, *, connect: bool = False) -> None:
+    """Check that an endpoint is ``tcp/HOST:PORT`` or ``tls/HOST:PORT``; InputError if not.
+
+    One to connect to may end in ``#bind=HOST:PORT``, which says from where.
+    """
+    place, sharp, _ = endpoint.partition("#")
+    bound = not sharp or (connect and _FROM.fullmatch(endpoint.removeprefix(place)) is not None)
+    if not _ENDPOINT.fullmatch(place) or not bound:
         raise InputError(
             f"endpoint={endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT, as tcp/127.0.0.1:7447"
         )
@@ -170,6 +178,21 @@ def subscribe(
 ) -> zenoh.Subscriber[None]:
     """Subscribe with a direct callback, which must only put into a queue: zenoh waits for it."""
     return session.declare_subscriber(key, zenoh.handlers.Callback(enqueue, indirect=False))
+
+
+def watch(
+    session: zenoh.Session, key: str, tell: Callable[[str, bool], None]
+) -> zenoh.Subscriber[None]:
+    """Tell of liveliness tokens, those that are there first: the key, and whether it is there now.
+
+    `tell` is a direct callback, as for `subscribe`.
+    """
+
+    def changed(sample: zenoh.Sample) -> None:
+        tell(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    callback = zenoh.handlers.Callback(changed, indirect=False)
+    return session.liveliness().declare_subscriber(key, callback, history=True)
 
 
 def publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
