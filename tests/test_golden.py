@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.playback import replay
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import Recording, read_recording

@@ -48,6 +48,7 @@ from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.keys import addressees, key_of, to_region, topic_of
 from cubepath.protocol.wire.messages import (
     Go,
@@ -146,6 +147,7 @@ class Part:
     """What one process of the floor is given."""
 
     endpoint: str
+    credentials: Credentials
     number: int
     spec: str
     modules: list[int]
@@ -170,8 +172,11 @@ def floor_process(part: Part) -> None:
     rule = rule_named("random", scene.system)
     actors = actors_for(scene, rule, seed=0, hesitate=0.0, modules=part.modules)
     goals = goal_sets(scene)
-    with open_client(part.endpoint) as session, contextlib.ExitStack() as stack:
-        control = subscribe(session, f"{RUN}/go", enqueue)
+    with (
+        open_client(part.endpoint, credentials=part.credentials) as session,
+        contextlib.ExitStack() as stack,
+    ):
+        control = subscribe(session, f"cubepath/{RUN}-go", enqueue)
         ears = [subscribe(session, key, drop) for key in part.listen]
         mouths: dict[str, zenoh.Publisher] = {}
         put(session, f"cubepath/{RUN}/ready/process_{part.number}", b"join")
@@ -210,13 +215,16 @@ def floor(
     context = mp.get_context("spawn")
     with contextlib.ExitStack() as stack:
         router = stack.enter_context(Router())
-        session = stack.enter_context(open_client(router.endpoint))
+        # What a process may say is looked up for all alike: the floor has that too.
+        credentials = router.credentials(COORDINATOR)
+        session = stack.enter_context(open_client(router.endpoint, credentials=credentials))
         ear = subscribe(session, f"cubepath/{RUN}/**", enqueue)
         children = []
         for process, modules in enumerate(modules_of):
             mine = {key[1:]: found for key, found in puts.items() if key[0] == process}
             part = Part(
                 router.endpoint,
+                credentials,
                 process,
                 spec,
                 modules,
@@ -232,7 +240,7 @@ def floor(
             arrived.get()
         folder = stack.enter_context(TemporaryDirectory())
         writer = stack.enter_context(RecordingWriter(Path(folder) / "run.mcap", recorded.scene, {}))
-        mouth = publisher(session, f"{RUN}/go")
+        mouth = publisher(session, f"cubepath/{RUN}-go")
         pids = [os.getpid(), router.pid, *(int(child.pid or 0) for child in children)]
         times, walls = [], []
         for number in range(1, rounds + 2):
@@ -250,7 +258,7 @@ def floor(
                         )
             times.append(sum(map(cpu_s, pids)) - before)
             walls.append(time.perf_counter() - began)
-        put(session, f"{RUN}/go", b"stop")
+        put(session, f"cubepath/{RUN}-go", b"stop")
         for child in children:
             child.join()
         mouth.undeclare()

@@ -263,7 +263,7 @@ def test_processes_end_properly_when_they_are_told_to() -> None:
     """After a run every module process has ended by itself, with exit code 0."""
     scene = scene_from_spec("hex:n=3")
     with Fleet(scene, "random", processes=3, sink=lambda *_: None) as fleet:
-        children = list(fleet._children)
+        children = list(fleet._children.by_process.values())
         for _ in fleet.rounds(3):
             pass
     assert [child.returncode for child in children] == [0, 0, 0]
@@ -274,7 +274,7 @@ def test_processes_end_when_their_parent_is_gone() -> None:
     """A module process whose standard input closes ends by itself."""
     scene = scene_from_spec("hex:n=2")
     with Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet:
-        child = fleet._children[0]
+        child = fleet._children.by_process[0]
         assert child.stdin is not None
         child.stdin.close()
         assert child.wait(timeout=10) == 3

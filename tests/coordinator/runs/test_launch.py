@@ -26,13 +26,15 @@ from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.gatherer import Gatherer, PathDigest
-from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.messages import Executed, Summary, decode, kind_of
 from cubepath.protocol.wire.sessions import open_client, put, subscribe
 from recordings import parts
@@ -280,15 +282,20 @@ def test_the_log_of_a_file_bears_its_name(
     assert Path(outcome.log).name.startswith(name)
 
 
+def running() -> Fleet:
+    """Return the fleet of the run that goes on in this process."""
+    return next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
+
+
 @pytest.mark.slow
-def test_a_guest_who_talks_nonsense_is_on_record(tmp_path: Path) -> None:
+def test_nonsense_is_on_record(tmp_path: Path) -> None:
     """Bytes that are no message change nothing, are counted, and told of with their key."""
 
     def nonsense(gatherer: Gatherer) -> None:
         if gatherer.rounds != 3:
             return
-        fleet = next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
-        with open_client(fleet.endpoint) as session:
+        fleet = running()
+        with open_client(fleet.endpoint, credentials=fleet._credentials(COORDINATOR)) as session:
             put(session, f"cubepath/{fleet.run}/hello/me", b"not json")
 
     plan = Plan("hex:n=3", "random", processes=0, max_rounds=200, log=tmp_path / "a.mcap")
@@ -500,7 +507,7 @@ def test_who_is_late_is_named_when_patience_is_over(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
-    """A guest puts every message of the run once more, late and in another order."""
+    """Somebody who may puts every message of the run once more, late and in another order."""
     plan = Plan("hex:n=6", "random", seed=3, processes=2, max_rounds=40)
     quiet = run(replace(plan, log=tmp_path / "a.mcap"))
     guest: list[zenoh.Session] = []
@@ -508,8 +515,9 @@ def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
 
     def meddle(gatherer: Gatherer) -> None:
         if not guest:
-            fleet = next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
-            guest.append(open_client(fleet.endpoint))
+            fleet = running()
+            credentials = fleet._credentials(COORDINATOR)
+            guest.append(open_client(fleet.endpoint, credentials=credentials))
             subscribe(guest[0], f"cubepath/{fleet.run}/**", heard.put)
         del gatherer
         again = [heard.get() for _ in range(heard.qsize())][::-1][:100]

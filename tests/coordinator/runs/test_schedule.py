@@ -15,7 +15,8 @@ from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.gatherer import PathDigest, gathered
-from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.playback import replay
 from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import recover, verify

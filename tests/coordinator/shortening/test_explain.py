@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.path_files.certificates import companion, read_certificate, write_certificate
 from cubepath.protocol.path_files.timetables import read_timetable
 

@@ -10,7 +10,8 @@ import pytest
 
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
-from cubepath.coordinator.runs.launch import Plan, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, simulate

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
+from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Timer
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, put, wait_for_subscriber
@@ -48,19 +49,22 @@ class Listener:
 
 
 @pytest.fixture(scope="module")
-def endpoint() -> Iterator[str]:
-    """Return where a router listens."""
-    router = Router(processes=True)
-    try:
-        yield router.endpoint
-    finally:
-        router.close()
+def router() -> Iterator[Router]:
+    """Return a router."""
+    with Router() as found:
+        yield found
 
 
 @pytest.fixture
-def guest(endpoint: str) -> Iterator[zenoh.Session]:
-    """Return somebody else who talks to the node."""
-    with open_client(endpoint) as found:
+def endpoint(router: Router) -> str:
+    """Return where it listens."""
+    return router.endpoint
+
+
+@pytest.fixture
+def guest(router: Router) -> Iterator[zenoh.Session]:
+    """Return somebody else who talks to the node, and may."""
+    with open_client(router.endpoint, credentials=router.credentials(COORDINATOR)) as found:
         yield found
 
 

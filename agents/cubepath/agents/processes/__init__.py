@@ -11,7 +11,9 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
+    from cubepath.agents.processes.joining import Joining, join
     from cubepath.agents.processes.judge import Judge, refuse
+    from cubepath.agents.processes.network import Network
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
     from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
@@ -21,6 +23,8 @@ else:
         {
             "dealing": "dealt",
             "fleet": "Fleet",
+            "joining": "Joining join",
+            "network": "Network",
             "judge": "Judge refuse",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
@@ -34,9 +38,12 @@ __all__ = [
     "PATIENCE_S_MAX",
     "Fleet",
     "HostNode",
+    "Joining",
     "Judge",
+    "Network",
     "Orders",
     "Pacer",
     "dealt",
+    "join",
     "refuse",
 ]

@@ -6,15 +6,17 @@ modules are dealt out by where they start.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
 
-def dealt(scene: Scene, processes: int) -> list[list[int]]:
+def dealt(scene: Scene, processes: int, modules: Iterable[int] | None = None) -> list[list[int]]:
     """Return the modules of each process in increasing order, as equal in number as possible.
 
-    The modules are halved along the coordinate in which their places are spread most, and the
-    halves again. No process is without a module.
+    All `modules` of the scene are dealt out unless told which. They are halved along the coordinate
+    in which their places are spread most, and the halves again. No process is without a module.
     """
     points = [_point(scene.system, site) for site in scene.start]
     found: list[list[int]] = []
@@ -33,7 +35,9 @@ def dealt(scene: Scene, processes: int) -> list[list[int]]:
         halve(modules[:cut], first)
         halve(modules[cut:], parts - first)
 
-    halve(list(range(len(points))), min(processes, len(points)))
+    those = list(range(len(points)) if modules is None else modules)
+    if those:
+        halve(those, min(processes, len(those)))
     return found
 
 

@@ -1,46 +1,46 @@
 """The fleet: it starts, paces and ends module processes, and decides nothing for them.
 
-Room: agents. A fleet starts a router on a free loopback port and the processes, and carries out
-what its pacing node asks for. A sink, if given, receives every message as it was on the wire.
+Room: agents. A fleet starts a private router and the processes, and carries out what its pacing
+node asks for; or its router is open to others, and some processes join from elsewhere. A sink, if
+given, receives every message as it was on the wire.
 """
 
 from __future__ import annotations
 
 import contextlib
-import subprocess
-import sys
-import tempfile
-import threading
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
-from typing import IO, Self, TypeAlias
+from typing import Self, TypeAlias
 
-import msgspec
+from msgspec.structs import replace
 
+from cubepath.agents.processes.children import Children
 from cubepath.agents.processes.dealing import dealt
-from cubepath.agents.processes.host import TOLD, host
 from cubepath.agents.processes.judge import Judge
+from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
+from cubepath.agents.processes.recruits import Recruits
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.messages import Act, Message
 from cubepath.protocol.wire.nodes import Effect, Keep
-from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.router import Router, without_tls
 from cubepath.protocol.wire.shell import Shell
 
 Sink: TypeAlias = Callable[[Message, bytes, int], None]
 """Receives each message, its bytes on the wire and the wall time in nanoseconds."""
 
+_PRIVATE = Network()
 _POLL_S = 0.05
 _LOOK_S = 0.5
-_STDERR = 2
 _END_S_MAX = 5.0
 _HURRY_S_MAX = 0.5
 _RESTARTS_MAX = 10
@@ -63,53 +63,65 @@ class Fleet:
         note_length: int = 0,
         schedule: Mapping[int, OwnMoves] | None = None,
         patience_s: float = PATIENCE_S,
+        network: Network = _PRIVATE,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
         plausible: Check | None = None,
+        say: Callable[[str], None] | None = None,
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
 
         With a `schedule`, each module makes its own moves in their rounds, and follows the rule
         after `end_schedule`. A phase in which nothing comes of anyone for `patience_s` ends the
-        run.
+        run. What modules the processes from elsewhere leave is dealt to so many own `processes`.
 
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
         waiting and may raise to end the run between two messages. `plausible` may refuse what
-        modules say or report.
+        modules say or report. `say` is told in a line where others can join, and who is waited for.
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
         self.scene = scene
         self.processes = min(processes, len(scene.start))
+        network.check(len(scene.start), self.processes)
         self.run = uuid.uuid4().hex[:12]
         self._rule = rule
         self._seed = seed
         self._hesitate = hesitate
         self._note_length = note_length
         self._schedule = schedule
+        self._patience_s = patience_s
+        self._network = network
         self._sink = sink
         self._check = check
+        self._say = say
         self._joined = False
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
-        self.modules_of = dealt(scene, max(1, self.processes))
-        self._judge = Judge(self.run, self.modules_of, scene.system)
-        self._judge.note_length = 0 if schedule is not None else self._rule_note_length()
+        self._plausible = plausible
+        self._deal([])
+        self._router: Router | None = None
+        self._recruits: Recruits | None = None
+        self._shell: Shell | None = None
+        self._children = Children()
+        self._resources = contextlib.ExitStack()
+
+    def _deal(self, joined: list[list[int]]) -> None:
+        """Deal the modules that nobody from elsewhere has to own processes."""
+        taken = {module for modules in joined for module in modules}
+        left = [module for module in range(len(self.scene.start)) if module not in taken]
+        self.modules_of = [*joined, *dealt(self.scene, max(1, self.processes), left)]
+        """The modules of each process; first come the processes from elsewhere."""
+        self._judge = Judge(self.run, self.modules_of, self.scene.system)
+        self._judge.note_length = 0 if self._schedule is not None else self._rule_note_length()
         self._pacer = Pacer(
             self.run,
             self.modules_of,
             judge=self._judge,
-            check=plausible,
-            patience_s=patience_s,
-            hears_all=sink is not None,
+            check=self._plausible,
+            patience_s=self._patience_s,
+            hears_all=self._sink is not None,
         )
-        self._router: Router | None = None
-        self._shell: Shell | None = None
-        self._children: list[subprocess.Popen[bytes]] = []
-        self._complaints: list[IO[bytes]] = []
-        self._thread: threading.Thread | None = None
-        self._thread_error: list[BaseException] = []
-        self._resources = contextlib.ExitStack()
 
     def __enter__(self) -> Self:
         """Start everything and wait until every process has joined."""
@@ -130,35 +142,28 @@ class Fleet:
         self._end()
 
     def _start(self) -> None:
-        router = self._router = Router(processes=self.processes)
-        self._resources.callback(router.close)
-        self.endpoint = router.endpoint
-        shell = Shell(self._pacer, self.endpoint, self._keep)
+        self._open_network()
+        joined = self._network.wait_for
+        if joined:
+            self._deal(self._recruit(joined))
+        credentials = self._credentials(COORDINATOR)
+        shell = Shell(self._pacer, self.endpoint, self._keep, credentials=credentials)
         self._resources.callback(shell.close)
         self._shell = shell
         shell.start()
         scene = scene_to_toml(self.scene)
-        for process, modules in enumerate(self.modules_of):
+        if self._recruits is not None:
+            self._recruits.send(
+                {process: self._orders(process, scene, "") for process in range(joined)}
+            )
+        for process in range(joined, len(self.modules_of)):
             if self._check is not None:
                 self._check()
-            orders = Orders(
-                endpoint=self.endpoint,
-                run=self.run,
-                process=process,
-                modules=modules,
-                processes=self.modules_of,
-                scene=scene,
-                rule=self._rule,
-                seed=self._seed,
-                hesitate=self._hesitate,
-                note_length=self._note_length,
-                schedule=self._own(modules),
-            )
+            orders = self._orders(process, scene, self.endpoint)
             if self.processes:
-                self._spawn(orders)
+                self._children.spawn(orders)
             else:
-                self._thread = threading.Thread(target=self._host, args=(orders,), daemon=True)
-                self._thread.start()
+                self._children.keep_here(orders)
         self._wait()
         self._joined = True
 
@@ -167,36 +172,72 @@ class Fleet:
             return self._note_length
         return rule_named(self._rule, self.scene.system).note_length(len(self.scene.start))
 
+    def _open_network(self) -> None:
+        network = self._network
+        if network.connect is not None:
+            self.endpoint = network.connect
+        else:
+            router = self._router = Router(
+                network.listen, processes=max(1, self.processes), secure=network.secure
+            )
+            self._resources.callback(router.close)
+            self.endpoint = router.endpoint
+        if self._say is None:
+            return
+        where = self.endpoint if self._router is None else self._router.listening
+        if network.is_open:
+            self._say(without_tls(where))
+        else:
+            self._say(f"endpoint {where}, run {self.run}")
+
+    def _credentials(self, name: str) -> Credentials:
+        if self._router is not None:
+            return self._router.credentials(name)
+        folder = self._network.secure
+        return Credentials(name, "", "" if folder is None else str(folder))
+
+    def _recruit(self, expected: int) -> list[list[int]]:
+        """Wait for the processes from elsewhere; return the modules of each."""
+        recruits = self._recruits = Recruits(
+            self.endpoint,
+            self.run,
+            len(self.scene.start),
+            expected,
+            self._credentials(COORDINATOR),
+        )
+        self._resources.callback(recruits.close)
+
+        def check() -> None:
+            if self._check is not None:
+                self._check()
+            self._look_after_the_router()
+
+        return recruits.gather(check, self._say or (lambda _: None))
+
+    def _orders(self, process: int, scene: str, endpoint: str) -> Orders:
+        """Return the orders of a process; one elsewhere has an endpoint of its own."""
+        modules = self.modules_of[process]
+        orders = Orders(
+            endpoint=endpoint,
+            run=self.run,
+            process=process,
+            modules=modules,
+            processes=self.modules_of,
+            scene=scene,
+            rule=self._rule,
+            seed=self._seed,
+            hesitate=self._hesitate,
+            note_length=self._note_length,
+            schedule=self._own(modules),
+        )
+        if not endpoint:
+            return orders
+        return replace(orders, credentials=self._credentials(process_name(process)))
+
     def _own(self, modules: list[int]) -> dict[int, dict[int, GeneratorPlacement]] | None:
         if self._schedule is None:
             return None
         return {module: dict(self._schedule.get(module, {})) for module in modules}
-
-    def _host(self, orders: Orders) -> None:
-        try:
-            host(orders)
-        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
-            self._thread_error.append(error)
-
-    def _spawn(self, orders: Orders) -> None:
-        complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the rest
-        self._resources.callback(complaints.close)
-        child = subprocess.Popen(
-            # -P: modules import nothing from the folder in which the run was started.
-            [sys.executable, "-P", "-m", "cubepath.agents.processes.host"],
-            stdin=subprocess.PIPE,
-            stdout=_STDERR,  # what a rule prints is for people
-            stderr=complaints,
-            # A terminal's interrupt goes to the coordinator, which ends its processes properly.
-            process_group=0,
-        )
-        self._children.append(child)
-        self._complaints.append(complaints)
-        if child.stdin is None:  # it was requested above
-            raise AssertionError("no pipe to the module process")
-        with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when waiting
-            child.stdin.write(msgspec.json.encode(orders) + b"\n")
-            child.stdin.flush()
 
     def _keep(self, kept: Keep, wall_ns: int) -> None:
         if self._sink is not None:
@@ -258,34 +299,23 @@ class Fleet:
     def _look_for_the_dead(self) -> None:
         if self._check is not None:
             self._check()  # an interrupt takes precedence over its consequences
-        for error in self._thread_error:
-            if isinstance(error, CubepathError):
-                raise error
-            what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            raise self._pacer.died(0, what) from error
-        for process, child in enumerate(self._children):
-            code = child.poll()
-            if code is None:
-                continue
-            complaints = self._complaints[process]
-            complaints.seek(0)
-            last = complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
-            if code == TOLD and last:
-                raise ProcessDied(last)
-            how = f"killed by signal {-code}" if code < 0 else f"exit code {code}"
-            raise self._pacer.died(process, how + (f": {last}" if last else ""))
-        if self._router is not None and self._router.look_after():
-            self._router_died()
+        self._children.check(self._pacer.died)
+        if self._recruits is not None:
+            self._recruits.look()
+            for process in self._recruits.gone():
+                raise self._pacer.died(process, "it has left the network")
+        self._look_after_the_router()
 
-    def _router_died(self) -> None:
-        """Go on with a router that was started again, unless it dies time and again."""
-        if self._router is not None and self._router.restarts > _RESTARTS_MAX:
-            raise ProcessDied(f"the router died {self._router.restarts} times")
+    def _look_after_the_router(self) -> None:
+        """Start it again if it died, unless it does so time and again."""
+        router = self._router
+        if router is not None and router.look_after() and router.restarts > _RESTARTS_MAX:
+            raise ProcessDied(f"the router died {router.restarts} times")
 
     @property
     def pids(self) -> list[int]:
         """Return the process ids of the module processes."""
-        return [child.pid for child in self._children]
+        return [child.pid for child in self._children.by_process.values()]
 
     @property
     def router_pid(self) -> int:
@@ -299,20 +329,7 @@ class Fleet:
             if self._shell is not None:
                 with contextlib.suppress(Exception):  # the rest must still end
                     self._shell.carry_out(self._pacer.stop())
-            deadline = time.monotonic() + (_END_S_MAX if self._joined else _HURRY_S_MAX)
-            if self._thread is not None:
-                self._thread.join(_END_S_MAX)
-            for child in self._children:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    child.wait(max(0.0, deadline - time.monotonic()))
+            self._children.end(_END_S_MAX if self._joined else _HURRY_S_MAX)
         finally:
-            for child in self._children:
-                if child.poll() is None:
-                    child.kill()
-                    child.wait()
-                if child.stdin is not None:
-                    with contextlib.suppress(OSError):
-                        child.stdin.close()
-            self._children.clear()
             self._shell = None
             self._resources.close()

@@ -18,6 +18,7 @@ from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.wire.shell import Shell
+from cubepath.protocol.wire.sockets import discard
 
 TOLD = 4
 """Exit code of a process whose last line on standard error fully describes the error."""
@@ -26,16 +27,17 @@ TOLD = 4
 def host(orders: Orders) -> None:
     """Join the run and serve until `Go` says "stop"."""
     node = HostNode(orders)
-    with Shell(node, orders.endpoint) as shell:
+    with Shell(node, orders.endpoint, credentials=orders.credentials) as shell:
         shell.start()
         while not shell.ended:
             shell.step()
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(endpoint: str) -> None:
     # Not through sys.stdin: its lock would be held when the interpreter shuts down, and abort it.
     while os.read(0, 1):
         pass
+    discard(endpoint)  # the router may have been killed too
     os._exit(3)
 
 
@@ -44,7 +46,7 @@ def main() -> int:
     # The coordinator handles interrupts; a terminal sends them to every process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     orders = msgspec.json.decode(sys.stdin.buffer.readline(), type=Orders)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_end_with_parent, args=(orders.endpoint,), daemon=True).start()
     try:
         host(orders)
     except CubepathError as error:

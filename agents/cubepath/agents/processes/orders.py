@@ -8,6 +8,7 @@ from __future__ import annotations
 import msgspec
 
 from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.wire.credentials import GUEST, Credentials
 
 OUTSIDE = "outside"
 """Instead of a rule's name: the modules are driven from outside, by `Acts` messages."""
@@ -30,3 +31,5 @@ class Orders(msgspec.Struct, frozen=True):
     note_length: int
     schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
     """By module its own moves of a schedule, by round; the rule follows when that is over."""
+    credentials: Credentials = GUEST
+    """By what it shows who it is; a process elsewhere has its own."""

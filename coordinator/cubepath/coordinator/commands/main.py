@@ -8,14 +8,11 @@ or usage, 130 interrupted with the recording closed, 141 the reader of the answe
 from __future__ import annotations
 
 import argparse
-import contextlib
 import errno
 import logging
 import resource
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 from cubepath.coordinator.commands.certificates import (
     add_explain_options,
@@ -30,7 +27,6 @@ from cubepath.coordinator.commands.console import (
     DONE,
     FAILED,
     INTERRUPTED,
-    SYSTEM_HELP,
     Interrupts,
     answer,
     complain,
@@ -55,17 +51,18 @@ from cubepath.coordinator.commands.plan_options import (
 )
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import add_recording_commands
+from cubepath.coordinator.commands.runs import add_run_commands
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
     beyond_rows,
     improving,
     look_beyond,
 )
+from cubepath.coordinator.commands.secure import add_certificates_command
 from cubepath.coordinator.commands.simulate import add_simulate_command
-from cubepath.coordinator.commands.usage import Parser, number, whole
+from cubepath.coordinator.commands.usage import Parser
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -134,54 +131,7 @@ def _parser() -> argparse.ArgumentParser:
         added.add_argument("--json", action="store_true", help="answer with one JSON document")
         return added
 
-    run = command("run", _run, "run modules in processes, record them, shorten their path")
-    run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
-    run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
-    run.add_argument(
-        "--seed", type=whole(0), default=0, help="seed of every random choice (default 0)"
-    )
-    run.add_argument(
-        "--hesitate",
-        type=number("a number from 0 to less than 1", lambda p: 0 <= p < 1),
-        default=0.0,
-        metavar="P",
-        help="each module skips a round with this probability (default 0)",
-    )
-    run.add_argument(
-        "--processes",
-        type=whole(0),
-        default=4,
-        metavar="N",
-        help="processes to spread the modules over; 0 keeps them all here (default 4)",
-    )
-    run.add_argument(
-        "--max-rounds",
-        type=whole(0),
-        metavar="N",
-        help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
-    )
-    run.add_argument(
-        "--patience",
-        type=number("a number of seconds above 0 and below 3600", lambda each: 0 < each < 3600),
-        default=60.0,
-        metavar="SECONDS",
-        help="end if nothing comes of a phase for so long (default 60)",
-    )
-    run.add_argument(
-        "--schedule",
-        type=input_path,
-        metavar="CUBES",
-        help="carry out a cubes file or the schedule of a recording, one cube a round; SYSTEM can"
-        " then be another scene than that of the recording",
-    )
-    run.add_argument(
-        "--repair",
-        action="store_true",
-        help="where a cube of the schedule no longer applies, go on with the rule from there",
-    )
-    run.add_argument(
-        "--log", type=output_path, help="recording to write (default: a new file in logs/)"
-    )
+    add_run_commands(command)
 
     shorten = command("shorten", _shorten, "shorten a path to its normal cube path")
     shorten.add_argument("input", type=input_path, metavar="INPUT", help=INPUT_HELP)
@@ -222,6 +172,7 @@ def _parser() -> argparse.ArgumentParser:
     add_view_command(command)
     add_complex_commands(command)
     add_simulate_command(command)
+    add_certificates_command(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser
@@ -237,58 +188,6 @@ def _version() -> str:
     from importlib.metadata import version  # noqa: PLC0415 - only for --version
 
     return f"cubepath {version('cubepath')}"
-
-
-def _run(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.launch import Plan, run  # noqa: PLC0415 - only what a command needs
-
-    check_files(options, [options.schedule])
-    if options.log == STANDARD_OUTPUT:
-        raise InputError("standard output: has the answer, expected a file for the recording")
-    plan = Plan(
-        system=options.system,
-        rule=options.rule,
-        seed=options.seed,
-        hesitate=options.hesitate,
-        processes=options.processes,
-        max_rounds=options.max_rounds,
-        log=options.log,
-        schedule=options.schedule,
-        repair=options.repair,
-        patience=options.patience,
-    )
-    with progress_bar(None, "run", " rounds") as bar:
-
-        def watch(gatherer: Any) -> None:
-            heap = gatherer.heap
-            bar.set_postfix_str(f"{heap.moves} moves, {heap.cubes} cubes", refresh=False)
-            bar.update()
-
-        # Without other processes, a rule that prints would print into the answer.
-        with contextlib.redirect_stdout(sys.stderr):
-            outcome = run(plan, watch)
-    rows: list[tuple[str, object]] = [
-        ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
-        ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),
-        ("rounds", outcome.rounds),
-        ("moves", outcome.moves),
-        ("reduced moves", outcome.reduced_moves),
-        ("cubes", outcome.cubes),
-        ("largest cube", outcome.max_cube_dimension),
-        ("goal", "reached" if outcome.goal_reached else "not reached"),
-        ("time", f"{outcome.seconds:.2f} s"),
-        ("messages", outcome.messages),
-        *([("refused", outcome.refused)] if outcome.refused else []),
-        ("log", outcome.log),
-    ]
-    if outcome.schedule_cubes is not None:
-        stopped = outcome.schedule_stopped
-        how = "" if stopped is None else f", stopped at round {stopped.round}: {stopped.reason}"
-        rows.insert(1, ("schedule", f"{outcome.schedule_cubes} cubes{how}"))
-    answer(options, outcome.document(), table(rows))
-    if outcome.error is not None:
-        complain(outcome.error)
-    return {"failed": FAILED, "interrupted": INTERRUPTED}.get(outcome.ended, DONE)
 
 
 def _systems(options: argparse.Namespace) -> int:

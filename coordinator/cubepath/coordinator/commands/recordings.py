@@ -77,7 +77,7 @@ def add_recording_commands(command: AddCommand) -> None:
         help="rounds a second (default: as fast as it goes)",
     )
     replay.add_argument(
-        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: a free port)"
+        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: privately)"
     )
 
     info = command("info", _info, "show what a recording contains")

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
         animate,
     )
     from cubepath.coordinator.runs.gatherer import Gatherer, gathered
-    from cubepath.coordinator.runs.launch import Outcome, Plan, run
+    from cubepath.coordinator.runs.launch import Outcome, run
+    from cubepath.coordinator.runs.plan import Plan
     from cubepath.coordinator.runs.playback import Replayed, replay
 else:
     __getattr__, __dir__ = lazy_face(
@@ -30,7 +31,8 @@ else:
             "drawing": "PICTURE_SUFFIXES run_picture save_figure",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "gatherer": "Gatherer gathered",
-            "launch": "Outcome Plan run",
+            "launch": "Outcome run",
+            "plan": "Plan",
             "playback": "Replayed replay",
         },
     )

@@ -25,6 +25,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.keys import everything, key_of, topic_in_key, topic_key
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -108,8 +109,8 @@ def replay(
 
     `rate` is in rounds a second (as fast as possible if None), `kinds` are the kinds of `SAID` to
     put, and `endpoint` is where the router listens, for example "tcp/127.0.0.1:7447"; None means a
-    free loopback port. InputError for bad options and malformed messages; CheckError if reports
-    contradict each other or messages do not arrive.
+    unix socket at which others of this user can listen. InputError for bad options and malformed
+    messages; CheckError if reports contradict each other or messages do not arrive.
     """
     if rate is not None and not rate > 0:
         raise InputError(f"rate={rate}: expected more than 0 rounds a second")
@@ -120,7 +121,7 @@ def replay(
         raise InputError("kinds without reports: without reports there is nothing to gather")
     with contextlib.ExitStack() as resources:
         router = resources.enter_context(Router(endpoint))
-        player = _Player(recording, router.endpoint, resources)
+        player = _Player(recording, router, resources)
         if announce is not None:
             announce(router.endpoint, player.run)
         return player.play(kinds, rate, progress)
@@ -130,16 +131,17 @@ class _Player:
     """One replay: a session that puts, a session that gathers, and a router between them."""
 
     def __init__(
-        self, recording: Recording, endpoint: str, resources: contextlib.ExitStack
+        self, recording: Recording, router: Router, resources: contextlib.ExitStack
     ) -> None:
         self.run = uuid.uuid4().hex[:12]
-        self._endpoint = endpoint
+        endpoint = self._endpoint = router.endpoint
         self._recording = recording
         self._gatherer = Gatherer(recording.scene)
         self._queue: SimpleQueue[tuple[str, bytes]] = SimpleQueue()
         self._arrived = 0
         self._progress: Progress | None = None
-        self._mouth = open_client(endpoint)
+        # It speaks for all modules, which the coordinator alone may.
+        self._mouth = open_client(endpoint, credentials=router.credentials(COORDINATOR))
         resources.callback(self._mouth.close)
         subscriber = open_client(endpoint)
         resources.callback(subscriber.close)

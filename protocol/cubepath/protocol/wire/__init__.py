@@ -11,6 +11,14 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.protocol.wire.access import PROCESSES_MAX
+    from cubepath.protocol.wire.authority import make_certificates
+    from cubepath.protocol.wire.credentials import (
+        COORDINATOR,
+        GUEST,
+        Credentials,
+        process_name,
+    )
     from cubepath.protocol.wire.keys import (
         addressees,
         belongs,
@@ -57,19 +65,26 @@ if TYPE_CHECKING:
         schema_of,
     )
     from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
-    from cubepath.protocol.wire.router import Router
+    from cubepath.protocol.wire.router import Router, check_secure, without_tls
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
+        check_endpoint,
         open_client,
         put,
+        routers_of,
         subscribe,
         wait_for_subscriber,
+        watch,
     )
     from cubepath.protocol.wire.shell import Shell
+    from cubepath.protocol.wire.sockets import discard
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "access": "PROCESSES_MAX",
+            "authority": "make_certificates",
+            "credentials": "COORDINATOR GUEST Credentials process_name",
             "keys": (
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
@@ -80,19 +95,27 @@ else:
                 "decode encode kind_of parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
-            "router": "Router",
-            "sessions": "check_descriptors open_client put subscribe wait_for_subscriber",
+            "router": "Router check_secure without_tls",
+            "sessions": (
+                "check_descriptors check_endpoint open_client put routers_of subscribe"
+                " wait_for_subscriber watch"
+            ),
             "shell": "Shell",
+            "sockets": "discard",
         },
     )
 
 __all__ = [
+    "COORDINATOR",
+    "GUEST",
     "MESSAGE_BYTES_MAX",
+    "PROCESSES_MAX",
     "Act",
     "Acts",
     "Again",
     "Certified",
     "Claim",
+    "Credentials",
     "Cube",
     "Edges",
     "Effect",
@@ -128,14 +151,20 @@ __all__ = [
     "addressees",
     "belongs",
     "check_descriptors",
+    "check_endpoint",
+    "check_secure",
     "decode",
+    "discard",
     "encode",
     "everything",
     "key_of",
     "kind_of",
+    "make_certificates",
     "open_client",
     "parts_of",
+    "process_name",
     "put",
+    "routers_of",
     "schema_of",
     "subscribe",
     "to_region",
@@ -143,4 +172,6 @@ __all__ = [
     "topic_key",
     "topic_of",
     "wait_for_subscriber",
+    "watch",
+    "without_tls",
 ]

@@ -1,64 +1,132 @@
 """The router of a run, in a process of its own.
 
 In the coordinator's process it would share zenoh's receiving threads with the coordinator's own
-session, and under a flood the two would wait for each other. Started as
-``python -m cubepath.protocol.wire.router ENDPOINT``; it writes where it listens on standard output,
-and ends when its standard input closes.
+session, and under a flood the two would wait for each other. Started as ``python -m
+cubepath.protocol.wire.router`` with one line of JSON (`Routing`) on standard input; it writes where
+it listens on standard output, and ends when its standard input closes.
+
+Without an endpoint a router is private: it listens on a unix socket that only this user can reach,
+knows everyone by a password that is made anew for it, and lets each speak on its own keys.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import secrets
 import select
 import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Mapping
+from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
+
+import msgspec
 
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.wire.sessions import check_descriptors, check_endpoint, open_router
+from cubepath.protocol.wire.access import guarded_by_certificates, guarded_by_passwords
+from cubepath.protocol.wire.credentials import (
+    COORDINATOR,
+    GUEST,
+    ROUTER,
+    TLS,
+    Credentials,
+    certificate_files,
+    process_name,
+)
+from cubepath.protocol.wire.sessions import (
+    check_descriptors,
+    check_endpoint,
+    open_router,
+    reachable,
+)
+from cubepath.protocol.wire.sockets import clear, discard, is_private, new_endpoint
 
-ANY_PORT = "tcp/127.0.0.1:0"
+ON_LOOPBACK = "tls/127.0.0.1:0"
+"""Where a router with certificates listens unless told otherwise."""
 _REFUSED = 4
 _START_S_MAX = 30.0
 _END_S_MAX = 5.0
 
 
+class Routing(msgspec.Struct, frozen=True):
+    """What a router process is told at its birth."""
+
+    endpoint: str
+    passwords: dict[str, str] = {}
+    folder: str = ""
+    """Of the certificates, for an endpoint over TLS."""
+
+
 class Router:
     """A router process, as a context manager that ends it."""
 
-    def __init__(self, endpoint: str | None = None, *, processes: int = 0) -> None:
-        """Start it at an endpoint, or on a free loopback port, and wait until it listens.
+    def __init__(
+        self, endpoint: str | None = None, *, processes: int = 1, secure: Path | None = None
+    ) -> None:
+        """Start it at an endpoint, or a private one, and wait until it listens.
 
-        Raises InputError if the endpoint is not ``tcp/HOST:PORT`` or the router cannot listen
-        there, and CubepathError if `check_descriptors` finds too few file descriptors for
-        `processes`.
+        Over ``tcp`` it lets everyone in and lets them say everything. Over ``tls`` it takes a
+        certificate of the authority in the folder `secure`, and each speaks on its own keys.
+        Private, it knows the coordinator, so many processes, and guests, who only listen.
+
+        Raises InputError if the endpoint is neither ``tcp/HOST:PORT`` nor ``tls/HOST:PORT``, its
+        certificates are missing or the router cannot listen there, and CubepathError if
+        `check_descriptors` finds too few file descriptors for `processes`.
         """
         check_descriptors(processes)
         if endpoint is not None:
             check_endpoint(endpoint)
+            check_secure(endpoint, secure)
+        elif secure is not None:
+            endpoint = ON_LOOPBACK
+        if secure is not None:
+            certificate_files(secure, ROUTER)
+        self._secure = secure
+        self._passwords: dict[str, str] = {}
+        if endpoint is None:
+            endpoint = new_endpoint()
+            names = [COORDINATOR, *map(process_name, range(processes))]
+            self._passwords = {name: secrets.token_hex() for name in names}
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the rest
         self.restarts = 0
         """How many times it was started again."""
         try:
-            self._start(endpoint or ANY_PORT)
-            self.endpoint = self._listening()
+            self._start(endpoint)
+            self.listening = self._listening()
         except BaseException:
             self._complaints.close()
+            discard(endpoint)
             raise
+        self.endpoint = reachable(self.listening)
+        """Where sessions on this machine find it."""
+
+    def credentials(self, name: str) -> Credentials:
+        """Return by what the one of this name shows who speaks."""
+        if self._secure is not None:
+            return Credentials(name, "", str(self._secure))
+        password = self._passwords.get(name)
+        return GUEST if password is None else Credentials(name, password)
 
     def _start(self, endpoint: str) -> None:
         self._child = subprocess.Popen(
-            [sys.executable, "-P", "-m", "cubepath.protocol.wire.router", endpoint],
+            [sys.executable, "-P", "-m", "cubepath.protocol.wire.router"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._complaints,
             # A terminal's interrupt goes to the coordinator, which ends its processes properly.
             process_group=0,
         )
+        if self._child.stdin is None:
+            raise AssertionError("no pipe to the router")  # it was requested above
+        folder = "" if self._secure is None else str(self._secure)
+        told = msgspec.json.encode(Routing(endpoint, self._passwords, folder))
+        with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when listening
+            self._child.stdin.write(told + b"\n")
+            self._child.stdin.flush()
 
     def _listening(self) -> str:
         """Wait until the router listens, and return where."""
@@ -97,13 +165,14 @@ class Router:
         if self._child.poll() is None:
             return False
         self._stop()
-        self._start(self.endpoint)
+        self._start(self.listening)
         self.restarts += 1
         return True
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, and remove its folder."""
         self._stop()
+        discard(self.listening)
         self._complaints.close()
 
     def _stop(self) -> None:
@@ -133,20 +202,50 @@ class Router:
         self.close()
 
 
-def main(endpoint: str) -> int:
+def check_secure(endpoint: str, secure: Path | None) -> None:
+    """Check that an endpoint over TLS has certificates, and no other has; InputError if not."""
+    if endpoint.startswith(TLS) and secure is None:
+        raise InputError(f"endpoint={endpoint}: expected a folder of certificates (--secure DIR)")
+    if secure is not None and not endpoint.startswith(TLS):
+        raise InputError(f"endpoint={endpoint}: expected tls/HOST:PORT with certificates")
+
+
+def without_tls(endpoint: str) -> str:
+    """Return what to tell of a router that asks nobody who they are."""
+    return f"listening on {endpoint} without TLS: whoever can connect can speak for any module"
+
+
+def _guard(routing: Routing) -> Mapping[str, Any]:
+    """Return the settings that guard a router."""
+    if routing.folder:
+        return guarded_by_certificates(Path(routing.folder))
+    if not is_private(routing.endpoint):
+        return {}
+    passwords = {**routing.passwords, GUEST.name: GUEST.password}
+    return guarded_by_passwords(passwords, clear(routing.endpoint) / "passwords")
+
+
+def main() -> int:
     """Route until standard input closes; return the exit code."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    line = sys.stdin.buffer.readline()
+    if not line:
+        return 0  # the coordinator has ended already
+    routing = msgspec.json.decode(line, type=Routing)
     try:
-        session, found = open_router(endpoint)
+        session, found = open_router(routing.endpoint, _guard(routing))
     except InputError as error:
         print(error, file=sys.stderr)
         return _REFUSED
+    if is_private(found):
+        (Path(found.partition("/")[2]).parent / "passwords").unlink(missing_ok=True)
     with session:
         print(found, flush=True)
         while os.read(0, 1):
             pass
+        discard(found)  # the coordinator may have been killed
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1]))
+    sys.exit(main())

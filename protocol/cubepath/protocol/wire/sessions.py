@@ -1,9 +1,10 @@
-"""Zenoh sessions on loopback: a router on a free port, clients to it, and no discovery.
+"""Zenoh sessions: a router, clients to it, and no discovery.
 
-The settings ensure that no message is lost: BLOCK puts, one priority, a long wait before a stalled
-transport is closed, no shared memory (its counters run out at about 350 clients). A link to a
-process that stands still is kept for longer than anyone is patient; a process that ends is noticed
-at once all the same. Measured with eclipse-zenoh 1.10.
+The settings ensure that no client loses a message: BLOCK puts, one priority, a long wait before a
+stalled transport is closed, no shared memory (its counters run out at about 350 clients). A link to
+a process that stands still is kept for longer than anyone is patient; a process that ends is
+noticed at once all the same. A router waits for nobody as long: who does not read what it sends is
+cut off, comes back, and asks for what it missed. Measured with eclipse-zenoh 1.10.
 """
 
 from __future__ import annotations
@@ -19,15 +20,26 @@ from typing import Any, cast
 import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.wire.credentials import GUEST, TLS, Credentials, settings_for
+from cubepath.protocol.wire.sockets import SCHEME
 
+_BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _STALL_US_MAX = 3_600_000_000
+_STALL_US_AT_ROUTER = 1_000_000
+"""How long a router waits for who does not read, and everybody else with it."""
+_MESSAGE_BYTES_MAX = 64 << 20
+"""A larger message is dropped by a router; reports of 100,000 modules are a third of it."""
 _LEASE_MS = 3_600_000
 _FOR_SESSIONS = 24
 """Descriptors that a router and two clients need, with a few to spare."""
 _FOR_A_PROCESS = 4
 _POLL_S = 0.0005
 _AGAIN_S = 0.1
-_ENDPOINT = re.compile(r"tcp/(\[[0-9a-fA-F:]+\]|[^/\s:\[\]]+):[0-9]{1,5}")
+_PLACE = r"(?:\[[0-9a-fA-F:]+\]|[^/\s:\[\]#?;]+):[0-9]{1,5}"
+_ENDPOINT = re.compile(rf"(?:tcp|tls)/{_PLACE}", re.ASCII)
+_FROM = re.compile(rf"#bind={_PLACE}", re.ASCII)
+"""At the end of where to connect to: from which address of this host, with port 0 for any."""
+_EVERYWHERE = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}  # noqa: S104 - looked for, not listened on
 
 
 def _config(mode: str, **settings: object) -> zenoh.Config:
@@ -40,7 +52,7 @@ def _config(mode: str, **settings: object) -> zenoh.Config:
         "adminspace/enabled": True,
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": _STALL_US_MAX,
+        _BLOCKED: _STALL_US_MAX,
     }
     for key, value in (base | settings).items():
         config.insert_json5(key, json.dumps(value))
@@ -68,54 +80,92 @@ def check_descriptors(processes: int = 0, files: int = 0) -> None:
         )
 
 
-def check_endpoint(endpoint: str) -> None:
-    """Check that an endpoint is ``tcp/HOST:PORT``; InputError if not."""
-    if not _ENDPOINT.fullmatch(endpoint):
-        raise InputError(f"endpoint={endpoint}: expected tcp/HOST:PORT, as tcp/127.0.0.1:7447")
+def check_endpoint(endpoint: str, *, connect: bool = False) -> None:
+    """Check that an endpoint is ``tcp/HOST:PORT`` or ``tls/HOST:PORT``; InputError if not.
+
+    One to connect to may end in ``#bind=HOST:PORT``, which says from where.
+    """
+    place, sharp, _ = endpoint.partition("#")
+    bound = not sharp or (connect and _FROM.fullmatch(endpoint.removeprefix(place)) is not None)
+    if not _ENDPOINT.fullmatch(place) or not bound:
+        raise InputError(
+            f"endpoint={endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT, as tcp/127.0.0.1:7447"
+        )
 
 
-def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
+def open_router(endpoint: str, guard: Mapping[str, Any] | None = None) -> tuple[zenoh.Session, str]:
     """Open a router at an endpoint, port 0 for a free one; return it with where it listens.
 
-    Raises InputError if the router cannot listen there. It should have a process of its own, as
-    `Router` gives it: the receiving threads of zenoh are shared by all sessions of a process, and
-    under a flood they would wait for each other.
+    `guard` has the settings by which it lets clients in and lets them speak. Raises InputError if
+    the router cannot listen there. It should have a process of its own, as `Router` gives it: the
+    receiving threads of zenoh are shared by all sessions of a process, and under a flood they would
+    wait for each other.
     """
-    check_endpoint(endpoint)
-    settings: Mapping[str, Any] = {"listen/endpoints": [endpoint], "connect/endpoints": []}
+    settings: Mapping[str, Any] = {
+        "listen/endpoints": [endpoint],
+        "connect/endpoints": [],
+        _BLOCKED: _STALL_US_AT_ROUTER,
+        "transport/link/rx/max_message_size": _MESSAGE_BYTES_MAX,
+        **(guard or {}),
+    }
     try:
         session = zenoh.open(_config("router", **settings))
     except zenoh.ZError:
         raise InputError(f"endpoint={endpoint}: cannot listen there") from None
-    if not endpoint.endswith(":0"):
+    if endpoint.startswith(SCHEME) or not endpoint.endswith(":0"):
         return session, endpoint
     # The system chooses the port; the router's own admin space tells which.
-    host = endpoint.removesuffix(":0")
+    scheme = endpoint.partition("/")[0]
     for reply in session.get(f"@/{session.info.zid()}/*"):
         if reply.ok is None:
             continue
         found = json.loads(reply.ok.payload.to_string())
         for locator in found.get("locators", ()) if isinstance(found, dict) else ():
-            if str(locator).startswith(f"{host}:"):
-                return session, str(locator)
+            if str(locator).startswith(f"{scheme}/"):
+                port = str(locator).partition("?")[0].rpartition(":")[2]
+                return session, f"{endpoint.removesuffix('0')}{port}"
     session.close()
     raise CubepathError("the zenoh router did not tell on which port it listens")
 
 
-def open_client(endpoint: str, patience_s: float = 0.0) -> zenoh.Session:
+def reachable(endpoint: str) -> str:
+    """Return where a client on this machine finds the router that listens at an endpoint."""
+    scheme, _, rest = endpoint.partition("/")
+    host, _, port = rest.rpartition(":")
+    return f"{scheme}/{_EVERYWHERE[host]}:{port}" if host in _EVERYWHERE else endpoint
+
+
+def open_client(
+    endpoint: str, patience_s: float = 0.0, *, credentials: Credentials = GUEST
+) -> zenoh.Session:
     """Open a client session to the router at `endpoint`; CubepathError if it is not there.
 
-    It is tried for so many seconds: a router that has died may be on its way back.
+    It is tried for so many seconds: a router that has died may be on its way back. With no
+    `credentials` of its own the session may listen at a private router, and say nothing. InputError
+    if the endpoint takes a certificate and there is none.
     """
-    settings: Mapping[str, Any] = {"listen/endpoints": [], "connect/endpoints": [endpoint]}
+    settings: Mapping[str, Any] = {
+        "listen/endpoints": [],
+        "connect/endpoints": [endpoint],
+        **settings_for(endpoint, credentials),
+    }
     deadline = time.monotonic() + patience_s
     while True:
         try:
             return zenoh.open(_config("client", **settings))
         except zenoh.ZError:
             if time.monotonic() >= deadline:
-                raise CubepathError(f"no zenoh router at {endpoint}: nobody answers") from None
+                why = "nobody answers"
+                if not endpoint.startswith("tcp/"):
+                    what = "certificate" if endpoint.startswith(TLS) else "password"
+                    why += f", or {credentials.name} and its {what} are not known there"
+                raise CubepathError(f"no zenoh router at {endpoint}: {why}") from None
         time.sleep(_AGAIN_S)
+
+
+def routers_of(session: zenoh.Session) -> tuple[str, ...]:
+    """Return the ids of the routers that a client is connected to: one, or none."""
+    return tuple(sorted(str(each) for each in session.info.routers_zid()))
 
 
 def put(session: zenoh.Session, key: str, data: bytes) -> None:
@@ -128,6 +178,21 @@ def subscribe(
 ) -> zenoh.Subscriber[None]:
     """Subscribe with a direct callback, which must only put into a queue: zenoh waits for it."""
     return session.declare_subscriber(key, zenoh.handlers.Callback(enqueue, indirect=False))
+
+
+def watch(
+    session: zenoh.Session, key: str, tell: Callable[[str, bool], None]
+) -> zenoh.Subscriber[None]:
+    """Tell of liveliness tokens, those that are there first: the key, and whether it is there now.
+
+    `tell` is a direct callback, as for `subscribe`.
+    """
+
+    def changed(sample: zenoh.Sample) -> None:
+        tell(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    callback = zenoh.handlers.Callback(changed, indirect=False)
+    return session.liveliness().declare_subscriber(key, callback, history=True)
 
 
 def publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:

@@ -15,6 +15,7 @@ from typing import Self
 
 import zenoh
 
+from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
 
@@ -27,9 +28,17 @@ class Shell:
     """One node on one session, as a context manager that closes it."""
 
     def __init__(
-        self, node: Node, endpoint: str, keep: Callable[[Keep, int], None] | None = None
+        self,
+        node: Node,
+        endpoint: str,
+        keep: Callable[[Keep, int], None] | None = None,
+        *,
+        credentials: Credentials = GUEST,
     ) -> None:
-        """Open a session; `keep` receives what belongs on record, and the wall time in ns."""
+        """Open a session with the credentials of who the node speaks for.
+
+        `keep` receives what belongs on record, and the wall time in ns.
+        """
         self._node = node
         self._keep = keep
         self._queue: SimpleQueue[tuple[zenoh.Sample, int]] = SimpleQueue()
@@ -39,7 +48,7 @@ class Shell:
         self._before_tick: int | None = None
         self._received: tuple[bytes, int] = b"", 0
         self.ended = False
-        self._session = open_client(endpoint, _CONNECT_S_MAX)
+        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
 
     def __enter__(self) -> Self:
         """Return the shell."""

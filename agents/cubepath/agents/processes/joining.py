@@ -1,0 +1,164 @@
+"""A module process that joins a run from elsewhere.
+
+Room: agents. It finds the run that waits at a router, asks for its orders until it has them, and
+serves as any module process does. It ends when it is told to, or when the coordinator is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import uuid
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import zenoh
+from msgspec.structs import replace
+
+from cubepath.agents.processes.join_messages import (
+    ANY,
+    PROTOCOL,
+    Request,
+    alive_key,
+    orders_key,
+    read_offer,
+)
+from cubepath.agents.processes.liveness import Liveness
+from cubepath.agents.processes.node import HostNode
+from cubepath.agents.processes.orders import Orders
+from cubepath.agents.processes.roster import ASK_S
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
+from cubepath.protocol.wire.keys import topic_key
+from cubepath.protocol.wire.router import check_secure
+from cubepath.protocol.wire.sessions import check_endpoint, open_client, subscribe
+from cubepath.protocol.wire.shell import Shell
+
+_POLL_S = 0.1
+_STEP_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Joining:
+    """A process that wants to join: where, and with which modules."""
+
+    connect: str
+    modules: tuple[int, ...]
+    run: str | None = None
+    """The run, where more than one waits."""
+    name: str | None = None
+    """``process_N``, to have that number."""
+    secure: Path | None = None
+    """The folder of certificates, one of them of that name."""
+    patience_s: float = 60.0
+
+    def check(self) -> None:
+        """InputError if it cannot be tried at all."""
+        check_endpoint(self.connect, connect=True)
+        check_secure(self.connect, self.secure)
+        if self.secure is not None and self.name is None:
+            raise InputError("secure: expected also --as process_N, the name of its certificate")
+
+    @property
+    def credentials(self) -> Credentials:
+        """Return by what it shows who it is."""
+        if self.secure is None:
+            return GUEST
+        return Credentials(self.name or "", "", str(self.secure))
+
+
+def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Orders:
+    """Join a run and serve until it ends; return the orders that it gave.
+
+    InputError if the run refuses the process, CheckError if there is no run, or if it ends without
+    a word. `say` is told in a line what is going on.
+    """
+    joining.check()
+    deadline = time.monotonic() + joining.patience_s
+    with open_client(
+        joining.connect, joining.patience_s, credentials=joining.credentials
+    ) as session:
+        run = _run_that_waits(session, joining, deadline)
+        liveness = Liveness(session, alive_key(run, COORDINATOR))
+        say(f"waiting for run {run} to begin")
+        orders = replace(
+            _ordered(session, joining, run, liveness),
+            endpoint=joining.connect,
+            credentials=joining.credentials,
+        )
+        say(f"joined run {run} as {process_name(orders.process)}")
+        # Before the scene is read: what goes wrong with it is then noticed at once.
+        with session.liveliness().declare_token(alive_key(run, process_name(orders.process))):
+            _serve(session, orders, liveness, joining.patience_s)
+    return orders
+
+
+def _run_that_waits(session: zenoh.Session, joining: Joining, deadline: float) -> str:
+    """Return the run that is to be joined, once it is there."""
+    while True:
+        key = alive_key(joining.run or "*", COORDINATOR)
+        replies = session.liveliness().get(key, timeout=ASK_S)
+        runs = sorted({str(each.ok.key_expr).split("/")[1] for each in replies if each.ok})
+        if len(runs) == 1:
+            return runs[0]
+        if runs:
+            raise InputError(
+                f"{len(runs)} runs wait at {joining.connect}: expected --run, one of"
+                f" {', '.join(runs)}"
+            )
+        if time.monotonic() >= deadline:
+            which = "no run waits" if joining.run is None else f"run {joining.run} does not wait"
+            raise CheckError(f"{which} at {joining.connect}")
+        time.sleep(_POLL_S)
+
+
+def _ordered(session: zenoh.Session, joining: Joining, run: str, liveness: Liveness) -> Orders:
+    """Ask until the run answers; it does so when all that it waits for are there."""
+    key = orders_key(run, joining.name or ANY)
+    data = msgspec.json.encode(Request(list(joining.modules), uuid.uuid4().hex, PROTOCOL))
+    while True:
+        begun = time.monotonic()
+        for reply in session.get(key, payload=data, timeout=ASK_S):
+            if reply.ok is not None:
+                return read_offer(reply.ok.payload.to_bytes())
+            if reply.err is not None and not _is_timeout(reply.err):
+                raise InputError(reply.err.payload.to_string())
+        _check_there(liveness, run)
+        time.sleep(max(0.0, min(_POLL_S, begun + ASK_S - time.monotonic())))
+
+
+def _is_timeout(error: zenoh.ReplyError) -> bool:
+    return error.payload.to_string() == "Timeout"
+
+
+def _check_there(liveness: Liveness, run: str) -> None:
+    if liveness.is_alone():
+        raise CheckError(f"the router of run {run} is gone")
+    if liveness.gone():
+        raise CheckError(f"the coordinator of run {run} is gone")
+
+
+def _serve(session: zenoh.Session, orders: Orders, liveness: Liveness, patience_s: float) -> None:
+    """Serve until the run stops, its coordinator is gone, or nothing is heard for so long."""
+    heard = [time.monotonic()]
+
+    def note(_: zenoh.Sample) -> None:
+        heard[0] = time.monotonic()
+
+    # The coordinator says `go`, to whom it may, as long as it waits for anyone.
+    subscribe(session, topic_key(orders.run, "go"), note)
+    shell = Shell(HostNode(orders), orders.endpoint, credentials=orders.credentials)
+    with contextlib.closing(shell):
+        shell.start()
+        looked = time.monotonic()
+        while not shell.ended:
+            shell.step(_STEP_S)
+            now = time.monotonic()
+            if now - looked < _STEP_S:
+                continue
+            looked = now
+            _check_there(liveness, orders.run)
+            if now - heard[0] > patience_s:
+                raise CheckError(f"nothing was heard of run {orders.run} for {patience_s:g} s")

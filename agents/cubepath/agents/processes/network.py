@@ -1,0 +1,53 @@
+"""Where the processes of a run meet, and how many come from elsewhere.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.wire.access import PROCESSES_MAX
+from cubepath.protocol.wire.router import check_secure
+from cubepath.protocol.wire.sessions import check_endpoint
+
+
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A private router, unless told otherwise."""
+
+    listen: str | None = None
+    """Where the router of the run listens, ``tcp/HOST:PORT`` or ``tls/HOST:PORT``."""
+    connect: str | None = None
+    """Instead: where another router listens already."""
+    secure: Path | None = None
+    """The folder of certificates, for TLS."""
+    wait_for: int = 0
+    """How many processes join from elsewhere before the run begins."""
+
+    @property
+    def is_open(self) -> bool:
+        """Whether anyone who can connect can speak for any module."""
+        return self.secure is None and self.listen is not None
+
+    def check(self, modules: int, processes: int) -> None:
+        """Check it for a run of so many modules in so many own processes; InputError if not."""
+        if self.listen is not None and self.connect is not None:
+            raise InputError(f"connect={self.connect}: the run has a router already, to listen")
+        endpoint = self.listen if self.connect is None else self.connect
+        if endpoint is not None:
+            check_endpoint(endpoint, connect=self.connect is not None)
+            check_secure(endpoint, self.secure)
+        if not 0 <= self.wait_for <= modules:
+            raise InputError(f"wait-for={self.wait_for}: expected 0 to {modules}, one a module")
+        if self.wait_for and endpoint is None and self.secure is None:
+            raise InputError(
+                f"wait-for={self.wait_for}: nobody can join a private run, expected --listen or"
+                " --connect"
+            )
+        if self.secure is not None and self.wait_for + processes > PROCESSES_MAX:
+            raise InputError(
+                f"processes={processes}: with certificates there are at most {PROCESSES_MAX}"
+            )

@@ -1,0 +1,126 @@
+"""Processes that join a run from elsewhere, as the coordinator sees them.
+
+Room: agents. A session answers who asks for orders, and is told by zenoh who is alive. Its
+callbacks only enqueue; `look` does the work.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from queue import Empty, SimpleQueue
+
+import zenoh
+
+from cubepath.agents.processes.join_messages import (
+    ANY,
+    alive_key,
+    offer,
+    orders_key,
+    read_request,
+)
+from cubepath.agents.processes.liveness import Liveness
+from cubepath.agents.processes.orders import Orders
+from cubepath.agents.processes.roster import Roster, spans
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
+from cubepath.protocol.wire.sessions import open_client
+
+_CONNECT_S_MAX = 10.0
+_POLL_S = 0.05
+_SAY_S = 1.0
+
+
+class Recruits:
+    """The joiners of one run."""
+
+    def __init__(
+        self, endpoint: str, run: str, modules: int, expected: int, credentials: Credentials
+    ) -> None:
+        """Open a session as the coordinator, and let everyone know that the run waits."""
+        self._run = run
+        self._roster = Roster(modules, expected)
+        self._queue: SimpleQueue[zenoh.Query] = SimpleQueue()
+        self._waiting: dict[str, zenoh.Query] = {}
+        self._offers: Mapping[int, bytes] = {}
+        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
+        self._liveness = Liveness(self._session, alive_key(run))
+        self._queryable = self._session.declare_queryable(
+            orders_key(run), zenoh.handlers.Callback(self._queue.put, indirect=False)
+        )
+        self._token = self._session.liveliness().declare_token(alive_key(run, COORDINATOR))
+
+    def close(self) -> None:
+        """Close the session; whoever waits is told so by that."""
+        self._waiting.clear()
+        self._session.close()
+
+    def gather(self, check: Callable[[], None], say: Callable[[str], None]) -> list[list[int]]:
+        """Wait until all are there, and return the modules of each by its number.
+
+        `check` may raise to end the waiting. Who is waited for is told to `say` after a second, and
+        whenever that has changed.
+        """
+        due, said = time.monotonic() + _SAY_S, -1
+        while not self._roster.complete:
+            check()
+            self.look(_POLL_S)
+            self._roster.forget(time.monotonic())
+            missing = self._roster.missing
+            if missing not in (0, said) and time.monotonic() >= due:
+                said = missing
+                free = spans(self._roster.free)
+                what = f"{missing} process{'es' if missing > 1 else ''}"
+                say(f"waiting for {what}: modules {free or 'none'}")
+        return self._roster.number()
+
+    def send(self, orders: Mapping[int, Orders]) -> None:
+        """Answer all with their orders, now and when they ask again."""
+        self._offers = {process: offer(each) for process, each in orders.items()}
+        for joiner in list(self._waiting):
+            self._answer(joiner)
+
+    def look(self, timeout_s: float = 0.0) -> None:
+        """Take the questions that have come, waiting so long for the first."""
+        try:
+            query = self._queue.get(timeout=timeout_s) if timeout_s else self._queue.get_nowait()
+            while True:
+                self._take(query)
+                query = self._queue.get_nowait()
+        except Empty:
+            return
+
+    def _take(self, query: zenoh.Query) -> None:
+        who = str(query.key_expr).rpartition("/")[2]
+        data = b"" if query.payload is None else query.payload.to_bytes()
+        try:
+            request = read_request(data)
+            named = None if who == ANY else _number(who)
+        except InputError as error:
+            query.reply_err(str(error))
+            return
+        reason = self._roster.ask(request.joiner, request.modules, named, time.monotonic())
+        if reason is not None:
+            query.reply_err(reason)
+            return
+        self._waiting[request.joiner] = query
+        self._answer(request.joiner)
+
+    def _answer(self, joiner: str) -> None:
+        number = self._roster.number_of(joiner)
+        if number is not None and number in self._offers:
+            query = self._waiting.pop(joiner)
+            who = str(query.key_expr).rpartition("/")[2]
+            query.reply(orders_key(self._run, who), self._offers[number])
+
+    def gone(self) -> list[int]:
+        """Return the processes that were alive and are so no more."""
+        return sorted(_number(each.rpartition("/")[2]) for each in self._liveness.gone())
+
+
+def _number(name: str) -> int:
+    """Return the number of a process; InputError if it is no name of one."""
+    head, _, number = name.partition("_")
+    if head != "process" or not (number.isascii() and number.isdigit()) or len(number) > 9:
+        raise InputError(f"{name}: expected process_N, or {ANY}")
+    return int(number)

@@ -1,0 +1,273 @@
+"""The commands that run modules: ``cubepath run``, ``router`` and ``join``.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import re
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    SYSTEM_HELP,
+    answer,
+    complain,
+    table,
+)
+from cubepath.coordinator.commands.files import check_files, input_path, output_path
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import STANDARD_OUTPUT
+
+_MODULES = re.compile(r"\d{1,9}(-\d{1,9})?(,\d{1,9}(-\d{1,9})?)*", re.ASCII)
+_MODULES_MAX = 1_000_000
+_NAME = re.compile(r"process_(0|[1-9]\d{0,8})", re.ASCII)
+_RUN = re.compile(r"[0-9a-f]{12}")
+_LOOK_S = 0.5
+
+
+def add_run_commands(command: AddCommand) -> None:
+    """Add the commands and their options."""
+    _add_run(command)
+    router = command("router", _router, "route for runs on several hosts, until interrupted")
+    router.add_argument(
+        "--listen", required=True, metavar="ENDPOINT", help="tcp/HOST:PORT or tls/HOST:PORT"
+    )
+    _add_secure(router)
+    join = command("join", _join, "join a run elsewhere, with some of its modules")
+    join.add_argument(
+        "--connect",
+        required=True,
+        metavar="ENDPOINT",
+        help="where the run's router listens: tcp/HOST:PORT or tls/HOST:PORT",
+    )
+    join.add_argument(
+        "--modules",
+        required=True,
+        type=_modules,
+        metavar="0-7,9",
+        help="the numbers of the modules that this process has",
+    )
+    join.add_argument("--run", type=_run_id, metavar="RUN", help="which run, if several wait")
+    _add_secure(join)
+    join.add_argument(
+        "--as",
+        type=_process_name,
+        dest="name",
+        metavar="process_N",
+        help="join as the process of this number; with --secure by the certificate of this name",
+    )
+    _add_patience(join, "end if nothing is heard of the run for so long (default 60)")
+
+
+def _add_run(command: AddCommand) -> None:
+    run = command("run", _run, "run modules in processes, record them, shorten their path")
+    run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
+    run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
+    run.add_argument(
+        "--seed", type=whole(0), default=0, help="seed of every random choice (default 0)"
+    )
+    run.add_argument(
+        "--hesitate",
+        type=number("a number from 0 to less than 1", lambda p: 0 <= p < 1),
+        default=0.0,
+        metavar="P",
+        help="each module skips a round with this probability (default 0)",
+    )
+    run.add_argument(
+        "--processes",
+        type=whole(0),
+        default=4,
+        metavar="N",
+        help="processes to spread the modules over; 0 keeps them all here (default 4)",
+    )
+    run.add_argument(
+        "--max-rounds",
+        type=whole(0),
+        metavar="N",
+        help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
+    )
+    _add_patience(run, "end if nothing comes of a phase for so long (default 60)")
+    run.add_argument(
+        "--schedule",
+        type=input_path,
+        metavar="CUBES",
+        help="carry out a cubes file or the schedule of a recording, one cube a round; SYSTEM can"
+        " then be another scene than that of the recording",
+    )
+    run.add_argument(
+        "--repair",
+        action="store_true",
+        help="where a cube of the schedule no longer applies, go on with the rule from there",
+    )
+    run.add_argument(
+        "--log", type=output_path, help="recording to write (default: a new file in logs/)"
+    )
+    run.add_argument(
+        "--listen",
+        metavar="ENDPOINT",
+        help="let others join at tcp/HOST:PORT or tls/HOST:PORT (default: nobody else can)",
+    )
+    run.add_argument(
+        "--connect", metavar="ENDPOINT", help="use the router that listens there, and start none"
+    )
+    _add_secure(run)
+    run.add_argument(
+        "--wait-for",
+        type=whole(0),
+        default=0,
+        metavar="N",
+        help="wait until N processes have joined from elsewhere; --processes have what they leave",
+    )
+
+
+def _add_secure(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--secure",
+        type=Path,
+        metavar="DIR",
+        help="use TLS with the certificates of a folder; see 'cubepath certificates'",
+    )
+
+
+def _add_patience(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument(
+        "--patience",
+        type=number("a number of seconds above 0 and below 3600", lambda each: 0 < each < 3600),
+        default=60.0,
+        metavar="SECONDS",
+        help=what,
+    )
+
+
+def _modules(text: str) -> tuple[int, ...]:
+    found: list[int] = []
+    if _MODULES.fullmatch(text):
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            count = int(last or first) - int(first) + 1
+            if count < 1 or len(found) + count > _MODULES_MAX:
+                break
+            found += range(int(first), int(first) + count)
+        else:
+            if len(set(found)) == len(found):
+                return tuple(sorted(found))
+    raise argparse.ArgumentTypeError(f"expected numbers as 0-7,9, each once, found {text!r}")
+
+
+def _process_name(text: str) -> str:
+    if not _NAME.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"expected process_N, found {text!r}")
+    return text
+
+
+def _run_id(text: str) -> str:
+    if not _RUN.fullmatch(text):
+        raise argparse.ArgumentTypeError(f"expected the twelve digits of a run, found {text!r}")
+    return text
+
+
+def _run(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.runs.launch import run  # noqa: PLC0415 - only what a command needs
+    from cubepath.coordinator.runs.plan import Plan  # noqa: PLC0415
+
+    check_files(options, [options.schedule])
+    if options.log == STANDARD_OUTPUT:
+        raise InputError("standard output: has the answer, expected a file for the recording")
+    plan = Plan(
+        system=options.system,
+        rule=options.rule,
+        seed=options.seed,
+        hesitate=options.hesitate,
+        processes=options.processes,
+        max_rounds=options.max_rounds,
+        log=options.log,
+        schedule=options.schedule,
+        repair=options.repair,
+        patience=options.patience,
+        listen=options.listen,
+        connect=options.connect,
+        secure=options.secure,
+        wait_for=options.wait_for,
+    )
+    to_others = options.listen or options.connect or options.secure
+    with progress_bar(None, "run", " rounds") as bar:
+
+        def watch(gatherer: Any) -> None:
+            heap = gatherer.heap
+            bar.set_postfix_str(f"{heap.moves} moves, {heap.cubes} cubes", refresh=False)
+            bar.update()
+
+        def say(line: str) -> None:
+            # Where a private run can be listened to is of interest to who looks on.
+            if to_others or sys.stderr.isatty():
+                bar.clear()
+                complain(line)
+
+        # Without other processes, a rule that prints would print into the answer.
+        with contextlib.redirect_stdout(sys.stderr):
+            outcome = run(plan, watch, say)
+    rows: list[tuple[str, object]] = [
+        ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
+        ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),
+        ("rounds", outcome.rounds),
+        ("moves", outcome.moves),
+        ("reduced moves", outcome.reduced_moves),
+        ("cubes", outcome.cubes),
+        ("largest cube", outcome.max_cube_dimension),
+        ("goal", "reached" if outcome.goal_reached else "not reached"),
+        ("time", f"{outcome.seconds:.2f} s"),
+        ("messages", outcome.messages),
+        *([("refused", outcome.refused)] if outcome.refused else []),
+        ("log", outcome.log),
+    ]
+    if outcome.schedule_cubes is not None:
+        stopped = outcome.schedule_stopped
+        how = "" if stopped is None else f", stopped at round {stopped.round}: {stopped.reason}"
+        rows.insert(1, ("schedule", f"{outcome.schedule_cubes} cubes{how}"))
+    answer(options, outcome.document(), table(rows))
+    if outcome.error is not None:
+        complain(outcome.error)
+    return {"failed": FAILED, "interrupted": INTERRUPTED}.get(outcome.ended, DONE)
+
+
+def _router(options: argparse.Namespace) -> int:
+    """Route until an interrupt, which is an exception here."""
+    from cubepath.protocol.wire.router import Router, without_tls  # noqa: PLC0415
+
+    with Router(options.listen, secure=options.secure) as router:
+        if options.secure is None:
+            complain(without_tls(router.listening))
+        answer(options, {"endpoint": router.listening}, f"listening on {router.listening}")
+        while True:
+            time.sleep(_LOOK_S)
+            if router.look_after():
+                complain(f"the router died, and was started again at {router.listening}")
+
+
+def _join(options: argparse.Namespace) -> int:
+    from cubepath.agents.processes.joining import Joining, join  # noqa: PLC0415
+
+    joining = Joining(
+        options.connect,
+        options.modules,
+        run=options.run,
+        name=options.name,
+        secure=options.secure,
+        patience_s=options.patience,
+    )
+    # A rule that prints would print into the answer.
+    with contextlib.redirect_stdout(sys.stderr):
+        orders = join(joining, complain)
+    document = {"run": orders.run, "process": orders.process, "modules": orders.modules}
+    answer(options, document, table(list(document.items())))
+    return DONE

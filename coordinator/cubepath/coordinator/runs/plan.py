@@ -1,0 +1,224 @@
+"""What to run: a plan, checked; the name of its recording, and what that says of it.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+import sys
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from cubepath.agents.processes.network import Network
+from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
+from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.schedule import SCHEDULE
+from cubepath.coordinator.runs.schedule import (
+    Assignment,
+    assignment_of,
+    read_schedule,
+    with_end,
+)
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.recordings.recording import TOPICS_MAX
+from cubepath.protocol.scenes.registry import sound_family
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+MAX_ROUNDS = 1000
+DEFAULT_SYSTEM = "hex"
+_NAME_MAX = 60
+_SAID = ("ready", "said", "reports", "again", "waiting")
+"""The kinds of messages that each process may send."""
+_SAID_HERE = ("go", "refused", "edges", "cube", "certificate", "summary")
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What to run; `rule` None means the rule of the system's family, which reaches the goal.
+
+    With a `schedule`, a cubes file or a recording, the modules carry it out; `system` None then
+    means the system of the recording, otherwise "hex". The run ends where the schedule stops, or
+    with `repair` the modules follow the rule from there. `max_rounds` None allows as many rounds as
+    the schedule needs, and `MAX_ROUNDS` for the rule.
+    """
+
+    system: str | None = None
+    rule: str | None = None
+    seed: int = 0
+    hesitate: float = 0.0
+    processes: int = 4
+    max_rounds: int | None = None
+    log: Path | None = None
+    schedule: Path | None = None
+    repair: bool = False
+    patience: float = PATIENCE_S
+    """For how many seconds nothing may come of a phase before the run ends."""
+    listen: str | None = None
+    """Where the run's router listens, ``tcp/HOST:PORT`` or ``tls/HOST:PORT``; else privately."""
+    connect: str | None = None
+    """Instead, where a router listens already."""
+    secure: Path | None = None
+    """The folder of certificates, for TLS."""
+    wait_for: int = 0
+    """How many processes join from elsewhere; `processes` have what modules those leave."""
+
+    @property
+    def network(self) -> Network:
+        """Return where the processes meet."""
+        return Network(self.listen, self.connect, self.secure, self.wait_for)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A checked plan: the scene, the rule, and the maximal number of rounds.
+
+    With an `assignment` the modules follow that first, and the rule only to repair a schedule.
+    """
+
+    scene: Scene
+    rule: str
+    max_rounds: int
+    assignment: Assignment | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the name of the rule that modules follow at the beginning."""
+        return self.rule if self.assignment is None else SCHEDULE
+
+
+def task_of(plan: Plan) -> Task:
+    """Return the task of a plan; InputError names what cannot be run."""
+    if not 0.0 <= plan.hesitate < 1.0:
+        raise InputError(f"hesitate={plan.hesitate}: expected at least 0 and less than 1")
+    for key, number in (("seed", plan.seed), ("processes", plan.processes)):
+        if number < 0:
+            raise InputError(f"{key}={number}: expected 0 or more")
+    if plan.max_rounds is not None and plan.max_rounds < 0:
+        raise InputError(f"max-rounds={plan.max_rounds}: expected 0 or more")
+    if not 0.0 < plan.patience < PATIENCE_S_MAX:
+        raise InputError(
+            f"patience={plan.patience}: expected more than 0 and less than {PATIENCE_S_MAX:g} s"
+        )
+    if plan.schedule is not None:
+        return _task_of_schedule(plan, plan.schedule)
+    if plan.repair:
+        raise InputError("repair: there is no schedule that could need it")
+    scene = _with_runs(_scene_named(plan.system))
+    most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
+    return Task(scene, _rule_of(plan, scene), most)
+
+
+def _scene_named(system: str | None) -> Scene:
+    return scene_from_spec(DEFAULT_SYSTEM if system is None else system)
+
+
+def _with_runs(scene: Scene) -> Scene:
+    """Return the scene; InputError if its modules cannot run, or have too many moves to list."""
+    scene = local_only(scene, "runs")
+    try:
+        # Module processes list all moves; asked for here, nothing has been started yet.
+        _ = scene.system.move_slots
+    except InputError as error:
+        raise InputError(f"{scene.spec}: {error}") from None
+    return scene
+
+
+def _task_of_schedule(plan: Plan, path: Path) -> Task:
+    if plan.hesitate:
+        raise InputError(f"hesitate={plan.hesitate}: a schedule has a round for every cube")
+    if plan.rule is not None and not plan.repair:
+        raise InputError(f"rule={plan.rule}: a schedule needs none, only repair goes on with one")
+    schedule = read_schedule(path)
+    scene = schedule.scene
+    if plan.system is not None or scene is None:
+        scene = _scene_named(plan.system)
+    scene = _with_runs(scene)
+    assignment = assignment_of(schedule, scene)
+    cubes = len(assignment.cubes)
+    most = cubes + (MAX_ROUNDS if plan.repair else 0)
+    if plan.max_rounds is not None:
+        most = plan.max_rounds if plan.repair else min(plan.max_rounds, cubes)
+    return Task(with_end(scene, schedule, assignment), _rule_of(plan, scene), most, assignment)
+
+
+def _rule_of(plan: Plan, scene: Scene) -> str:
+    family = sound_family(scene.family)
+    own = family.rule if family is not None else "random"
+    rule = own if plan.rule is None else plan.rule
+    rule_named(rule, scene.system)
+    return rule
+
+
+def check_topics(task: Task, plan: Plan) -> None:
+    """Refuse a run with more topics, one for each kind and speaker, than a recording can have."""
+    hosts = min(plan.processes + plan.wait_for, len(task.scene.start))
+    here = len(_SAID_HERE)
+    if len(_SAID) * hosts + here > TOPICS_MAX:
+        raise InputError(
+            f"processes={plan.processes}: what they say takes {len(_SAID) * hosts + here} topics,"
+            f" and a recording has {TOPICS_MAX} at most: expected at most"
+            f" {(TOPICS_MAX - here) // len(_SAID)} processes"
+        )
+
+
+def file_name(plan: Plan, task: Task) -> str:
+    """Return the name of the recording of a plan that does not name one."""
+    now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
+    return f"{_system_name(plan, task.scene)}-{task.name}-{plan.seed}-{now}.mcap"
+
+
+def _system_name(plan: Plan, scene: Scene) -> str:
+    """Return the name of a system in a log: the file that it was read from, or else its family."""
+    told = scene.spec if plan.system is None else plan.system
+    name = scene.family or scene.spec
+    is_pipe = told.startswith("/dev/")  # process substitution in a shell gives a number
+    if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):
+        name = Path(told).stem
+    return re.sub(r"[^\w.]+", "-", name).strip("-.")[:_NAME_MAX] or "system"
+
+
+def parameters_of(plan: Plan, task: Task) -> dict[str, str]:
+    """Return what a recording says of the run, as far as it is known when the run begins."""
+    scene = task.scene
+    schedule = {} if plan.schedule is None else {"schedule": str(plan.schedule)}
+    if plan.repair:
+        schedule["repair"] = task.rule
+    return {
+        "system": scene.spec,
+        "family": scene.family,
+        "rule": task.name,
+        "seed": str(plan.seed),
+        "hesitate": str(plan.hesitate),
+        **_processes(plan, scene),
+        "modules": str(len(scene.start)),
+        "max_rounds": str(task.max_rounds),
+        **schedule,
+        "python": sys.version.split()[0],
+        "platform": f"{platform.system()} {platform.machine()}",
+        **{
+            package: _version(package)
+            for package in ("cubepath", "eclipse-zenoh", "mcap", "pettingzoo", "numpy")
+        },
+    }
+
+
+def _processes(plan: Plan, scene: Scene) -> dict[str, str]:
+    """Return how many processes there are, or how many of them come from elsewhere.
+
+    In that case the others may be fewer than planned, which nobody knows when the recording begins.
+    """
+    if plan.wait_for:
+        return {"wait_for": str(plan.wait_for)}
+    return {"processes": str(min(plan.processes, len(scene.start)))}
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"

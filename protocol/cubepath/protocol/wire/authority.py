@@ -1,0 +1,161 @@
+"""A certificate authority of one's own for runs on several hosts, and certificates by it.
+
+The router's certificate names the hosts that it is found at, and serves as nothing else; the others
+name who speaks and are for clients alone, so that nobody passes for the router. Keys are P-256.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.wire.access import PROCESSES_MAX
+from cubepath.protocol.wire.credentials import (
+    AUTHORITY,
+    COORDINATOR,
+    GUEST,
+    ROUTER,
+    process_name,
+)
+
+if TYPE_CHECKING:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+
+HOSTS = ("localhost", "127.0.0.1", "::1")
+"""Where the router is found in any case: on its own machine."""
+DAYS_MAX = 36_500
+_EARLIER = timedelta(hours=1)
+"""Clocks of other hosts may be late by so much."""
+
+
+def make_certificates(
+    folder: Path, *, processes: int = 4, hosts: Sequence[str] = (), days: int = 365
+) -> list[str]:
+    """Write the certificates of a fleet to a new folder; return their names.
+
+    A ``.crt`` and a ``.key`` file each for the authority, the router at these hosts (names or IP
+    addresses) and at `HOSTS`, the coordinator, so many processes and a guest. Keys have mode 0600,
+    the folder 0700. InputError if the folder exists and is not empty, if an argument is out of its
+    bounds, or if the library `cryptography` is not installed.
+    """
+    if find_spec("cryptography") is None:
+        raise InputError(
+            "certificates take the library cryptography: pip install 'cubepath[secure]'"
+        )
+    if not 0 <= processes <= PROCESSES_MAX:
+        raise InputError(f"processes={processes}: expected 0 to {PROCESSES_MAX}")
+    if not 1 <= days <= DAYS_MAX:
+        raise InputError(f"days={days}: expected 1 to {DAYS_MAX}")
+    found = [_host(host) for host in dict.fromkeys((*HOSTS, *hosts))]
+    _make_folder(folder)
+    until = datetime.now(UTC) + timedelta(days=days)
+    authority = _Authority(folder, until)
+    names = [COORDINATOR, *map(process_name, range(processes)), GUEST.name]
+    authority.certify(ROUTER, found)
+    for name in names:
+        authority.certify(name, [])
+    return [AUTHORITY, ROUTER, *names]
+
+
+def _host(host: str) -> x509.GeneralName:
+    from cryptography import x509  # noqa: PLC0415
+
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        pass
+    labels = host.split(".")
+    if len(host) > 253 or not all(
+        0 < len(each) < 64 and each.isascii() and each.replace("-", "a").isalnum()
+        for each in labels
+    ):
+        raise InputError(f"host={host}: expected the name of a host or an IP address")
+    return x509.DNSName(host)
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: not empty, expected a new folder")
+        folder.chmod(0o700)
+    except OSError as error:
+        raise InputError(f"{folder}: {error.strerror or error}, expected a new folder") from None
+
+
+class _Authority:
+    """Signs certificates and writes them to a folder, its own first."""
+
+    def __init__(self, folder: Path, until: datetime) -> None:
+        from cryptography import x509  # noqa: PLC0415
+        from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
+
+        self._folder = folder
+        self._until = until
+        self._key = ec.generate_private_key(ec.SECP256R1())
+        builder = self._builder("cubepath test authority", self._key)
+        builder = builder.add_extension(
+            x509.BasicConstraints(ca=True, path_length=0), critical=True
+        )
+        self._write(AUTHORITY, builder, self._key)
+
+    def certify(self, name: str, hosts: list[x509.GeneralName]) -> None:
+        """Make a key and a certificate for it: of a server at these hosts, or of a client."""
+        from cryptography import x509  # noqa: PLC0415
+        from cryptography.hazmat.primitives.asymmetric import ec  # noqa: PLC0415
+        from cryptography.x509.oid import ExtendedKeyUsageOID  # noqa: PLC0415
+
+        key = ec.generate_private_key(ec.SECP256R1())
+        use = ExtendedKeyUsageOID.SERVER_AUTH if hosts else ExtendedKeyUsageOID.CLIENT_AUTH
+        builder = self._builder(name, key)
+        builder = builder.add_extension(
+            x509.BasicConstraints(ca=False, path_length=None), critical=True
+        )
+        builder = builder.add_extension(x509.ExtendedKeyUsage([use]), critical=False)
+        if hosts:
+            builder = builder.add_extension(x509.SubjectAlternativeName(hosts), critical=False)
+        self._write(name, builder, key)
+
+    def _builder(self, name: str, key: EllipticCurvePrivateKey) -> x509.CertificateBuilder:
+        from cryptography import x509  # noqa: PLC0415
+        from cryptography.x509.oid import NameOID  # noqa: PLC0415
+
+        def named(text: str) -> x509.Name:
+            return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+        return (
+            x509.CertificateBuilder()
+            .subject_name(named(name))
+            .issuer_name(named("cubepath test authority"))
+            .public_key(key.public_key())
+            .serial_number(x509.random_serial_number())
+            .not_valid_before(datetime.now(UTC) - _EARLIER)
+            .not_valid_after(self._until)
+        )
+
+    def _write(
+        self, name: str, builder: x509.CertificateBuilder, key: EllipticCurvePrivateKey
+    ) -> None:
+        from cryptography.hazmat.primitives import hashes  # noqa: PLC0415
+        from cryptography.hazmat.primitives.serialization import (  # noqa: PLC0415
+            Encoding,
+            NoEncryption,
+            PrivateFormat,
+        )
+
+        certificate = builder.sign(self._key, hashes.SHA256())
+        secret = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
+        _write_new(self._folder / f"{name}.crt", certificate.public_bytes(Encoding.PEM), 0o644)
+        _write_new(self._folder / f"{name}.key", secret, 0o600)
+
+
+def _write_new(path: Path, data: bytes, mode: int) -> None:
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
+        file.write(data)

@@ -1,0 +1,216 @@
+"""Runs on several hosts: real commands that join over loopback addresses."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.recordings.recording import read_recording
+from elsewhere import Command, Commands, soon
+
+pytestmark = pytest.mark.slow
+
+SYSTEM = ("hex:n=6", "--rule=random", "--seed=3", "--max-rounds=40")
+ENDLESS = ("hex:n=6", "--rule=random", "--max-rounds=999999", "--log=run.mcap")
+LOOPBACK = "tcp/127.0.0.1:0"
+
+
+@pytest.fixture
+def commands(tmp_path: Path) -> Iterator[Commands]:
+    """Return what starts commands, and ends them."""
+    with Commands(tmp_path) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the digest of the run in one process."""
+    log = tmp_path_factory.mktemp("alone") / "a.mcap"
+    plan = Plan("hex:n=6", "random", seed=3, max_rounds=40, processes=0, log=log)
+    return run(plan).path_digest
+
+
+def listens(command: Command) -> str:
+    """Return where a command listens."""
+    return command.says(r"listening on (\S+) without TLS: whoever can connect can speak")[1]
+
+
+def joins(commands: Commands, endpoint: str, modules: str, *more: str) -> Command:
+    """Start a process that joins."""
+    return commands.start("join", f"--connect={endpoint}", f"--modules={modules}", *more)
+
+
+def recorded(folder: Path) -> int:
+    """Return how many bytes are on record."""
+    log = folder / "run.mcap"
+    return log.stat().st_size if log.exists() else 0
+
+
+def goes_on(folder: Path) -> None:
+    """Wait until more is recorded."""
+    before = recorded(folder)
+    soon(lambda: recorded(folder) > before + 20_000, "the run stands still")
+
+
+def test_hosts_on_several_addresses_give_the_same_path(commands: Commands, digest: str) -> None:
+    """A router on 127.0.0.1, joins from 127.0.0.2 and 127.0.0.3; the rest is dealt to own ones."""
+    router = commands.start("router", f"--listen={LOOPBACK}")
+    endpoint = listens(router)
+    runs = commands.start("run", *SYSTEM, f"--connect={endpoint}", "--wait-for=2", "--json")
+    runs.says(r"waiting for 2 processes: modules 0-5")
+    first = joins(commands, f"{endpoint}#bind=127.0.0.2:0", "3-4", "--json")
+    runs.says(r"waiting for 1 process: modules 0-2, 5")
+    second = joins(commands, f"{endpoint}#bind=127.0.0.3:0", "0,2", "--json")
+    code, answer, _ = runs.end()
+    assert code == 0
+    found = json.loads(answer)
+    assert (found["path_digest"], found["processes"]) == (digest, 4)
+    told = [json.loads(each.end()[1]) for each in (first, second)]
+    assert [(each["process"], each["modules"]) for each in told] == [(1, [3, 4]), (0, [0, 2])]
+    recording = read_recording(commands.folder / found["log"])
+    assert verify(recording).ok
+    assert recording.parameters["wait_for"] == "2"
+    router.child.send_signal(signal.SIGINT)
+    assert router.end()[0] == 130
+
+
+def test_no_own_process_where_all_modules_are_elsewhere(commands: Commands, digest: str) -> None:
+    """One process that joins can have them all."""
+    runs = commands.start("run", *SYSTEM, f"--listen={LOOPBACK}", "--wait-for=1", "--json")
+    joined = joins(commands, listens(runs), "0-5", "--as=process_0")
+    code, answer, _ = runs.end()
+    assert (code, json.loads(answer)["path_digest"]) == (0, digest)
+    assert json.loads(answer)["processes"] == 1
+    assert joined.end()[0] == 0
+
+
+def test_whoever_is_refused_is_told_why_and_the_run_goes_on_waiting(
+    commands: Commands, digest: str
+) -> None:
+    """Modules that are not there, or taken, names out of bounds: one line, exit code 2."""
+    runs = commands.start("run", *SYSTEM, f"--listen={LOOPBACK}", "--wait-for=2", "--json")
+    endpoint = listens(runs)
+    first = joins(commands, endpoint, "0-2")
+    runs.says("waiting for 1 process: modules 3-5")
+    for modules, more, line in (
+        ("5-6", (), "modules 6: the run has modules 0-5"),
+        ("2-3", (), "modules 2: taken by another process"),
+        ("3", ("--as=process_2",), "process_2: those that join are process_0 to process_1"),
+    ):
+        code, answer, errors = joins(commands, endpoint, modules, *more).end()
+        assert (code, answer, errors[-1]) == (2, "", f"cubepath: {line}")
+    second = joins(commands, endpoint, "3-5")
+    code, answer, _ = runs.end()
+    assert (code, json.loads(answer)["path_digest"]) == (0, digest)
+    assert (first.end()[0], second.end()[0]) == (0, 0)
+
+
+def test_two_runs_at_one_router_do_not_meet(commands: Commands, digest: str) -> None:
+    """Who joins has to say which run; each has the path that it has alone."""
+    endpoint = listens(commands.start("router", f"--listen={LOOPBACK}"))
+    arguments = (*SYSTEM, f"--connect={endpoint}", "--wait-for=1", "--processes=1", "--json")
+    both = [commands.start("run", *arguments, f"--log={name}.mcap") for name in "ab"]
+    ids = [each.says(r"run ([0-9a-f]{12})")[1] for each in both]
+    for each in both:
+        each.says("waiting for 1 process")
+    code, _, errors = joins(commands, endpoint, "0").end()
+    assert code == 2
+    assert errors[-1].endswith(f"expected --run, one of {', '.join(sorted(ids))}")
+    joined = [joins(commands, endpoint, "0-3", f"--run={run}") for run in ids]
+    assert [json.loads(each.end()[1])["path_digest"] for each in both] == [digest, digest]
+    assert [each.end()[0] for each in joined] == [0, 0]
+
+
+def test_a_run_that_waits_can_be_interrupted(commands: Commands) -> None:
+    """Exit code 130 there; who waited for it to begin is told that it is gone."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=2")
+    joined = joins(commands, listens(runs), "0-2")
+    runs.says("waiting for 1 process")
+    runs.child.send_signal(signal.SIGINT)
+    assert runs.end()[0] == 130
+    code, _, errors = joined.end()
+    assert (code, errors[-1].endswith("is gone")) == (1, True)
+
+
+def test_who_leaves_before_the_beginning_is_waited_for_again(
+    commands: Commands, digest: str
+) -> None:
+    """Its modules are free again after some seconds, though it was killed."""
+    runs = commands.start("run", *SYSTEM, f"--listen={LOOPBACK}", "--wait-for=2", "--json")
+    endpoint = listens(runs)
+    gone = joins(commands, endpoint, "0-2")
+    runs.says("waiting for 1 process: modules 3-5")
+    gone.child.kill()
+    runs.says("waiting for 2 processes: modules 0-5")
+    joined = [joins(commands, endpoint, modules) for modules in ("0-2", "3-5")]
+    assert json.loads(runs.end()[1])["path_digest"] == digest
+    assert [each.end()[0] for each in joined] == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
+)
+def test_a_joined_process_that_ends_ends_the_run(
+    commands: Commands, number: signal.Signals, code: int
+) -> None:
+    """At once, and it is named."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
+    joined = joins(commands, listens(runs), "0,4")
+    goes_on(commands.folder)
+    joined.child.send_signal(number)
+    begun = time.monotonic()
+    assert joined.end()[0] == code
+    found, _, errors = runs.end()
+    assert found == 1
+    assert "module_0, module_4 (process 0) died in round" in errors[-1]
+    assert errors[-1].endswith("it has left the network")
+    assert time.monotonic() - begun < 10
+    assert verify(read_recording(commands.folder / "run.mcap")).ok
+
+
+def test_a_joined_process_ends_when_its_coordinator_is_killed(commands: Commands) -> None:
+    """With one line, within seconds; the router is gone too."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
+    joined = joins(commands, listens(runs), "0-3")
+    goes_on(commands.folder)
+    runs.child.kill()
+    code, answer, errors = joined.end()
+    assert (code, answer) == (1, "")
+    assert errors[-1].endswith("is gone")
+
+
+def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
+    """Its command starts it again, and the run goes on with those that joined."""
+    router = commands.start("router", f"--listen={LOOPBACK}")
+    endpoint = listens(router)
+    runs = commands.start("run", *ENDLESS, f"--connect={endpoint}", "--wait-for=1")
+    joined = joins(commands, endpoint, "0-3")
+    goes_on(commands.folder)
+    task = Path(f"/proc/{router.child.pid}/task/{router.child.pid}/children")
+    os.kill(int(task.read_text().split()[0]), signal.SIGKILL)
+    router.says("the router died, and was started again")
+    goes_on(commands.folder)
+    runs.child.send_signal(signal.SIGINT)
+    assert runs.end()[0] == 130
+    assert joined.end()[0] == 0
+    assert verify(read_recording(commands.folder / "run.mcap")).ok
+
+
+def test_no_run_to_join_is_one_line(commands: Commands) -> None:
+    """When patience is over: no router, or no run that waits there."""
+    port = listens(commands.start("router", f"--listen={LOOPBACK}"))
+    for endpoint, line in (
+        ("tcp/127.0.0.1:9", "no zenoh router at tcp/127.0.0.1:9: nobody answers"),
+        (port, f"no run waits at {port}"),
+    ):
+        code, answer, errors = joins(commands, endpoint, "0", "--patience=1").end()
+        assert (code, answer, errors) == (1, "", [f"cubepath: {line}"])
