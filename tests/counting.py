@@ -40,7 +40,7 @@ class Counter:
     def _put(self) -> list[Effect]:
         return [Put(f"{RUN}/number", b"%d" % self.number), Timer(0.3)]
 
-    def receive(self, data: bytes) -> list[Effect]:
+    def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
         self.heard.append(data)
         worker, number = map(int, data.split())
         if number == self.number:
@@ -69,7 +69,7 @@ class Worker:
     def start(self) -> list[Effect]:
         return [Listen((f"{RUN}/number",))]
 
-    def receive(self, data: bytes) -> list[Effect]:
+    def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
         if data == b"end":
             return [Ignore((f"{RUN}/number",)), End()]
         number = int(data)

@@ -67,6 +67,10 @@ class Letters(NamedTuple):
     key: str
     data: bytes
 
+    @property
+    def put(self) -> tuple[str, bytes]:
+        return self.key, self.data
+
 
 @dataclass(slots=True)
 class Explored:
@@ -248,7 +252,7 @@ class Explorer:
         key = (node, world.nodes[node], message)
         found = self._reactions.get(key)
         if found is None:
-            reaction = self._nodes[node].after(world.nodes[node], self._messages[message].data)
+            reaction = self._nodes[node].after(world.nodes[node], self._messages[message].put)
             found = self._reactions[key] = reaction, self._said(node, reaction)
         return self._carried_out(world, node, *found)
 
@@ -330,7 +334,7 @@ class Explorer:
         return None
 
     def _has_no_effect(self, letter: Letter, state: int) -> bool:
-        reaction = self._nodes[letter.node].after(state, self._messages[letter.message].data)
+        reaction = self._nodes[letter.node].after(state, self._messages[letter.message].put)
         return reaction.state == state and not reaction.puts and reaction.timer is None
 
     def _check_guesses(self) -> None:

@@ -17,6 +17,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from cubepath.agents.processes.judge import Judge
+from cubepath.agents.processes.refusals import Refusals
 from cubepath.agents.rules.graph_distances import Roads
 from cubepath.agents.rules.rule import InitialKnowledge
 from cubepath.protocol.core.system import System
@@ -26,13 +28,13 @@ from cubepath.protocol.wire.nodes import End, Ignore, Keep, Listen, Node, Put, T
 
 _CONSTANT = (
     *(type(None), bool, int, float, str, bytes, frozenset, type),
-    *(System, VehicleGraph, Roads, msgspec.Struct, BuiltinFunctionType),
+    *(System, VehicleGraph, Roads, Judge, Refusals, msgspec.Struct, BuiltinFunctionType),
 )
 """What never changes, or keeps only what it could compute again."""
 _OWN = ("cubepath", "node_states", "short_runs", "agents", "tests")
 """Where classes are whose objects are copied attribute by attribute."""
-_ALIKE = (System, VehicleGraph, Roads, BuiltinFunctionType)
-"""What is one and the same for all states of a node."""
+_ALIKE = (System, VehicleGraph, Roads, Judge, Refusals, BuiltinFunctionType)
+"""What is one and the same for all states of a node, or only tells of what had no effect."""
 
 
 def _is_cache(value: object) -> bool:
@@ -192,19 +194,19 @@ class States:
         self.computed = 0
         """How many reactions were computed; the others were known."""
         self._numbers: dict[Hashable, int] = {}
-        self._reactions: dict[tuple[int, bytes | None], Reaction] = {}
+        self._reactions: dict[tuple[int, tuple[str, bytes] | None], Reaction] = {}
         seat = Seat(node)
         self.first = self._reaction(seat, node.start)
 
-    def after(self, state: int, data: bytes | None) -> Reaction:
+    def after(self, state: int, put: tuple[str, bytes] | None) -> Reaction:
         """Return what it does when it receives this in a state; None: when its timer runs out."""
-        found = self._reactions.get((state, data))
+        found = self._reactions.get((state, put))
         if found is None:
             self.computed += 1
             seat = copied(self.seats[state], {})
             node = seat.node
-            found = self._reaction(seat, node.tick if data is None else lambda: node.receive(data))
-            self._reactions[state, data] = found
+            found = self._reaction(seat, node.tick if put is None else lambda: node.receive(*put))
+            self._reactions[state, put] = found
         return found
 
     def _reaction(self, seat: Seat, do: Callable[[], list[Any]]) -> Reaction:

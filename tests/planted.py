@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
+from cubepath.agents.processes.judge import Heard
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.core.system import Scene
@@ -23,11 +24,23 @@ class Faultless:
     def tick(self) -> list[Effect]:
         return self._node.tick()
 
-    def receive(self, data: bytes) -> list[Effect]:
-        return self._node.receive(encode(self.changed(decode(data))))
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        return self._node.receive(key, encode(self.changed(decode(data))))
 
     def changed(self, message: Message) -> Message:
         return message
+
+
+class _Twice(HostNode):
+    """Keeps what comes twice as if it were two messages."""
+
+    def _hear(self, said: Said) -> list[Effect]:
+        if not self._awaits(said) or not self._inbox.knows(said):
+            return super()._hear(said)
+        heard = self._judge.heard(said)
+        other = msgspec.structs.replace(said, number=said.number + 100)
+        self._inbox.keep(Heard(other, heard.senders))
+        return self._try_to_begin()
 
 
 class TakesDoubles(Faultless):
@@ -35,14 +48,7 @@ class TakesDoubles(Faultless):
 
     def __init__(self, orders: Orders, scene: Scene) -> None:
         super().__init__(orders, scene)
-        self._known: set[bytes] = set()
-
-    def changed(self, message: Message) -> Message:
-        data = encode(message)
-        if isinstance(message, Said) and data in self._known:
-            return msgspec.structs.replace(message, number=message.number + 100)
-        self._known.add(data)
-        return message
+        self._node = _Twice(orders, scene)
 
 
 class ForgetsCounts(Faultless):
@@ -64,5 +70,5 @@ class Raises(Faultless):
 class IsDeaf(Faultless):
     """Hears nothing after the first round."""
 
-    def receive(self, data: bytes) -> list[Effect]:
-        return [] if decode(data).round > 1 else super().receive(data)
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        return [] if decode(data).round > 1 else super().receive(key, data)

@@ -10,6 +10,7 @@ from msgspec import json
 
 from cubepath.agents.environments.world import World
 from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import Pacer
@@ -21,7 +22,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.messages import Again, Message, Report, Waiting
+from cubepath.protocol.wire.messages import Again, Message, Refused, Report, Waiting
 from cubepath.protocol.wire.nodes import Effect, End, Keep, Node
 from obvious_rounds import rank
 
@@ -34,14 +35,14 @@ class Coordinator:
     def __init__(self, pacer: Pacer, rounds: int) -> None:
         self.pacer = pacer
         self.kept: dict[bytes, Message] = {}
-        """What was kept, in order; without what asks again, which may come more than once."""
+        """What was kept, in order; without what asks again or is refused, which may come twice."""
         self._rounds = rounds
 
     def start(self) -> list[Effect]:
         return self._go_on(self.pacer.start())
 
-    def receive(self, data: bytes) -> list[Effect]:
-        return self._go_on(self.pacer.receive(data))
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        return self._go_on(self.pacer.receive(key, data))
 
     def tick(self) -> list[Effect]:
         return self._go_on(self.pacer.tick())
@@ -62,7 +63,7 @@ class Coordinator:
             effects = self.pacer.begin_round()
 
     def _keep(self, kept: Keep) -> None:
-        if isinstance(kept.message, Again | Waiting):
+        if isinstance(kept.message, Again | Waiting | Refused):
             return
         assert kept.data not in self.kept, "it is kept twice"
         self.kept[kept.data] = kept.message
@@ -90,6 +91,7 @@ class ShortRun:
                     run=RUN,
                     process=process,
                     modules=modules,
+                    processes=modules_of,
                     scene=text,
                     rule=self.rule,
                     seed=self.seed,
@@ -99,7 +101,8 @@ class ShortRun:
             )
             for process, modules in enumerate(modules_of)
         ]
-        return [Coordinator(Pacer(RUN, modules_of), self.rounds), *hosts]
+        judge = Judge(RUN, modules_of, self.scene.system)
+        return [Coordinator(Pacer(RUN, modules_of, judge=judge), self.rounds), *hosts]
 
     def reports(self) -> list[Report]:
         """Return what the modules must report, from the environment in one process.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import random
 
+from cubepath.agents.processes.judge import Heard
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.protocol.core.system import System
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.keys import to_region
 from cubepath.protocol.wire.messages import Here, Said, Verdict, decode
 from cubepath.protocol.wire.nodes import Put
 
@@ -17,10 +17,10 @@ def row() -> System:
     return scene_from_spec("agv:graph=grid24x1,n=2").system
 
 
-def heard(*which: tuple[int, str, int, int]) -> list[Said]:
+def heard(*which: tuple[int, str, int, int]) -> list[Heard]:
     """Return messages of these rounds, regions, processes and numbers."""
     return [
-        Said(number, "claim", process, region, count, [])
+        Heard(Said(number, "claim", process, region, count, []), ())
         for number, region, process, count in which
     ]
 
@@ -33,12 +33,13 @@ def decoded(puts: list[Put]) -> list[Said]:
 
 
 def test_a_double_is_told_from_what_is_new() -> None:
-    """The first of two with the same region, process and number is kept."""
+    """What has the same region, process and number is known already."""
     inbox = Inbox()
     one, other = heard((1, "0,0", 1, 0), (1, "0,0", 1, 0))
-    assert inbox.keep(one)
-    assert not inbox.keep(other)
-    assert inbox.kept(1, "claim")[0] is one
+    assert not inbox.knows(other.said)
+    inbox.keep(one)
+    assert inbox.knows(other.said)
+    assert inbox.kept(1, "claim") == [one]
 
 
 def test_what_is_kept_is_in_one_order_however_it_came() -> None:
@@ -47,7 +48,8 @@ def test_what_is_kept_is_in_one_order_however_it_came() -> None:
     for seed in range(5):
         inbox, shuffled = Inbox(), [*ordered, *heard((2, "a", 1, 0))]
         random.Random(seed).shuffle(shuffled)  # noqa: S311 - a test's own order
-        assert all(map(inbox.keep, shuffled))
+        for each in shuffled:
+            inbox.keep(each)
         assert inbox.kept(1, "claim") == ordered
         assert inbox.counts(1, "claim") == {"a": 3, "b": 2}
         assert inbox.kept(1, "settle") == []
@@ -59,7 +61,8 @@ def test_what_is_kept_is_in_one_order_however_it_came() -> None:
 def test_earlier_rounds_are_forgotten() -> None:
     """The round itself is not."""
     inbox = Inbox()
-    assert all(map(inbox.keep, heard((1, "a", 0, 0), (2, "a", 0, 0), (3, "a", 0, 0))))
+    for each in heard((1, "a", 0, 0), (2, "a", 0, 0), (3, "a", 0, 0)):
+        inbox.keep(each)
     inbox.forget_before(2)
     assert [inbox.counts(number, "claim")["a"] for number in (1, 2, 3)] == [0, 1, 1]
 
@@ -69,7 +72,9 @@ def test_parts_go_to_the_regions_that_they_are_addressed_to() -> None:
     outbox = Outbox(row(), "run", 3, 7)
     near = [Here(7, module, [column, 0]) for module, column in enumerate((15, 16, 7))]
     puts = outbox.say("sense", near)
-    assert [each.key for each in puts] == [to_region("run", each) for each in ("0,0", "1,0", "2,0")]
+    assert [each.key for each in puts] == [
+        f"cubepath/run/to/{each}/process_3" for each in ("0,0", "1,0", "2,0")
+    ]
     found = decoded(puts)
     assert [[part.module for part in each.parts] for each in found] == [[2], [0, 1, 2], [0, 1]]
     assert {(each.round, each.phase, each.process, each.number) for each in found} == {

@@ -3,20 +3,29 @@
 from __future__ import annotations
 
 from itertools import permutations
+from typing import Literal
 
 import pytest
 
+from cubepath.agents.processes.judge import Judge, refuse
 from cubepath.agents.processes.pacer import Pacer, ProcessDied
+from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import key_of, topic_key
 from cubepath.protocol.wire.messages import (
+    MESSAGE_BYTES_MAX,
     Act,
     Acts,
     Again,
+    Claim,
+    Edges,
     Go,
+    Here,
     Message,
-    NoMessageError,
     Observations,
+    Observed,
     Ready,
+    Refused,
+    Report,
     Reports,
     Reset,
     Said,
@@ -29,21 +38,29 @@ from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
 RUN = "run"
 
 
+def pacer_of(*modules_of: list[int], hears_all: bool = True, patience_s: float = 60.0) -> Pacer:
+    """Return a pacer of processes with these modules, on a path of twenty vertices."""
+    judge = Judge(RUN, modules_of, scene_from_spec("agv:graph=P20,n=2").system)
+    return Pacer(RUN, modules_of, judge=judge, hears_all=hears_all, patience_s=patience_s)
+
+
 def paced(*, processes: int = 2, hears_all: bool = True, patience_s: float = 60.0) -> Pacer:
     """Return a pacer whose processes have joined; process p has the module p."""
-    pacer = Pacer(
-        RUN, [[each] for each in range(processes)], hears_all=hears_all, patience_s=patience_s
+    pacer = pacer_of(
+        *([each] for each in range(processes)), hears_all=hears_all, patience_s=patience_s
     )
     pacer.start()
     for process in range(processes):
-        pacer.receive(encode(Ready(0, process, "join")))
+        hear(pacer, Ready(0, process, "join"))
     assert pacer.idle
     return pacer
 
 
 def hear(pacer: Pacer, *messages: Message) -> list[Effect]:
     """Let it receive messages; return what it does."""
-    return [effect for each in messages for effect in pacer.receive(encode(each))]
+    return [
+        effect for each in messages for effect in pacer.receive(key_of(RUN, each), encode(each))
+    ]
 
 
 def put(effects: list[Effect]) -> list[Message]:
@@ -61,6 +78,24 @@ def said(process: int, phase: str = "sense", *, region: str = "0", number: int =
     return Said(1, phase, process, region, number, [])  # type: ignore[arg-type]
 
 
+def reports(process: int, *, site: int = 0) -> Reports:
+    """Return the report of a process with the module of its number in round 1."""
+    return Reports(1, process, [Report(1, process, site, site, "none", None, {})])
+
+
+def observations(process: int, *modules: int) -> Observations:
+    """Return what the modules of a process observe in round 1."""
+    return Observations(1, process, [Observed(1, module, [], [], []) for module in modules])
+
+
+def refusals(effects: list[Effect]) -> list[tuple[str, str]]:
+    """Return who was refused, and why in a word; nothing else may have come of it."""
+    found = kept(effects)
+    assert len(found) == len(effects)
+    assert all(isinstance(each, Refused) for each in found)
+    return [(each.who, each.reason) for each in found if isinstance(each, Refused)]
+
+
 def ready(process: int, phase: str = "sense", **counts: int) -> Ready:
     """Return the answer of a process in round 1."""
     return Ready(1, process, phase, counts)  # type: ignore[arg-type]
@@ -69,7 +104,7 @@ def ready(process: int, phase: str = "sense", **counts: int) -> Ready:
 @pytest.mark.parametrize("hears_all", [True, False])
 def test_it_listens_to_all_or_to_answers_alone(hears_all: bool) -> None:
     """One key for everything; otherwise those of `ready` and `waiting`."""
-    listen, timer = Pacer(RUN, [[0]], hears_all=hears_all).start()
+    listen, timer = pacer_of([0], hears_all=hears_all).start()
     assert isinstance(listen, Listen)
     assert len(listen.keys) == (1 if hears_all else 2)
     assert timer == Timer(1.0)
@@ -82,7 +117,7 @@ def test_a_round_has_its_phases_in_order() -> None:
     assert put(hear(pacer, said(0), ready(0, r0=0), said(1))) == []
     assert put(hear(pacer, Ready(1, 1, "sense", {"0": 1}))) == [Go(1, "claim", {"r0": 0, "0": 1})]
     assert put(hear(pacer, ready(0, "claim"), ready(1, "claim"))) == [Go(1, "settle")]
-    done = hear(pacer, Reports(1, 0, []), ready(0, "settle"), Reports(1, 1, []))
+    done = hear(pacer, reports(0), ready(0, "settle"), reports(1))
     assert not pacer.idle
     assert put(done) == []
     assert hear(pacer, ready(1, "settle"))[-1] == Timer(None)
@@ -93,9 +128,9 @@ def test_a_phase_waits_for_all_that_was_said_in_it() -> None:
     """An answer that counts more than has arrived does not end the phase."""
     pacer = paced(processes=1)
     pacer.begin_round()
-    answer = Ready(1, 0, "sense", {"a": 1, "b": 2})
+    answer = Ready(1, 0, "sense", {"a": 1, "b": 1, "c": 1})
     assert put(hear(pacer, answer, said(0, region="a"), said(0, region="b"))) == []
-    assert put(hear(pacer, said(0, region="b", number=1))) == [Go(1, "claim", {"a": 1, "b": 2})]
+    assert put(hear(pacer, said(0, region="c"))) == [Go(1, "claim", answer.said)]
 
 
 def test_the_round_waits_for_reports() -> None:
@@ -104,7 +139,7 @@ def test_the_round_waits_for_reports() -> None:
     pacer.begin_round()
     hear(pacer, ready(0), ready(0, "claim"), ready(0, "settle"))
     assert not pacer.idle
-    hear(pacer, Reports(1, 0, []))
+    hear(pacer, reports(0))
     assert pacer.idle
 
 
@@ -120,47 +155,162 @@ def test_what_it_asks_does_not_depend_on_the_order_of_arrival() -> None:
 
 
 def test_each_message_is_kept_once() -> None:
-    """What it puts and what it hears; doubles are dropped, and change nothing."""
+    """What it puts and what it hears; doubles are refused, unless somebody has asked again."""
     pacer = paced()
     assert kept(pacer.begin_round()) == [Go(1, "sense")]
-    for message in (said(0), said(0, number=1), said(0, region="1"), said(1), ready(0)):
+    messages: list[Said | Ready] = [said(0), said(0, region="1"), said(1), ready(0)]
+    for number, message in enumerate(messages):
         assert kept(hear(pacer, message)) == [message]
-        assert hear(pacer, message) == []
+        told = refusals(hear(pacer, message))
+        assert told == ([(f"process_{message.process}", "doubled")] if number in (0, 2) else [])
+    assert pacer.refused == 4
     assert put(hear(pacer, ready(1))) == [Go(1, "claim", {})]
     hear(pacer, ready(0, "claim"), ready(1, "claim"))
-    assert kept(hear(pacer, Reports(1, 0, []))) == [Reports(1, 0, [])]
-    assert hear(pacer, Reports(1, 0, [])) == []
+    assert kept(hear(pacer, reports(0))) == [reports(0)]
+    pacer.tick()
+    assert hear(pacer, reports(0)) == []
+    assert pacer.refused == 4
 
 
-def test_what_belongs_to_no_process_or_another_phase_is_dropped() -> None:
-    """Another round, another phase, an unknown process, a stranger's kind of message."""
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (ready(0, "claim"), "out of place"),
+        (Ready(2, 0, "sense"), "out of place"),
+        (said(0, "claim"), "out of place"),
+        (Said(2, "sense", 0, "0", 0, []), "out of place"),
+        (said(0, number=1), "out of place"),
+        (reports(0), "out of place"),
+        (observations(0, 0), "out of place"),
+        (Waiting(2, 0, "sense"), "out of place"),
+        (ready(2), "foreign"),
+        (said(2), "foreign"),
+        (Waiting(1, 2, "sense"), "foreign"),
+        (Again(1, 2, "sense", "0"), "foreign"),
+        (Go(1, "stop"), "foreign"),
+        (Reset(1, 0), "foreign"),
+        (Said(1, "sense", 0, "0", 0, [Here(1, 1, 4)]), "foreign"),
+        (Said(1, "sense", 0, "0", 0, [Here(2, 0, 4)]), "out of place"),
+        (Said(1, "sense", 0, "0", 0, [Claim(1, 0, 4, "edge", [4, 5])]), "out of place"),
+        (Said(1, "sense", 0, "0", 0, [Here(1, 0, 4)] * 2), "doubled"),
+        (Said(1, "sense", 0, "0", 0, [Here(1, 0, 99)]), "impossible"),
+        (Said(1, "sense", 0, "0", 0, [Here(1, 0, [[]])]), "impossible"),
+        (Ready(-1, 0, "sense"), "malformed"),
+        (Ready(1, 0, "sense", {"0": -1}), "malformed"),
+        (Again(1 << 80, 0, "sense", "0"), "malformed"),
+        (Waiting(1, 0, "x" * 300), "malformed"),
+        (Edges(1, []), "out of place"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_who_and_why(message: Message, reason: str) -> None:
+    """It has no effect but that it is told of on record, with where it came and how it begins."""
     pacer = paced()
-    assert hear(pacer, ready(0), said(0)) == []  # no round has begun
     pacer.begin_round()
-    for message in (
-        ready(0, "claim"),
-        ready(2),
-        ready(-1),
-        Ready(2, 0, "sense"),
-        said(0, "claim"),
-        said(2),
-        Said(2, "sense", 0, "0", 0, []),
-        Reports(1, 0, []),
-        Observations(1, 0, []),
-        Reset(1, 0),
+    before = repr({key: value for key, value in vars(pacer).items() if key != "_refusals"})
+    effects = hear(pacer, message)
+    assert [why for _, why in refusals(effects)] == [reason]
+    (told,) = kept(effects)
+    assert isinstance(told, Refused)
+    assert told.who == key_of(RUN, message).rpartition("/")[2]
+    assert told.sample.encode() == encode(message)[:200]
+    after = repr({key: value for key, value in vars(pacer).items() if key != "_refusals"})
+    assert after == before
+
+
+def test_what_is_no_message_or_on_a_wrong_key_is_refused() -> None:
+    """Any bytes on any key; one that is too large is not even read."""
+    pacer = paced()
+    pacer.begin_round()
+    for key, data, reason in (
+        ("cubepath/run/hello/me", b"{}", "malformed"),
+        ("hello", b"\xff\x00", "malformed"),
+        ("cubepath/run/ready/process_0", b"x" * (MESSAGE_BYTES_MAX + 1), "too large"),
+        ("cubepath/run/ready/process_1", encode(ready(0)), "wrong key"),
+        ("cubepath/other/reports/process_2", encode(reports(2)), "wrong key"),
+        ("cubepath/run/to/0/process_3", encode(said(0)), "wrong key"),
     ):
-        assert hear(pacer, message) == []
-    with pytest.raises(NoMessageError):
-        pacer.receive(b"{}")
+        assert [why for _, why in refusals(pacer.receive(key, data))] == [reason]
+    assert pacer.refused == 6
 
 
-def test_asking_whether_a_message_is_new_changes_nothing() -> None:
-    """A message of another phase leaves no trace."""
+def test_a_process_that_joins_again_later_is_refused() -> None:
+    """It says that it is there until it is heard; two rounds later it has lost its memory."""
+    pacer = pacer_of([0], [1])
+    pacer.start()
+    joins = Ready(0, 0, "join")
+    assert kept(hear(pacer, joins, joins)) == [joins]
+    hear(pacer, Ready(0, 1, "join"))
+    pacer.begin_round()
+    assert hear(pacer, joins) == []
+    phases: tuple[Literal["sense", "claim", "settle"], ...] = ("sense", "claim", "settle")
+    for phase in phases:
+        hear(pacer, *(Ready(1, each, phase) for each in (0, 1)))
+    hear(pacer, reports(0), reports(1))
+    pacer.begin_round()
+    assert refusals(hear(pacer, joins)) == [("process_0", "out of place")]
+
+
+def test_what_contradicts_what_came_before_is_refused() -> None:
+    """The first counts."""
     pacer = paced()
     pacer.begin_round()
-    before = repr(vars(pacer))
-    hear(pacer, said(0, "claim"))
-    assert repr(vars(pacer)) == before
+    hear(pacer, said(0), ready(0))
+    other = Said(1, "sense", 0, "0", 0, [Here(1, 0, 3)])
+    assert refusals(hear(pacer, other)) == [("process_0", "contradicts")]
+    pacer.tick()
+    assert hear(pacer, Ready(1, 0, "sense", {"0": 7})) == []  # of the same sender and reason
+    assert pacer.refused == 2
+
+
+def test_a_flood_takes_few_lines_of_the_record() -> None:
+    """One at once for each sender and reason, thirty at most, and one with how many more."""
+    pacer = paced()
+    pacer.begin_round()
+    told: list[Effect] = []
+    for number in range(5000):
+        told += pacer.receive(f"cubepath/run/x/guest_{number % 100}", b"no message")
+    assert len(told) == 33
+    found = [each for each in kept(pacer.tick()) if isinstance(each, Refused)]
+    assert len(found) == 33
+    assert len(found) + sum(each.count for each in found) == 5000 == pacer.refused
+    assert not [each for each in kept(pacer.tick()) if isinstance(each, Refused)]
+
+
+def test_what_was_refused_last_is_told_where_a_process_is_late() -> None:
+    """It may be why nothing came of it."""
+    pacer = paced(patience_s=1.0)
+    pacer.begin_round()
+    hear(pacer, said(0, number=1))
+    with pytest.raises(ProcessDied, match="; last refused, on to/0/process_0: a second message of"):
+        pacer.tick()
+
+
+def test_what_modules_report_is_checked_by_whoever_knows_where_they_stand() -> None:
+    """A line says why not; then the report is not taken, and a true one may still come."""
+    judge = Judge(RUN, [[0]], scene_from_spec("agv:graph=P20,n=2").system)
+    pacer = Pacer(RUN, [[0]], judge=judge, check=nobody_at_7)
+    pacer.start()
+    hear(pacer, Ready(0, 0, "join"))
+    pacer.begin_round()
+    hear(pacer, ready(0), ready(0, "claim"))
+    assert refusals(hear(pacer, reports(0, site=7))) == [("process_0", "impossible")]
+    assert kept(hear(pacer, reports(0))) == [reports(0)]
+
+
+def nobody_at_7(message: Message) -> None:
+    """Refuse reports from the vertex 7."""
+    if isinstance(message, Reports) and message.parts[0].site == 7:
+        refuse("impossible", "nobody is at 7")
+
+
+def test_to_ask_again_without_end_ends() -> None:
+    """A thousand times in a phase; more is refused."""
+    pacer = paced()
+    pacer.begin_round()
+    message = Again(1, 0, "sense", "0")
+    for _ in range(1000):
+        assert kept(hear(pacer, message)) == [message]
+    assert refusals(hear(pacer, message)) == [("process_0", "too many")]
 
 
 def test_those_who_have_not_answered_are_asked_again_each_by_itself() -> None:
@@ -175,13 +325,13 @@ def test_those_who_have_not_answered_are_asked_again_each_by_itself() -> None:
             Put(topic_key(RUN, "go", f"process_{each}"), encode(Go(1, "sense"))) for each in (0, 2)
         ]
         assert timer == Timer(seconds)
-    hear(pacer, ready(0), said(2, number=1))
+    hear(pacer, ready(0), said(2, region="1"))
     assert pacer.phase == "claim"
 
 
 def test_it_asks_nothing_while_idle_or_joining() -> None:
     """Processes join by themselves; between two rounds no timer runs."""
-    pacer = Pacer(RUN, [[0], [1]])
+    pacer = pacer_of([0], [1])
     pacer.start()
     assert pacer.tick() == [Timer(2.0)]
     assert paced().tick() == []
@@ -244,24 +394,17 @@ def test_who_waited_long_ago_is_named_with_that() -> None:
         pacer.tick()
 
 
-def test_what_asks_or_waits_in_another_round_or_as_nobody_is_not_kept() -> None:
-    """Only processes of the run count, and only in its round."""
+def test_who_asked_in_a_round_before_has_got_it() -> None:
+    """It is not kept; in its own round it is."""
     pacer = paced()
     pacer.begin_round()
-    for message in (
-        Waiting(2, 0, "sense"),
-        Waiting(1, 2, "sense"),
-        Waiting(-1, 0, "sense"),
-        Again(1, -1, "sense", "0"),
-        Again(1 << 80, 0, "sense", "0"),
-    ):
-        assert hear(pacer, message) == []
+    assert hear(pacer, Waiting(0, 0, "sense"), Again(0, 0, "sense", "0")) == []
     assert kept(hear(pacer, Again(1, 1, "sense", "0"))) == [Again(1, 1, "sense", "0")]
 
 
 def test_processes_have_time_to_start_and_none_is_asked_too_late() -> None:
     """A short patience does not count while they join; the first wait is no longer than it."""
-    pacer = Pacer(RUN, [[0], [1]], patience_s=0.5)
+    pacer = pacer_of([0], [1], patience_s=0.5)
     assert pacer.start()[-1] == Timer(0.5)
     for _ in range(7):
         pacer.tick()
@@ -273,14 +416,14 @@ def test_processes_have_time_to_start_and_none_is_asked_too_late() -> None:
 
 def test_actions_from_outside_go_with_the_claims_and_are_repeated_first() -> None:
     """Each process gets those of its modules, before `go`, and again before it is asked again."""
-    pacer = Pacer(RUN, [[0, 2], [1]])
+    pacer = pacer_of([0, 2], [1])
     pacer.start()
     hear(pacer, Ready(0, 0, "join"), Ready(0, 1, "join"))
     pacer.begin_round(driven=True)
     assert put(hear(pacer, ready(0), ready(1))) == [Go(1, "observe", {})]
-    hear(pacer, Observations(1, 0, []), ready(0, "observe"), ready(1, "observe"))
+    hear(pacer, observations(0, 0, 2), ready(0, "observe"), ready(1, "observe"))
     assert not pacer.idle
-    hear(pacer, Observations(1, 1, []))
+    hear(pacer, observations(1, 1))
     assert pacer.idle
     acts = [Act(1, module, 0, []) for module in (2, 1, 0)]
     own = [Acts(1, 0, [acts[2], acts[0]]), Acts(1, 1, [acts[1]])]
@@ -342,7 +485,7 @@ def test_to_stop_ends_the_timer() -> None:
 
 def test_a_process_is_named_by_its_modules() -> None:
     """Eight at most; and who died is named with the round and how."""
-    pacer = Pacer(RUN, [list(range(8)), list(range(8, 18))])
+    pacer = pacer_of(list(range(8)), list(range(8, 18)))
     first = ", ".join(f"module_{module}" for module in range(8))
     assert pacer.name(0) == f"{first} (process 0)"
     assert pacer.name(1).endswith("module_15, 2 more (process 1)")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
 import pytest
 
@@ -53,6 +54,7 @@ class Run:
     ) -> None:
         self.recorded: list[Message] = []
         self.ended = 0
+        self.site = scene.start[0]
         self.conductor = Conductor(
             scene,
             max_rounds=max_rounds,
@@ -65,7 +67,9 @@ class Run:
         self, number: int, site: int, move: GeneratorPlacement | None, failed: str | None = None
     ) -> None:
         """Hear the report of a round: where the vehicle is now, by which move."""
-        report = Report(number, 0, 0, site, "none" if move is None else "granted", move, {}, failed)
+        claim: Literal["none", "granted"] = "none" if move is None else "granted"
+        report = Report(number, 0, self.site, site, claim, move, {}, failed)
+        self.site = site
         self.conductor.hear(Reports(number, 0, [report]))
 
     def between(self, number: int) -> Ending | None:

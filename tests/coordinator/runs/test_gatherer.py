@@ -127,23 +127,21 @@ def test_a_gathered_move_is_a_look_up(spec: str) -> None:
 
 
 @pytest.mark.parametrize("spec", SPECS)
-def test_gathering_believes_the_name_of_a_move_and_not_where_its_mover_was(spec: str) -> None:
-    """A wrong `before` changes nothing here (verify tells); a move that is none is refused."""
+def test_only_what_can_be_is_gathered(spec: str) -> None:
+    """A report from where the module was, with a move from there that ends where it says."""
     known = reports(spec)
-    true = fed(spec, [*known])
-    strayed = [replace(report, before=["nowhere", 99]) for report in known]
-    found = fed(spec, strayed)
-    assert (found.digest, found.sites) == (true.digest, true.sites)
-    assert found.heap.cube_path() == true.heap.cube_path()
     due = next(n for n, report in enumerate(known) if report.move is not None)
-    for placed, message in (
-        (GeneratorPlacement("no-such", [0, 1]), "unknown generator 'no-such', expected"),
-        (GeneratorPlacement(known[due].move.generator, True), "'at'"),  # type: ignore[union-attr]
+    report = known[due]
+    assert report.move is not None
+    for wrong, message in (
+        (replace(report, before=["nowhere", 99]), r"from \['nowhere', 99\]: it is at"),
+        (replace(report, site=report.before), "it ends at .*, and the moves take it to"),
+        (replace(report, move=None), "it ends at .*, and the moves take it to"),
+        (replace(report, move=GeneratorPlacement("no-such", [0, 1])), "no-such at .* no move from"),
+        (replace(report, move=GeneratorPlacement(report.move.generator, True)), "no move from"),
     ):
-        wrong = [*known]
-        wrong[due] = replace(known[due], move=placed)
-        with pytest.raises(InputError, match=message):
-            fed(spec, wrong)
+        with pytest.raises(CheckError, match=rf"report of module_{report.module}.*{message}"):
+            fed(spec, [*known[:due], wrong, *known[due + 1 :]])
 
 
 def rotating(rounds: int) -> Iterator[Report]:
@@ -215,8 +213,8 @@ def test_a_cube_has_the_name_that_was_reported_last(last: int) -> None:
     for number, at in enumerate(reported, 1):
         for module, start in enumerate(scene.start):
             move = GeneratorPlacement("edge", at) if module == 0 else None
-            site = (start, number % 2)[module == 0]
-            gatherer.receive(Report(number, module, start, site, "none", move, {}))
+            before, site = (start, start) if module else ((number - 1) % 2, number % 2)
+            gatherer.receive(Report(number, module, before, site, "none", move, {}))
     assert [step.executed[0].at for step in gatherer.steps] == reported
     assert gatherer.schedule() == ((GeneratorPlacement("edge", names[last]),),)
 

@@ -56,6 +56,7 @@ KEYS = [
     "goal_reached",
     "path_digest",
     "seconds",
+    "refused",
 ]
 
 
@@ -287,20 +288,24 @@ def running() -> Fleet:
 
 
 @pytest.mark.slow
-def test_nonsense_is_named(tmp_path: Path) -> None:
-    """Bytes that are no message end the run with one line, and the recording is whole."""
+def test_nonsense_is_on_record(tmp_path: Path) -> None:
+    """Bytes that are no message change nothing, are counted, and told of with their key."""
 
-    def nonsense(gatherer: object) -> None:
-        del gatherer
+    def nonsense(gatherer: Gatherer) -> None:
+        if gatherer.rounds != 3:
+            return
         fleet = running()
         with open_client(fleet.endpoint, credentials=fleet._credentials(COORDINATOR)) as session:
             put(session, f"cubepath/{fleet.run}/hello/me", b"not json")
 
-    plan = Plan("hex:n=3", "random", processes=0, max_rounds=2000, log=tmp_path / "a.mcap")
+    plan = Plan("hex:n=3", "random", processes=0, max_rounds=200, log=tmp_path / "a.mcap")
     outcome = run(plan, nonsense)
-    assert outcome.ended == "failed"
-    assert "on hello/me: not a cubepath message" in (outcome.error or "")
-    assert read_recording(tmp_path / "a.mcap").problems == ()
+    assert (outcome.ended, outcome.refused) == ("max-rounds", 1)
+    recording = read_recording(tmp_path / "a.mcap")
+    (told,) = parts(recording, "refused")
+    assert (told.key, told.who, told.reason) == ("hello/me", "me", "malformed")
+    assert (told.count, told.sample) == (1, "not json")
+    assert verify(recording).ok
 
 
 @contextmanager
@@ -607,7 +612,7 @@ def test_an_unknown_family_runs_at_random(tmp_path: Path) -> None:
 def test_a_run_that_no_recording_could_hold_is_refused_at_once(tmp_path: Path) -> None:
     """Before anything is written or started, with how many processes there may be."""
     log = tmp_path / "run.mcap"
-    with pytest.raises(InputError, match=r"65535 at most: expected at most 13106 processes"):
+    with pytest.raises(InputError, match=r"65535 at most: expected at most 13105 processes"):
         run(Plan("agv:graph=grid130x130,n=13107", processes=1_000_000, log=log))
     assert not log.exists()
 

@@ -33,7 +33,7 @@ class Talker:
     def start(self) -> list[Effect]:
         return self._effects
 
-    def receive(self, data: bytes) -> list[Effect]:
+    def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
         self.received.append((self._network[0].now_us, data))
         return [End()] if data == self._ends else []
 
@@ -97,7 +97,7 @@ def test_listening_takes_effect_when_the_router_hears_of_it() -> None:
     network.add("process_1", lambda: other)
 
     class Answer(Talker):
-        def receive(self, data: bytes) -> list[Effect]:  # noqa: ARG002
+        def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
             return [Put("b", b"2"), Put("a", b"3")]
 
     network.add("process_2", lambda: Answer(box, Listen(("c",))))
@@ -254,11 +254,11 @@ def test_a_node_that_raises_is_told_from_one_that_ends() -> None:
     """A CubepathError ends the process, which is told; another exception is the node's bug."""
 
     class Broken(Talker):
-        def receive(self, data: bytes) -> list[Effect]:
+        def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
             raise KeyError(data)
 
     class Ending(Talker):
-        def receive(self, data: bytes) -> list[Effect]:  # noqa: ARG002
+        def receive(self, key: str, data: bytes) -> list[Effect]:  # noqa: ARG002
             raise CheckError("that is too much")
 
     def against(node: type[Talker]) -> Network:

@@ -7,6 +7,7 @@ from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import (
     addressees,
+    belongs,
     everything,
     key_of,
     to_region,
@@ -20,10 +21,12 @@ from cubepath.protocol.wire.messages import (
     Here,
     Note,
     Ready,
+    Reset,
     Said,
     Verdict,
     decode,
     encode,
+    kind_of,
 )
 from local_families import LOCAL_FAMILIES
 
@@ -35,9 +38,10 @@ def test_every_region_is_one_chunk_of_a_key(spec: str) -> None:
     for site in (*scene.start, *(scene.goal or ())):
         place = scene.system.place_of(site)
         for near in {place, *scene.system.reach(place)}:
-            key = zenoh.KeyExpr(to_region("run", scene.system.region(near)))
-            assert key.intersects(zenoh.KeyExpr("cubepath/run/to/*"))
-            assert zenoh.KeyExpr("cubepath/run/to/*").includes(key)
+            region = scene.system.region(near)
+            key = zenoh.KeyExpr(key_of("run", Said(1, "sense", 3, region, 0, [])))
+            assert zenoh.KeyExpr("cubepath/run/to/*/process_3").includes(key)
+            assert zenoh.KeyExpr(to_region("run", region)).includes(key)
             assert zenoh.KeyExpr(everything("run")).includes(key)
             assert not zenoh.KeyExpr(everything("other")).intersects(key)
 
@@ -64,7 +68,8 @@ def test_a_verdict_goes_to_those_who_wait_and_control_to_no_place() -> None:
 def test_a_key_names_kind_and_sender_or_the_region() -> None:
     """Messages to a region stand on its key; actions from outside on that of their process."""
     said = Said(1, "sense", 3, "0,-1", 0, [])
-    assert key_of("run", said) == to_region("run", "0,-1") == "cubepath/run/to/0,-1"
+    assert key_of("run", said) == "cubepath/run/to/0,-1/process_3"
+    assert to_region("run", "0,-1") == "cubepath/run/to/0,-1/**"
     assert topic_of(said) == "said/process_3"
     assert key_of("run", Go(1, "sense")) == "cubepath/run/go/coordinator"
     assert key_of("run", Ready(1, 2, "sense")) == "cubepath/run/ready/process_2"
@@ -79,3 +84,18 @@ def test_messages_survive_the_wire() -> None:
     assert isinstance(again, Verdict)
     assert [site_from_json(place) for place in again.to] == [(1, 0), ("a", 2)]
     assert topic_of(again) == "verdict/module_1"
+
+
+def test_what_is_for_one_process_may_stand_on_its_key() -> None:
+    """To begin a phase and to go back alone; any other message belongs on one key."""
+    for message in (Go(1, "sense"), Reset(1, 0)):
+        kind = kind_of(message)
+        assert belongs("run", f"cubepath/run/{kind}/coordinator", message)
+        assert belongs("run", f"cubepath/run/{kind}/process_12", message)
+        for key in (f"{kind}/process_", f"{kind}/process_x", f"{kind}/x/process_1", "to/process_1"):
+            assert not belongs("run", f"cubepath/run/{key}", message)
+        assert not belongs("other", f"cubepath/run/{kind}/process_12", message)
+    said = Said(1, "sense", 3, "0", 0, [])
+    assert belongs("run", "cubepath/run/to/0/process_3", said)
+    assert not belongs("run", "cubepath/run/to/0/process_2", said)
+    assert not belongs("run", "cubepath/run/to/1/process_3", said)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
     from cubepath.agents.processes.joining import Joining, join
+    from cubepath.agents.processes.judge import Judge, refuse
     from cubepath.agents.processes.network import Network
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
@@ -23,6 +24,7 @@ else:
             "dealing": "dealt",
             "fleet": "Fleet",
             "joining": "Joining join",
+            "judge": "Judge refuse",
             "network": "Network",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
@@ -37,9 +39,11 @@ __all__ = [
     "Fleet",
     "HostNode",
     "Joining",
+    "Judge",
     "Network",
     "Orders",
     "Pacer",
     "dealt",
     "join",
+    "refuse",
 ]

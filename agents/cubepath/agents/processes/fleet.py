@@ -18,10 +18,12 @@ from msgspec.structs import replace
 
 from cubepath.agents.processes.children import Children
 from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.network import Network
-from cubepath.agents.processes.orders import Orders
-from cubepath.agents.processes.pacer import PATIENCE_S, Pacer, ProcessDied
+from cubepath.agents.processes.orders import OUTSIDE, Orders
+from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
 from cubepath.agents.processes.recruits import Recruits
+from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene
@@ -64,6 +66,7 @@ class Fleet:
         network: Network = _PRIVATE,
         sink: Sink | None = None,
         check: Callable[[], None] | None = None,
+        plausible: Check | None = None,
         say: Callable[[str], None] | None = None,
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
@@ -73,8 +76,8 @@ class Fleet:
         run. What modules the processes from elsewhere leave is dealt to so many own `processes`.
 
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
-        waiting and may raise to end the run between two messages. `say` is told in a line where
-        others can join, and who is waited for.
+        waiting and may raise to end the run between two messages. `plausible` may refuse what
+        modules say or report. `say` is told in a line where others can join, and who is waited for.
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
@@ -91,6 +94,7 @@ class Fleet:
         self._network = network
         self._sink = sink
         self._check = check
+        self._plausible = plausible
         self._say = say
         self._joined = False
         self.endpoint = ""
@@ -108,9 +112,14 @@ class Fleet:
         left = [module for module in range(len(self.scene.start)) if module not in taken]
         self.modules_of = [*joined, *dealt(self.scene, max(1, self.processes), left)]
         """The modules of each process; first come the processes from elsewhere."""
+        self._judge = Judge(self.run, self.modules_of, self.scene.system)
+        scheduled = self._schedule is not None
+        self._judge.note_length = 0 if scheduled else self._rule_note_length()
         self._pacer = Pacer(
             self.run,
             self.modules_of,
+            judge=self._judge,
+            check=self._plausible,
             patience_s=self._patience_s,
             hears_all=self._sink is not None,
         )
@@ -209,6 +218,7 @@ class Fleet:
             run=self.run,
             process=process,
             modules=modules,
+            processes=self.modules_of,
             scene=scene,
             rule=self._rule,
             seed=self._seed,
@@ -219,6 +229,11 @@ class Fleet:
         if not endpoint:
             return orders
         return replace(orders, credentials=self._credentials(process_name(process)))
+
+    def _rule_note_length(self) -> int:
+        if self._rule == OUTSIDE:
+            return self._note_length
+        return rule_named(self._rule, self.scene.system).note_length(len(self.scene.start))
 
     def _own(self, modules: list[int]) -> dict[int, dict[int, GeneratorPlacement]] | None:
         if self._schedule is None:
@@ -250,6 +265,7 @@ class Fleet:
 
     def end_schedule(self) -> None:
         """Let all modules follow their rule from the next round on; call it between two rounds."""
+        self._judge.note_length = self._rule_note_length()
         self._do(self._pacer.end_schedule())
 
     def observe(self) -> None:

@@ -10,10 +10,11 @@ from collections import Counter
 from collections.abc import Iterable
 from functools import lru_cache
 
+from cubepath.agents.processes.judge import Heard
 from cubepath.agents.processes.phases import Spoken
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
-from cubepath.protocol.wire.keys import to_region
+from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import Here, Part, Said, Verdict, encode
 from cubepath.protocol.wire.nodes import Put
 
@@ -22,19 +23,25 @@ class Inbox:
     """What other processes said, each message once."""
 
     def __init__(self) -> None:
-        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Said]] = {}
+        self._heard: dict[tuple[int, Spoken], dict[tuple[str, int, int], Heard]] = {}
 
-    def keep(self, said: Said) -> bool:
-        """Keep what was said; return False if it is kept already."""
+    def knows(self, said: Said) -> bool:
+        """Return whether a message of that number is kept already, whatever it holds."""
+        kept = self._heard.get((said.round, said.phase), ())
+        return (said.region, said.process, said.number) in kept
+
+    def keep(self, heard: Heard) -> None:
+        """Keep what was said."""
+        said = heard.said
         kept = self._heard.setdefault((said.round, said.phase), {})
-        return kept.setdefault((said.region, said.process, said.number), said) is said
+        kept[said.region, said.process, said.number] = heard
 
-    def kept(self, round_number: int, phase: Spoken) -> list[Said]:
+    def kept(self, round_number: int, phase: Spoken) -> list[Heard]:
         """Return what was said in a phase, in an order that does not depend on its arrival."""
         kept = self._heard.get((round_number, phase), {})
         return [kept[key] for key in sorted(kept)]
 
-    def take(self, round_number: int, phase: Spoken) -> list[Said]:
+    def take(self, round_number: int, phase: Spoken) -> list[Heard]:
         """Return what was said in a phase, and keep it no longer."""
         found = self.kept(round_number, phase)
         self._heard.pop((round_number, phase), None)
@@ -82,7 +89,7 @@ class Outbox:
                 number=len(puts),
                 parts=by_region[region],
             )
-            put = Put(to_region(self._run, region), encode(message))
+            put = Put(key_of(self._run, message), encode(message))
             puts.append(put)
             found.append(put)
         return found

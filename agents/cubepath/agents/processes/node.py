@@ -3,7 +3,7 @@
 Room: agents. It is told of messages and ticks and gives effects; `host` carries them out on zenoh.
 It says what its modules say, a message a region, and gives each module what is addressed to its
 place, once all of a phase has arrived. What is delayed, doubled or out of order makes no
-difference; what is missing it asks for again.
+difference; what is missing it asks for again. What is refused (`judge`) has no effect.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from collections import Counter, deque
 from collections.abc import Iterable, Mapping
 from typing import Literal
 
-from cubepath.agents.local.module import ModuleCore, ProtocolError
+from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import Observation, goal_sets
+from cubepath.agents.processes.judge import Heard, Judge, RefusedError
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, BEFORE, ORDER, Spoken
@@ -38,10 +39,12 @@ from cubepath.protocol.wire.messages import (
     Reset,
     Said,
     Waiting,
-    decode,
     encode,
 )
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
+
+_REPEATS_MAX = 1000
+"""So often a process repeats in a round what others ask for again: a flood of asking ends there."""
 
 
 class HostNode:
@@ -55,6 +58,7 @@ class HostNode:
         self._orders = orders
         self._scene = scene_from_toml(orders.scene, "the orders") if scene is None else scene
         self._system = self._scene.system
+        self._judge = Judge(orders.run, orders.processes, self._system)
         self._rule: RuleType | None = None
         if orders.rule != OUTSIDE:
             self._rule = rule_named(orders.rule, self._system)
@@ -74,12 +78,14 @@ class HostNode:
         self._outbox = Outbox(scene.system, orders.run, orders.process, round_number)
         self._answers: list[Put] = []
         self._delivered = False
+        self._repeats = 0
         self._wait_s: float | None = None
         rule, note_length = self._rule, orders.note_length
         if orders.schedule is not None:
             rule = scheduled(orders.schedule)
         if rule is not None:
             note_length = self._assign(rule)
+        self._judge.note_length = note_length
         goals = goal_sets(scene)
         self._cores = {
             module: ModuleCore(
@@ -123,7 +129,7 @@ class HostNode:
         keys = [
             topic_key(orders.run, "go", "coordinator"),
             topic_key(orders.run, "go", f"process_{orders.process}"),
-            topic_key(orders.run, "again", "all"),
+            topic_key(orders.run, "again"),
             topic_key(orders.run, "reset", "coordinator"),
             topic_key(orders.run, "reset", f"process_{orders.process}"),
         ]
@@ -137,9 +143,14 @@ class HostNode:
     def _keys_of(self, regions: Iterable[str]) -> tuple[str, ...]:
         return tuple(to_region(self._orders.run, region) for region in sorted(regions))
 
-    def receive(self, data: bytes) -> list[Effect]:
-        """Take a message; NoMessageError if it is none. What is not for a process is ignored."""
-        message = decode(data)
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message; what is refused, or not for a process, has no effect."""
+        try:
+            return self._receive(self._judge.read(key, data))
+        except RefusedError:
+            return []  # the coordinator hears it too, and puts it on record
+
+    def _receive(self, message: Message) -> list[Effect]:
         match message:
             case Said():
                 return self._hear(message)
@@ -187,11 +198,12 @@ class HostNode:
 
     def _ask(self, phase: Spoken, region: str) -> Put:
         message = Again(self._round, self._orders.process, phase, region)
-        return Put(topic_key(self._orders.run, "again", "all"), encode(message))
+        return Put(key_of(self._orders.run, message), encode(message))
 
     def _repeated(self, again: Again) -> Iterable[Put]:
-        if again.round != self._round:
+        if again.round != self._round or self._repeats >= _REPEATS_MAX:
             return ()
+        self._repeats += 1
         return self._outbox.said_to(again.phase, again.region)
 
     def _answer(self, *messages: Message) -> list[Put]:
@@ -208,10 +220,12 @@ class HostNode:
 
     def _hear(self, said: Said) -> list[Effect]:
         """Keep what was said for the end of its phase; verdicts are given at once."""
-        if not self._awaits(said) or not self._inbox.keep(said):
+        if not self._awaits(said) or self._inbox.knows(said):
             return []
+        heard = self._judge.heard(said)
+        self._inbox.keep(heard)
         if said.phase == self._phase == "settle":
-            return self._conclude(self._tell_own(self._give(said)))
+            return self._conclude(self._tell_own(self._give(heard)))
         return self._try_to_begin()
 
     def _awaits(self, said: Said) -> bool:
@@ -228,14 +242,13 @@ class HostNode:
             return self._phase in ("sense", "observe", "claim")
         return self._phase == "claim" or (self._phase == "settle" and not self._answers)
 
-    def _give(self, said: Said) -> list[Part]:
+    def _give(self, heard: Heard) -> list[Part]:
         """Give modules what is addressed to their places; return what they say to it."""
-        there = self._within.get(said.region)
+        there = self._within.get(heard.said.region)
         found: list[Part] = []
         if there:
             system = self._system
-            for part in said.parts:
-                sender = site_from_json(part.site)
+            for part, sender in zip(heard.said.parts, heard.senders, strict=True):
                 for place in addressees(system, part, sender):
                     core = there.get(place)
                     if core is not None:
@@ -252,8 +265,8 @@ class HostNode:
 
     def _deliver(self, round_number: int, phase: Spoken) -> None:
         """Give modules all that was said in a phase by modules of other processes."""
-        for said in self._inbox.take(round_number, phase):
-            self._give(said)
+        for heard in self._inbox.take(round_number, phase):
+            self._give(heard)
 
     # What is said.
 
@@ -279,9 +292,8 @@ class HostNode:
         at = (go.round, ORDER[go.phase])
         if at == self._at:
             return self._repeat()
-        if at < self._at:
+        if at < self._at or not self._follows(go):
             return []
-        self._check_follows(go)
         asked_again = self._pending is not None
         self._pending = go
         found = self._try_to_begin()
@@ -289,18 +301,20 @@ class HostNode:
             found.append(self._waiting(go.round, go.phase))
         return found
 
-    def _check_follows(self, go: Go) -> None:
-        """Check that the phase is the next one; the process has lost its memory if it is not."""
+    def _follows(self, go: Go) -> bool:
+        """Return whether the phase is the next one.
+
+        A process that came back without its memory is asked for a later one. It does not take part:
+        it says that it is there, as at its birth, until the coordinator's patience ends.
+        """
         first = go.phase in ("sense", "over")
+        if go.phase == "observe" and self._rule is not None:
+            return False
         if first:
-            due = self._answers and self._phase in ("settle", "join", "over")
+            due = bool(self._answers) and self._phase in ("settle", "join", "over")
         else:
             due = self._phase in (("claim",) if go.phase == "settle" else ("sense", "observe"))
-        if not due or go.round != self._round + (go.phase == "sense"):
-            raise ProtocolError(
-                f"process_{self._orders.process}: asked for phase {go.phase} of round {go.round}"
-                f" in phase {self._phase} of round {self._round}: it came back without its memory"
-            )
+        return due and go.round == self._round + (go.phase == "sense")
 
     def _waiting(self, round_number: int, phase: str) -> Put:
         """Say that the process is there, but cannot do the phase without others."""
@@ -344,6 +358,7 @@ class HostNode:
 
     def _sense(self, round_number: int) -> list[Effect]:
         self._round = round_number
+        self._repeats = 0
         self._outbox.begin(round_number)
         self._inbox.forget_before(round_number)
         self._delivered = False
@@ -372,10 +387,7 @@ class HostNode:
         claims: list[Part] = []
         if self._rule is None:
             for act in self._given.pop(self._round).parts:
-                core = self._cores.get(act.module)
-                if core is None:
-                    raise ProtocolError(f"an action for module_{act.module}, who is not here")
-                claims += core.claim(act.action, tuple(act.note))
+                claims += self._cores[act.module].claim(act.action, tuple(act.note))
         else:
             for module, core in self._cores.items():
                 choice = self._actors[module].act(core.observation())
@@ -416,6 +428,7 @@ class HostNode:
             note_length = self._assign(
                 self._rule, {module: core.site for module, core in self._cores.items()}
             )
+            self._judge.note_length = note_length
             for core in self._cores.values():
                 core.follow(note_length)
         return [*self._answer(self._ready("over"))]
@@ -425,6 +438,7 @@ class HostNode:
     def _take_acts(self, acts: Acts) -> list[Effect]:
         if not self._round <= acts.round <= self._round + 1:
             return []
+        self._judge.check_whole(acts)
         self._given.setdefault(acts.round, acts)
         return self._try_to_begin()
 

@@ -21,6 +21,8 @@ class Orders(msgspec.Struct, frozen=True):
     run: str
     process: int
     modules: list[int]
+    processes: list[list[int]]
+    """The modules of every process: who speaks for whom."""
     scene: str
     """The scene as TOML text: processes share no files."""
     rule: str

@@ -4,14 +4,17 @@ Room: agents. A pure machine, like the node of a module process: `Fleet` carries
 zenoh. It decides nothing for a module and carries nothing between them but how many messages were
 said to each region. A phase is over when every process has answered and everything that it said in
 the phase has arrived here too, so that the record is whole; what is missing is asked for again.
+What comes in is judged; what is refused changes nothing, and is told of on record (`refusals`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Literal, TypeAlias
 
-from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN
+from cubepath.agents.processes.judge import Judge, RefusedError, refuse
+from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, ORDER
+from cubepath.agents.processes.refusals import Refusals
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.keys import everything, key_of, topic_key
 from cubepath.protocol.wire.messages import (
@@ -26,8 +29,8 @@ from cubepath.protocol.wire.messages import (
     Reset,
     Said,
     Waiting,
-    decode,
     encode,
+    kind_of,
 )
 from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Put, Timer
 
@@ -36,7 +39,11 @@ PATIENCE_S = 60.0
 """How long nothing may come of a phase, unless told otherwise."""
 PATIENCE_S_MAX = 3600.0
 """Links to processes that stand still are closed after that time."""
+Check: TypeAlias = Callable[[Message], object]
+"""Raises RefusedError if what is said cannot be, given where modules stand."""
 _NAMED_MAX = 8
+_ASKED_MAX = 1000
+"""So many messages that ask again, or say that one waits, are taken of a process in a phase."""
 
 
 class ProcessDied(CheckError):  # noqa: N818 - named for what happened
@@ -51,16 +58,23 @@ class Pacer:
         run: str,
         modules_of: Sequence[Sequence[int]],
         *,
+        judge: Judge,
+        check: Check | None = None,
         patience_s: float = PATIENCE_S,
         hears_all: bool = True,
     ) -> None:
         """Wait for the processes with these modules to join.
 
-        Unless it `hears_all`, it listens to the answers alone and keeps nothing else.
+        `check` is asked about what modules say and report, after `judge`. Unless it `hears_all`,
+        the node listens to the answers alone and keeps nothing else.
         """
         self.round = 0
         self._run = run
         self._modules_of = [list(modules) for modules in modules_of]
+        self._judge = judge
+        self._check = check
+        self._refusals = Refusals()
+        self._asked_in = -1
         self._patience_s = patience_s
         self._hears_all = hears_all
         self._driven = False
@@ -73,8 +87,10 @@ class Pacer:
         self.idle = False
         """Whether the phases that were asked for are over."""
         self._ready: dict[int, Ready] = {}
-        self._said: dict[int, set[tuple[str, int]]] = {}
-        self._told: set[int] = set()
+        self._answers: dict[int, bytes] = {}
+        self._said: dict[int, dict[tuple[str, int], bytes]] = {}
+        self._told: dict[int, bytes] = {}
+        self._asked: dict[int, int] = {}
         self._through: set[int] = set()
         self._there: set[int] = set()
         self._waited: set[int] = set()
@@ -93,11 +109,12 @@ class Pacer:
 
     def begin_round(self, *, driven: bool = False) -> list[Effect]:
         """Begin the next round; with modules `driven` from outside, up to their observations."""
+        told = self._refusals.told()
         self.round += 1
         self._driven = driven
         self._acts = []
         self._counts: dict[str, int] = {}
-        return self._ask("sense")
+        return [*told, *self._ask("sense")]
 
     def act(self, acts: Sequence[Act]) -> list[Effect]:
         """Finish a round with the actions of all modules."""
@@ -124,7 +141,7 @@ class Pacer:
 
     def stop(self) -> list[Effect]:
         """Let all processes end."""
-        return [*self._put(Go(self.round, "stop")), Timer(None)]
+        return [*self._refusals.told(), *self._put(Go(self.round, "stop")), Timer(None)]
 
     def _ask(self, phase: Phase) -> list[Effect]:
         if phase == "join":
@@ -140,48 +157,105 @@ class Pacer:
 
     # What comes of it.
 
-    def receive(self, data: bytes) -> list[Effect]:
-        """Take a message; NoMessageError if it is none."""
-        message = decode(data)
-        match message:
-            case Ready() | Said() | Reports() | Observations():
-                return self._take(message, data) if self._is_new(message) else []
-            case Waiting() | Again() if self._is_of_now(message):
-                if isinstance(message, Waiting):
-                    self._there.add(message.process)
-                    self._waited.add(message.process)
-                return [Keep(data, message)]
-            case _:
-                return []  # a stranger put it there
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message; what is refused has no effect but that it is told of on record."""
+        try:
+            message = self._judge.read(key, data)
+            match message:
+                case Ready() | Said() | Reports() | Observations():
+                    new = self._is_new(message, data)
+                    return self._take(message, data) if new else []
+                case Waiting() | Again():
+                    return self._take_asking(message, data)
+                case _:
+                    # What the coordinator says does not come back to it.
+                    refuse("foreign", f"{kind_of(message)}, which the coordinator alone says")
+        except RefusedError as error:
+            return [*self._refusals.add(self.round, key, data, error)]
 
-    def _is_of_now(self, message: Waiting | Again) -> bool:
-        """Return whether a message is of this round and of a process of the run."""
-        return message.round == self.round and 0 <= message.process < len(self._modules_of)
+    @property
+    def refused(self) -> int:
+        """Return how many messages were refused."""
+        return self._refusals.count
 
-    def _is_new(self, message: Ready | Said | Reports | Observations) -> bool:
-        """Return whether a message is of this phase and no double."""
-        process = message.process
-        if message.round != self.round or not 0 <= process < len(self._modules_of) or self.idle:
+    def _take_asking(self, message: Waiting | Again, data: bytes) -> list[Effect]:
+        if message.round > self.round:
+            refuse("out of place", f"round {message.round}, in round {self.round}")
+        if message.round < self.round:
+            return []  # who asked for it has got it
+        asked = self._asked[message.process] = self._asked.get(message.process, 0) + 1
+        if asked > _ASKED_MAX:
+            refuse("too many", f"more than {_ASKED_MAX} in phase {self.phase}")
+        self._asked_in = self.round
+        if isinstance(message, Waiting):
+            self._there.add(message.process)
+            self._waited.add(message.process)
+        return [Keep(data, message)]
+
+    def _is_new(self, message: Ready | Said | Reports | Observations, data: bytes) -> bool:
+        """Return whether a message is due; False for a repetition, RefusedError for all else."""
+        if not self._is_of_now(message):
             return False
+        if self._is_known(message, data):
+            if self._asked_in >= message.round or self.phase == "join":
+                return False  # somebody has asked for it again, or it joins until it is heard
+            refuse("doubled", f"{kind_of(message)} of {_when(message)} came before")
+        if self.idle:
+            refuse("out of place", f"{kind_of(message)} of {_when(message)}, which is over")
+        if isinstance(message, Said):
+            self._judge.heard(message)
+        elif isinstance(message, Reports | Observations):
+            self._judge.check_whole(message)
+        if self._check is not None:
+            self._check(message)
+        return True
+
+    def _is_of_now(self, message: Ready | Said | Reports | Observations) -> bool:
+        """Return whether a message is of this phase; False for a repetition of one before."""
         match message:
-            case Ready(phase=phase):
-                return phase == self.phase and process not in self._ready
-            case Said(phase=phase, region=region, number=number):
-                known = self._said.get(process, ())
-                return phase == self.phase and (region, number) not in known
             case Reports():
-                return self.phase == "settle" and process not in self._told
+                phase = "settle"
             case Observations():
-                return self.phase == "observe" and process not in self._told
+                phase = "observe"
+            case _:
+                phase = message.phase
+        if phase == "join" and self.phase != "join":
+            if message.round + 1 >= self.round:
+                return False  # it said so before it heard that it is to begin
+            refuse("out of place", "it joins, and has joined before: it may have lost its memory")
+        if (message.round, phase) == (self.round, self.phase):
+            return True
+        if (message.round, ORDER[phase]) > (self.round, ORDER[self.phase]):
+            now = f"in phase {self.phase} of round {self.round}"
+            refuse("out of place", f"{kind_of(message)} of {_when(message)}, {now}")
+        if self._asked_in < message.round:
+            refuse("stale", f"{kind_of(message)} of {_when(message)}")
+        return False
+
+    def _is_known(self, message: Ready | Said | Reports | Observations, data: bytes) -> bool:
+        """Return whether a message is known; RefusedError if it was another one."""
+        process = message.process
+        match message:
+            case Ready():
+                known = self._answers.get(process)
+            case Said(region=region, number=number):
+                known = self._said.get(process, {}).get((region, number))
+            case _:
+                known = self._told.get(process)
+        if known not in (None, data):
+            refuse("contradicts", f"another {kind_of(message)} of {_when(message)} came before")
+        return known is not None
 
     def _take(self, message: Ready | Said | Reports | Observations, data: bytes) -> list[Effect]:
         match message:
             case Ready():
                 self._ready[message.process] = message
+                self._answers[message.process] = data
             case Said():
-                self._said.setdefault(message.process, set()).add((message.region, message.number))
+                said = self._said.setdefault(message.process, {})
+                said[message.region, message.number] = data
             case Reports() | Observations():
-                self._told.add(message.process)
+                self._told[message.process] = data
         self._moved = True
         found: list[Effect] = [Keep(data, message)]
         if self._is_through(message.process):
@@ -222,6 +296,7 @@ class Pacer:
         # The time before what came last does not count, nor the rest of that interval.
         self._waited_s = 0.0 if self._moved else self._waited_s + self._ask_s
         self._moved = False
+        self._asked_in = self.round
         missing = [each for each in range(len(self._modules_of)) if each not in self._through]
         patience_s = self._patience_s
         if self.phase == "join":
@@ -229,7 +304,7 @@ class Pacer:
         if self._waited_s >= patience_s:
             raise ProcessDied(self._too_late(missing))
         self._there.clear()  # whoever still waits says so again
-        found: list[Effect] = []
+        found: list[Effect] = [*self._refusals.told()]
         if self._go is not None:  # processes join by themselves, and say so until they are heard
             data = encode(self._go)
             for process in missing:
@@ -249,6 +324,9 @@ class Pacer:
         names = ", ".join(self.name(process) for process in late)
         what = f"phase {self.phase} of round {self.round}"
         line = f"no answer within {self._waited_s:g} s to {what} from {names}"
+        refused = self._refusals.last
+        if refused is not None:
+            line += f"; last refused, on {refused.key}: {refused.why}"
         if unheard:
             return line
         return f"{line}, waiting for others" + (" when last heard of" if silent else "")
@@ -264,3 +342,9 @@ class Pacer:
         if len(modules) > _NAMED_MAX:
             names.append(f"{len(modules) - _NAMED_MAX} more")
         return f"{', '.join(names)} (process {process})"
+
+
+def _when(message: Ready | Said | Reports | Observations) -> str:
+    """Return the phase, if a message tells it, and the round."""
+    phase = f"phase {message.phase} of " if isinstance(message, Ready | Said) else ""
+    return f"{phase}round {message.round}"

@@ -227,6 +227,7 @@ def _run(options: argparse.Namespace) -> int:
         ("goal", "reached" if outcome.goal_reached else "not reached"),
         ("time", f"{outcome.seconds:.2f} s"),
         ("messages", outcome.messages),
+        *([("refused", outcome.refused)] if outcome.refused else []),
         ("log", outcome.log),
     ]
     if outcome.schedule_cubes is not None:

@@ -19,6 +19,7 @@ from cubepath.protocol.wire.messages import (
     Cube,
     Edges,
     Message,
+    Refused,
     Reports,
     Stopped,
     Summary,
@@ -53,6 +54,8 @@ class Conductor:
         where it stops.
         """
         self.gatherer = Gatherer(scene, self._step)
+        self.refused = 0
+        """How many messages were refused so far."""
         self._scene = scene
         self._max_rounds = max_rounds
         self._record = record
@@ -60,11 +63,21 @@ class Conductor:
         self._repair = repair
         self._execution = None if assignment is None else ScheduleExecution(assignment)
 
+    def check(self, message: Message) -> None:
+        """Check that what modules say or report can be, given where they stand; or RefusedError."""
+        self.gatherer.plausibility.check(message)
+
     def hear(self, message: Message) -> None:
         """Take a message that belongs on record; CheckError if reports contradict each other."""
-        if isinstance(message, Reports):
-            for report in message.parts:
-                self.gatherer.receive(report)
+        self.gatherer.plausibility.take(message)
+        match message:
+            case Reports(parts=reports):
+                for report in reports:
+                    self.gatherer.receive(report)
+            case Refused(count=count):
+                self.refused += count
+            case _:
+                pass
 
     def _step(self, step: Step) -> None:
         self._record(Edges(step.round, list(step.executed)))
@@ -141,4 +154,5 @@ class Conductor:
             path_digest=gatherer.digest,
             schedule_cubes=self.schedule_cubes,
             schedule_stopped=self.stopped,
+            refused=self.refused,
         )

@@ -1,7 +1,8 @@
 """Gathering: from the reports of modules, in any order of arrival, to the edge path of a run.
 
 Room: coordinator. A round is released when every module has reported it, so the result depends on
-no clock and no order of arrival; a report that arrives twice counts once.
+no clock and no order of arrival; a report that arrives twice counts once. What no module can have
+done, given where all of them stood, is not gathered.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import msgspec
 import numpy as np
 
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.runs.plausibility import Plausibility
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -151,6 +153,7 @@ class Gatherer:
         self._digest = PathDigest()
         self._watch = watch
         self._waiting: dict[int, dict[int, Report]] = {}
+        self.plausibility = Plausibility(scene)
 
     @property
     def heap(self) -> FastHeap:
@@ -212,7 +215,7 @@ class Gatherer:
         return tuple(self.cubes())
 
     def receive(self, report: Report) -> None:
-        """Take a report; CheckError if two differ, or if the run has no such module."""
+        """Take a report; CheckError if two differ, or if it cannot be."""
         if not 0 <= report.module < len(self.sites):
             raise CheckError(f"a report of module_{report.module}: no such module in this run")
         if report.round <= self.rounds:
@@ -231,9 +234,10 @@ class Gatherer:
         executed: list[Executed] = []
         names: list[int] = []
         failures: list[tuple[int, str]] = []
+        self.plausibility.carry_out(reports)
         for module in sorted(reports):
             report = reports[module]
-            self.sites[module] = site_from_json(report.site)
+            self.sites[module] = self.plausibility.sites[module]
             if report.failed is not None:
                 failures.append((module, report.failed))
             if report.move is not None:

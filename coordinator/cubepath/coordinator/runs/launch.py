@@ -53,8 +53,9 @@ class Interrupted(Exception):  # noqa: N818 - it is not an error, but what the u
 class Outcome:
     """The outcome of a run; the first fourteen fields are the keys of ``cubepath run --json``.
 
-    `error` is a key too if there is one. If a schedule was carried out, there are two more: how
-    many cubes it has, and where it stopped, None if it did not.
+    So is `refused`, how many messages were refused. `error` is a key too if there is one. If a
+    schedule was carried out, there are two more: how many cubes it has, and where it stopped, None
+    if it did not.
     """
 
     log: str
@@ -74,6 +75,7 @@ class Outcome:
     ended: Ended
     error: str | None
     messages: int
+    refused: int = 0
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
 
@@ -202,6 +204,7 @@ class _Run:
                 sink=self._wire,
                 check=lambda: self._between_messages(check),
                 say=self._say_aloud,
+                plausible=conductor.check,
             ) as fleet,
         ):
             if plan.wait_for:
@@ -255,6 +258,7 @@ class _Run:
             ended=ending.ended,
             error=ending.error,
             messages=self._writer.messages,
+            refused=self._conductor.refused,
             schedule_cubes=self._conductor.schedule_cubes,
             schedule_stopped=self._conductor.stopped,
         )

@@ -34,7 +34,7 @@ DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
 _SAID = ("ready", "said", "reports", "again", "waiting")
 """The kinds of messages that each process may send."""
-_SAID_HERE = ("go", "edges", "cube", "certificate", "summary")
+_SAID_HERE = ("go", "refused", "edges", "cube", "certificate", "summary")
 
 
 @dataclass(frozen=True, slots=True)

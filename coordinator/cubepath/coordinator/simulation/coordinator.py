@@ -31,9 +31,9 @@ class Coordinator:
         """Wait for the processes."""
         return self._guarded(self._pacer.start)
 
-    def receive(self, data: bytes) -> list[Effect]:
+    def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take a message."""
-        return self._guarded(lambda: self._pacer.receive(data))
+        return self._guarded(lambda: self._pacer.receive(key, data))
 
     def tick(self) -> list[Effect]:
         """Take note that the timer has run out."""

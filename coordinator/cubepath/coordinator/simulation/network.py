@@ -432,7 +432,8 @@ class Network:
             return
         self._arrow(letter, receiver, fate)
         if isinstance(letter.effect, Put):
-            self._take(receiver, receiver.node.receive, letter.effect.data)
+            put = letter.effect
+            self._take(receiver, lambda _: receiver.node.receive(put.key, put.data), None)
 
     # The trace.
 

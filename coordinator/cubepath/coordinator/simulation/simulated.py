@@ -17,6 +17,7 @@ import msgspec
 
 from cubepath.agents.environments.rollout import Played, play
 from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
@@ -145,7 +146,15 @@ class _Run:
         self._expected: list[_Moves] = []
         self._differs: Failure | None = None
         modules_of = dealt(self.scene, scenario.processes)
-        self._pacer = Pacer(RUN, modules_of, patience_s=PATIENCE_S)
+        judge = Judge(RUN, modules_of, self.scene.system)
+        judge.note_length = self.rule.note_length(len(self.scene.start))
+        self._pacer = Pacer(
+            RUN,
+            modules_of,
+            judge=judge,
+            check=self.conductor.check,
+            patience_s=PATIENCE_S,
+        )
         self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
         self._modules_of = modules_of
         self._make = make
@@ -229,6 +238,7 @@ class _Run:
             run=RUN,
             process=process,
             modules=modules,
+            processes=self._modules_of,
             scene="",
             rule=self.scenario.rule,
             seed=self.scenario.seed,

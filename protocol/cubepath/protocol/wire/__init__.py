@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     )
     from cubepath.protocol.wire.keys import (
         addressees,
+        belongs,
         everything,
         key_of,
         to_region,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
         topic_of,
     )
     from cubepath.protocol.wire.messages import (
+        MESSAGE_BYTES_MAX,
         Act,
         Acts,
         Again,
@@ -40,11 +42,14 @@ if TYPE_CHECKING:
         Go,
         Here,
         Message,
+        NoMessageError,
         Note,
         Observations,
         Observed,
         Part,
         Ready,
+        Reason,
+        Refused,
         Report,
         Reports,
         Reset,
@@ -80,11 +85,14 @@ else:
             "access": "PROCESSES_MAX",
             "authority": "make_certificates",
             "credentials": "COORDINATOR GUEST Credentials process_name",
-            "keys": ("addressees everything key_of to_region topic_in_key topic_key topic_of"),
+            "keys": (
+                "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
+            ),
             "messages": (
-                "Act Acts Again Certified Claim Cube Edges Executed Go Here Message "
-                "Note Observations Observed Part Ready Report Reports Reset Said "
-                "Stopped Summary Verdict Waiting decode encode kind_of parts_of schema_of"
+                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Cube Edges "
+                "Executed Go Here Message Note Observations Observed Part Ready Reason Refused "
+                "Report Reports Reset Said Stopped Summary Verdict Waiting "
+                "decode encode kind_of parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
             "router": "Router check_secure without_tls",
@@ -100,6 +108,7 @@ else:
 __all__ = [
     "COORDINATOR",
     "GUEST",
+    "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
     "Act",
     "Acts",
@@ -118,6 +127,7 @@ __all__ = [
     "Keep",
     "Listen",
     "Message",
+    "NoMessageError",
     "Node",
     "Note",
     "Observations",
@@ -125,6 +135,8 @@ __all__ = [
     "Part",
     "Put",
     "Ready",
+    "Reason",
+    "Refused",
     "Report",
     "Reports",
     "Reset",
@@ -137,6 +149,7 @@ __all__ = [
     "Verdict",
     "Waiting",
     "addressees",
+    "belongs",
     "check_descriptors",
     "check_endpoint",
     "check_secure",

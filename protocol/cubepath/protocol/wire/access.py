@@ -41,9 +41,9 @@ def access_list(processes: int, by: Literal["usernames", "cert_common_names"]) -
     for process in range(processes):
         name = process_name(process)
         own = [f"cubepath/*/{kind}/{name}" for kind in _OWN_KINDS]
-        said = [f"cubepath/*/to/*/{name}", "cubepath/*/to/*", "cubepath/*/again/all"]  # old keys go
+        own.append(f"cubepath/*/to/*/{name}")
         rules += [
-            _rule(f"{name} says", ("put",), ("ingress",), [*own, *said]),
+            _rule(f"{name} says", ("put",), ("ingress",), own),
             _rule(
                 f"{name} lives", ("liveliness_token",), ("ingress",), [f"cubepath/*/alive/{name}"]
             ),

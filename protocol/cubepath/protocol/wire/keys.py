@@ -1,12 +1,14 @@
 """Key expressions: where messages are put, and who listens there.
 
-What is said to places is put on the key of the region that they lie in. A process listens to the
-regions in which its modules stand, and gives each module only what is addressed to its place. Keys
-are exact; whoever gathers listens to them all:
+What is said to places is put on a key of the region that they lie in. A process listens to the
+regions in which its modules stand, and gives each module only what is addressed to its place. A key
+is exact and ends with who puts on it, so that a router can guard who may; only the coordinator puts
+what is for a single process. Whoever gathers listens to all:
 
-    cubepath/RUN/to/0,1 what was said to places in the region 0,1
+    cubepath/RUN/to/0,1/process_3 what process 3 says to places in the region 0,1
     cubepath/RUN/reports/process_3 for anyone who gathers
-    cubepath/RUN/go/coordinator to all processes
+    cubepath/RUN/go/coordinator from the coordinator, to all processes
+    cubepath/RUN/go/process_3 the same, to one of them
     cubepath/RUN/** everything of a run
 """
 
@@ -27,6 +29,7 @@ from cubepath.protocol.wire.messages import (
     Note,
     Observations,
     Ready,
+    Refused,
     Reports,
     Reset,
     Said,
@@ -60,7 +63,7 @@ def addressees(system: System, message: Message, sender: Site | None = None) -> 
 def sender(message: Message) -> str:
     """Return the name of a message's sender; for actions from outside, of who they are for."""
     match message:
-        case Go() | Reset() | Edges() | Cube() | Certified() | Summary():
+        case Go() | Reset() | Refused() | Edges() | Cube() | Certified() | Summary():
             return "coordinator"
         case (
             Ready(process=process)
@@ -79,13 +82,23 @@ def sender(message: Message) -> str:
 def key_of(run: str, message: Message) -> str:
     """Return the key that a message is put on."""
     if isinstance(message, Said):
-        return to_region(run, message.region)
+        return f"{ROOT}/{run}/to/{message.region}/{sender(message)}"
     return f"{ROOT}/{run}/{topic_of(message)}"
 
 
+def belongs(run: str, key: str, message: Message) -> bool:
+    """Return whether a message may be put on a key: its own, or for one process alone."""
+    if key == key_of(run, message):
+        return True
+    if not isinstance(message, Go | Reset):
+        return False
+    start, _, number = key.rpartition("/process_")
+    return start == f"{ROOT}/{run}/{kind_of(message)}" and number.isdecimal()
+
+
 def to_region(run: str, region: str) -> str:
-    """Return the key of what is said to the places of a region."""
-    return f"{ROOT}/{run}/to/{region}"
+    """Return the key expression of what is said to the places of a region."""
+    return f"{ROOT}/{run}/to/{region}/**"
 
 
 def topic_in_key(key: str) -> str:
@@ -103,6 +116,6 @@ def everything(run: str) -> str:
     return f"{ROOT}/{run}/**"
 
 
-def topic_key(run: str, kind: str, who: str = "*") -> str:
+def topic_key(run: str, kind: str, who: str = "**") -> str:
     """Return the key of a kind of message and its sender, or of any sender."""
     return f"{ROOT}/{run}/{kind}/{who}"

@@ -7,12 +7,15 @@ The coordinator paces rounds with `go`, and processes answer `ready`; both count
 phase, so that a receiver knows what it misses and asks for it `again`, and carry nothing else.
 
 In recordings of format 1 (cubepath 0.1.0) every part is a message of its own.
+
+Bytes with a field of another type, a number or a text beyond its bounds, or without a field are no
+message; a field that is not known is of a later version, and is passed over.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import msgspec
 
@@ -20,39 +23,47 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
 from cubepath.protocol.path_files.certificates import Certificate
 
+MESSAGE_BYTES_MAX = 1 << 24
+"""A message of a process is no larger; routers and nodes drop what is."""
+Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0, le=(1 << 53) - 1)]
+"""A number of a round, module or process, or of how many there are; exact in every JSON reader."""
+NoteNumber: TypeAlias = Annotated[int, msgspec.Meta(ge=-(1 << 31), le=(1 << 31) - 1)]
+Name: TypeAlias = Annotated[str, msgspec.Meta(max_length=256)]
+"""The name of a generator, region, phase or kind."""
+
 
 class Here(msgspec.Struct, frozen=True, tag_field="kind", tag="here"):
     """A module stands at `site`; goes to the places from which that place is sensed."""
 
-    round: int
-    module: int
+    round: Count
+    module: Count
     site: Json
 
 
 class Note(msgspec.Struct, frozen=True, tag_field="kind", tag="note"):
     """What a rule said in its last choice; goes to the places within reach of `site`."""
 
-    round: int
-    module: int
+    round: Count
+    module: Count
     site: Json
-    note: list[int]
+    note: list[NoteNumber]
 
 
 class Claim(msgspec.Struct, frozen=True, tag_field="kind", tag="claim"):
     """The module at `site` claims the action `generator` placed at `at`; within reach of `site`."""
 
-    round: int
-    module: int
+    round: Count
+    module: Count
     site: Json
-    generator: str
+    generator: Name
     at: Json
 
 
 class Verdict(msgspec.Struct, frozen=True, tag_field="kind", tag="verdict"):
     """The claim of the module at `site` is granted or lost; goes to the places `to` that wait."""
 
-    round: int
-    module: int
+    round: Count
+    module: Count
     site: Json
     granted: bool
     to: list[Json]
@@ -64,8 +75,8 @@ class Heard(msgspec.Struct, frozen=True):
     Reports of format 1 have these.
     """
 
-    kind: str
-    module: int
+    kind: Name
+    module: Count
     site: Json
 
 
@@ -77,13 +88,13 @@ class Report(msgspec.Struct, frozen=True, tag_field="kind", tag="report"):
     modules that said it, in increasing order. In format 1 it is a list.
     """
 
-    round: int
-    module: int
+    round: Count
+    module: Count
     before: Json
     site: Json
     claim: Literal["none", "granted", "lost"]
     move: GeneratorPlacement | None
-    heard: dict[str, list[int]] | list[Heard]
+    heard: dict[Name, list[Count]] | list[Heard]
     failed: str | None = None
 
     def deliveries(self) -> Iterator[tuple[str, int, Json | None]]:
@@ -108,23 +119,29 @@ class Said(msgspec.Struct, frozen=True, tag_field="kind", tag="said"):
     and "claim" there is one at most. The parts are in the order in which they were said.
     """
 
-    round: int
+    round: Count
     phase: Literal["sense", "claim", "settle"]
-    process: int
-    region: str
-    number: int
+    process: Count
+    region: Name
+    number: Count
     parts: list[Part]
 
 
 class Reports(msgspec.Struct, frozen=True, tag_field="kind", tag="reports"):
     """The reports of the modules of one process at the end of a round, in increasing order."""
 
-    round: int
-    process: int
+    round: Count
+    process: Count
     parts: list[Report]
 
 
-class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="go"):
+class Go(
+    msgspec.Struct,
+    frozen=True,
+    omit_defaults=True,
+    tag_field="kind",
+    tag="go",
+):
     """All processes may begin a phase of a round; or, with phase "stop", end.
 
     `said` counts by region the messages that were said to it in the phase before, by all processes
@@ -134,9 +151,9 @@ class Go(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag=
     answered already and is asked again repeats all that it said in the phase.
     """
 
-    round: int
+    round: Count
     phase: Literal["sense", "observe", "claim", "settle", "over", "stop"]
-    said: dict[str, int] = {}
+    said: dict[Name, Count] = {}
 
 
 class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
@@ -145,44 +162,50 @@ class Reset(msgspec.Struct, frozen=True, tag_field="kind", tag="reset"):
     The rounds of the wire go on counting from `round`; ranks and rules count from 1 again.
     """
 
-    round: int
-    seed: int
+    round: Count
+    seed: Annotated[int, msgspec.Meta(ge=0)]
 
 
-class Ready(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ready"):
+class Ready(
+    msgspec.Struct,
+    frozen=True,
+    omit_defaults=True,
+    tag_field="kind",
+    tag="ready",
+):
     """A process has finished a phase of a round (join: it is connected).
 
     `said` counts by region the messages that it said in this phase.
     """
 
-    round: int
-    process: int
+    round: Count
+    process: Count
     phase: Literal["join", "sense", "observe", "claim", "settle", "over"]
-    said: dict[str, int] = {}
+    said: dict[Name, Count] = {}
 
 
 class Again(msgspec.Struct, frozen=True, tag_field="kind", tag="again"):
     """A process misses messages of a phase to a region: whoever said some says them again."""
 
-    round: int
-    process: int
+    round: Count
+    process: Count
     phase: Literal["sense", "claim", "settle"]
-    region: str
+    region: Name
 
 
 class Waiting(msgspec.Struct, frozen=True, tag_field="kind", tag="waiting"):
     """A process that was asked again is there, but cannot finish the phase without others."""
 
-    round: int
-    process: int
-    phase: str
+    round: Count
+    process: Count
+    phase: Name
 
 
 class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
     """A module driven from outside sends its PettingZoo observation, as flat lists."""
 
-    round: int
-    module: int
+    round: Count
+    module: Count
     observation: list[int]
     action_mask: list[int]
     notes: list[list[int]]
@@ -191,55 +214,87 @@ class Observed(msgspec.Struct, frozen=True, tag_field="kind", tag="observed"):
 class Act(msgspec.Struct, frozen=True, tag_field="kind", tag="act"):
     """The action for a module driven from outside."""
 
-    round: int
-    module: int
-    action: int
-    note: list[int]
+    round: Count
+    module: Count
+    action: Count
+    note: list[NoteNumber]
 
 
 class Observations(msgspec.Struct, frozen=True, tag_field="kind", tag="observations"):
     """The observations of the modules of one process, which are driven from outside."""
 
-    round: int
-    process: int
+    round: Count
+    process: Count
     parts: list[Observed]
 
 
 class Acts(msgspec.Struct, frozen=True, tag_field="kind", tag="acts"):
     """The actions for all modules of one process."""
 
-    round: int
-    process: int
+    round: Count
+    process: Count
     parts: list[Act]
+
+
+Reason: TypeAlias = Literal[
+    "too large",
+    "malformed",
+    "wrong key",
+    "foreign",
+    "out of place",
+    "stale",
+    "doubled",
+    "contradicts",
+    "impossible",
+    "too many",
+]
+"""Why a message is refused, in a word or two."""
+
+
+class Refused(msgspec.Struct, frozen=True, tag_field="kind", tag="refused"):
+    """Messages that the coordinator refused in a round; they had no effect and are not on record.
+
+    `key` is what followed the run in the key of the first of them, and `who` the sender that it
+    names. Of those in a round with the same sender and reason the first is on record at once, with
+    how it begins in `sample`; how many more there were stands in the `count` of a second message.
+    """
+
+    round: Count
+    key: str
+    who: Name
+    reason: Reason
+    why: str
+    count: Count
+    sample: str = ""
 
 
 class Executed(msgspec.Struct, frozen=True):
     """One move of the edge path: who was the mover, and the action."""
 
-    module: int
-    generator: str
+    module: Count
+    generator: Name
     at: Json
 
 
 class Edges(msgspec.Struct, frozen=True, tag_field="kind", tag="edges"):
     """The coordinator's edge path, a round at a time, in increasing order of modules."""
 
-    round: int
+    round: Count
     moves: list[Executed]
 
 
 class Cube(msgspec.Struct, frozen=True, tag_field="kind", tag="cube"):
     """One cube of the normal cube path of the whole run; `index` counts from 1."""
 
-    round: int
-    index: int
+    round: Count
+    index: Count
     moves: list[GeneratorPlacement]
 
 
 class Certified(msgspec.Struct, frozen=True, tag_field="kind", tag="certificate"):
     """Proof that no schedule in the homotopy class of the run has fewer cubes than its own."""
 
-    round: int
+    round: Count
     certificate: Certificate
 
 
@@ -250,21 +305,27 @@ class Stopped(msgspec.Struct, frozen=True):
     it, so that this round of the schedule was not begun.
     """
 
-    round: int
-    module: int | None
+    round: Count
+    module: Count | None
     move: GeneratorPlacement
     reason: str
 
 
-class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="summary"):
+class Summary(
+    msgspec.Struct,
+    frozen=True,
+    omit_defaults=True,
+    tag_field="kind",
+    tag="summary",
+):
     """How a run ended and what came of it.
 
     `ended` is "goal", "max-rounds", "failed" (a rule gave up, a schedule stopped, or a process
     died) or "interrupted". Of a run that carried out a schedule it tells how many cubes that had,
-    and where it stopped, if it did.
+    and where it stopped, if it did. `refused` counts the messages that the coordinator refused.
     """
 
-    round: int
+    round: Count
     ended: Literal["goal", "max-rounds", "failed", "interrupted"]
     error: str | None
     rounds: int
@@ -276,6 +337,7 @@ class Summary(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
     path_digest: str
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
+    refused: Count = 0
 
 
 Message: TypeAlias = (
@@ -295,6 +357,7 @@ Message: TypeAlias = (
     | Ready
     | Again
     | Waiting
+    | Refused
     | Edges
     | Cube
     | Certified
@@ -318,6 +381,7 @@ KINDS: dict[str, type[Message]] = {
     "ready": Ready,
     "again": Again,
     "waiting": Waiting,
+    "refused": Refused,
     "edges": Edges,
     "cube": Cube,
     "certificate": Certified,

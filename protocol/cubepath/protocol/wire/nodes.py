@@ -67,8 +67,8 @@ class Node(Protocol):
         """Begin; called once, before anything else."""
 
     @abstractmethod
-    def receive(self, data: bytes) -> list[Effect]:
-        """Take the bytes of a message that was put on a key that the node listens to."""
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take what was put on a key that the node listens to, whatever it is."""
 
     @abstractmethod
     def tick(self) -> list[Effect]:

@@ -15,10 +15,7 @@ from typing import Self
 
 import zenoh
 
-from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.credentials import GUEST, Credentials
-from cubepath.protocol.wire.keys import topic_in_key
-from cubepath.protocol.wire.messages import NoMessageError
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
 from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
 
@@ -85,7 +82,6 @@ class Shell:
         """Take the next message or tick, waiting for it at most so long; return whether any came.
 
         A tick comes after the messages that had arrived when it was due, and before all others.
-        Raises CheckError if what was put on a key is no message; the line names the key.
         """
         if self._is_due():
             return self._tick()
@@ -96,10 +92,7 @@ class Shell:
         except Empty:
             return self._due is not None and time.monotonic() >= self._due and self._tick()
         data = sample.payload.to_bytes()
-        try:
-            effects = self._node.receive(data)
-        except NoMessageError as error:  # a stranger has joined the run
-            raise CheckError(f"on {topic_in_key(str(sample.key_expr))}: {error}") from None
+        effects = self._node.receive(str(sample.key_expr), data)
         self._received = data, wall_ns
         self.carry_out(effects)
         return True

@@ -1,0 +1,207 @@
+"""Judging what comes in: a message is taken, or refused with a reason; nothing is raised elsewhere.
+
+Room: agents. Module processes and the coordinator judge alike, by what every process knows: the
+run, the system, and which modules each process has. What is left to judge, where modules stand and
+which moves are admissible, the coordinator's gatherer knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from typing import Any, NoReturn
+
+import msgspec
+
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import System
+from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
+from cubepath.protocol.wire.messages import (
+    MESSAGE_BYTES_MAX,
+    Acts,
+    Again,
+    Claim,
+    Go,
+    Here,
+    Message,
+    NoMessageError,
+    Note,
+    Observations,
+    Part,
+    Ready,
+    Reason,
+    Report,
+    Reports,
+    Reset,
+    Said,
+    Verdict,
+    Waiting,
+    decode,
+    kind_of,
+)
+
+_SAID_IN: dict[type[Part], str] = {
+    Here: "sense",
+    Note: "sense",
+    Claim: "claim",
+    Verdict: "settle",
+}
+
+
+class RefusedError(CubepathError):
+    """A message that is not taken: the reason in a word or two, and a line."""
+
+    def __init__(self, reason: Reason, why: str) -> None:
+        super().__init__(why)
+        self.reason: Reason = reason
+
+
+def refuse(reason: Reason, why: str) -> NoReturn:
+    """Refuse a message."""
+    raise RefusedError(reason, why)
+
+
+class Heard(msgspec.Struct, frozen=True):
+    """What was said, with the sites from which its parts were said."""
+
+    said: Said
+    senders: tuple[Site, ...]
+
+
+class Judge:
+    """Judges messages of one run."""
+
+    def __init__(self, run: str, modules_of: Sequence[Sequence[int]], system: System) -> None:
+        """Know the modules of each process; notes of any length pass until `note_length` is set."""
+        self.note_length: int | None = None
+        self._run = run
+        self._modules_of = [sorted(modules) for modules in modules_of]
+        self._process_of = {
+            module: process for process, modules in enumerate(modules_of) for module in modules
+        }
+        self._system = system
+        self._site = lru_cache(maxsize=1 << 14)(self._checked_site)
+
+    def read(self, key: str, data: bytes) -> Message:
+        """Return the message that was put on a key; RefusedError if it may not be there."""
+        if len(data) > MESSAGE_BYTES_MAX:
+            refuse("too large", f"{len(data)} bytes, expected at most {MESSAGE_BYTES_MAX}")
+        try:
+            message = decode(data)
+        except NoMessageError as error:
+            raise RefusedError("malformed", str(error)) from None
+        if not belongs(self._run, key, message):
+            where, due = topic_in_key(key), topic_in_key(key_of(self._run, message))
+            refuse("wrong key", f"{kind_of(message)} put on {where}, expected {due}")
+        match message:
+            case Ready() | Said() | Reports() | Observations() | Acts() | Again() | Waiting():
+                if message.process >= len(self._modules_of):
+                    refuse("foreign", f"this run has no process_{message.process}")
+            case Go() | Reset():
+                pass
+            case _:
+                refuse("out of place", f"{kind_of(message)} is on record, and never on the wire")
+        return message
+
+    def heard(self, said: Said) -> Heard:
+        """Return what was said with the sites of its speakers; RefusedError if it cannot be."""
+        speakers: set[tuple[type, int]] = set()
+        senders = tuple(self._sender(said, part) for part in said.parts)
+        for part in said.parts:
+            speakers.add((type(part), part.module))
+        if len(speakers) != len(said.parts):
+            refuse("doubled", f"process_{said.process} says something twice in one message")
+        if said.number and said.phase != "settle":
+            refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
+        return Heard(said, senders)
+
+    def _sender(self, said: Said, part: Part) -> Site:
+        name = f"{kind_of(part)} of module_{part.module}"
+        if self._process_of.get(part.module) != said.process:
+            refuse("foreign", f"{name}, who is not in process_{said.process}")
+        due = _SAID_IN[type(part)]
+        if part.round != said.round or due != said.phase:
+            refuse(
+                "out of place",
+                f"{name} of round {part.round}, said in phase {said.phase} of round {said.round}",
+            )
+        sender = self._read_site(name, part.site)
+        match part:
+            case Note(note=note):
+                if self.note_length not in (None, len(note)):
+                    refuse("malformed", f"{name}: {len(note)} numbers, expected {self.note_length}")
+            case Claim():
+                self._check_claim(name, part, sender)
+            case Verdict(to=to):
+                for place in to:
+                    self._read_place(name, place)
+            case _:
+                pass
+        return sender
+
+    def _check_claim(self, name: str, claim: Claim, sender: Site) -> None:
+        try:
+            move = self._system.move_named(sender, claim.generator, site_from_json(claim.at))
+        except _NO_PLACE:
+            move = None
+        if move is None:
+            refuse("impossible", f"{name}: {claim.generator} at {claim.at!r} is no move from there")
+
+    def _read_site(self, name: str, value: object) -> Site:
+        return self._known(name, value, self._site)
+
+    def _read_place(self, name: str, value: object) -> Site:
+        # A place without its label is no site of a labelled system, and still a place.
+        return self._known(name, value, self._checked_place)
+
+    def _known(self, name: str, value: object, check: Callable[[Any], None]) -> Site:
+        try:
+            found = site_from_json(value)
+            check(found)
+        except _NO_PLACE:
+            refuse("impossible", f"{name}: {_short(value)} is no place of a module")
+        return found
+
+    def _checked_site(self, site: Site) -> None:
+        system = self._system
+        system.check_place(system.place_of(site))
+        system.code_of(site)
+        if system.labels is not None:
+            label = system.label_of(site)
+            if label is None or not 0 <= label < system.labels:
+                raise InputError("no such label")
+
+    def _checked_place(self, place: Site) -> None:
+        self._system.check_place(place)
+
+    def check_whole(self, message: Reports | Observations | Acts) -> None:
+        """Check that a message has a part of this round for each module of its process."""
+        modules = [part.module for part in message.parts]
+        for part in message.parts:
+            if self._process_of.get(part.module) != message.process:
+                refuse(
+                    "foreign",
+                    f"{kind_of(part)} of module_{part.module}, who is not in"
+                    f" process_{message.process}",
+                )
+            if part.round != message.round:
+                refuse("out of place", f"{kind_of(part)} of round {part.round} in {message.round}")
+            if isinstance(part, Report) and not isinstance(part.heard, dict):
+                refuse("malformed", f"report of module_{part.module} in format 1")
+        if sorted(modules) != self._modules_of[message.process]:
+            refuse(
+                "malformed",
+                f"{kind_of(message)} of process_{message.process} for {len(modules)} modules,"
+                f" expected one each for its {len(self._modules_of[message.process])}",
+            )
+
+
+_NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
+"""What systems raise for a value that is none of their sites: their functions take sites only."""
+_SHORT_MAX = 80
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHORT_MAX else f"{text[:_SHORT_MAX]}..."
