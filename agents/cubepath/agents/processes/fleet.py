@@ -94,11 +94,11 @@ class Fleet:
         self._network = network
         self._sink = sink
         self._check = check
+        self._plausible = plausible
         self._say = say
         self._joined = False
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
-        self._plausible = plausible
         self._deal([])
         self._router: Router | None = None
         self._recruits: Recruits | None = None
@@ -113,7 +113,8 @@ class Fleet:
         self.modules_of = [*joined, *dealt(self.scene, max(1, self.processes), left)]
         """The modules of each process; first come the processes from elsewhere."""
         self._judge = Judge(self.run, self.modules_of, self.scene.system)
-        self._judge.note_length = 0 if self._schedule is not None else self._rule_note_length()
+        scheduled = self._schedule is not None
+        self._judge.note_length = 0 if scheduled else self._rule_note_length()
         self._pacer = Pacer(
             self.run,
             self.modules_of,
@@ -166,11 +167,6 @@ class Fleet:
                 self._children.keep_here(orders)
         self._wait()
         self._joined = True
-
-    def _rule_note_length(self) -> int:
-        if self._rule == OUTSIDE:
-            return self._note_length
-        return rule_named(self._rule, self.scene.system).note_length(len(self.scene.start))
 
     def _open_network(self) -> None:
         network = self._network
@@ -233,6 +229,11 @@ class Fleet:
         if not endpoint:
             return orders
         return replace(orders, credentials=self._credentials(process_name(process)))
+
+    def _rule_note_length(self) -> int:
+        if self._rule == OUTSIDE:
+            return self._note_length
+        return rule_named(self._rule, self.scene.system).note_length(len(self.scene.start))
 
     def _own(self, modules: list[int]) -> dict[int, dict[int, GeneratorPlacement]] | None:
         if self._schedule is None:

@@ -16,6 +16,8 @@ PROTOCOL = 2
 """Changes with whatever must be the same in all processes of a run: messages, keys, phases."""
 ANY = "any"
 """In place of a name: whatever number is free."""
+ENDED = "the run has ended"
+"""The error that those are answered who wait for a run that will not begin."""
 
 
 class Request(msgspec.Struct, frozen=True):

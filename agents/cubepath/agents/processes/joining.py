@@ -19,6 +19,7 @@ from msgspec.structs import replace
 
 from cubepath.agents.processes.join_messages import (
     ANY,
+    ENDED,
     PROTOCOL,
     Request,
     alive_key,
@@ -124,7 +125,8 @@ def _ordered(session: zenoh.Session, joining: Joining, run: str, liveness: Liven
             if reply.ok is not None:
                 return read_offer(reply.ok.payload.to_bytes())
             if reply.err is not None and not _is_timeout(reply.err):
-                raise InputError(reply.err.payload.to_string())
+                line = reply.err.payload.to_string()
+                raise CheckError(line) if line == ENDED else InputError(line)
         _check_there(liveness, run)
         time.sleep(max(0.0, min(_POLL_S, begun + ASK_S - time.monotonic())))
 

@@ -6,6 +6,7 @@ callbacks only enqueue; `look` does the work.
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Mapping
 from queue import Empty, SimpleQueue
@@ -14,6 +15,7 @@ import zenoh
 
 from cubepath.agents.processes.join_messages import (
     ANY,
+    ENDED,
     alive_key,
     offer,
     orders_key,
@@ -51,7 +53,10 @@ class Recruits:
         self._token = self._session.liveliness().declare_token(alive_key(run, COORDINATOR))
 
     def close(self) -> None:
-        """Close the session; whoever waits is told so by that."""
+        """Tell those who still wait that the run has ended, and close the session."""
+        for query in self._waiting.values():
+            with contextlib.suppress(zenoh.ZError):  # the router may be gone
+                query.reply_err(ENDED)
         self._waiting.clear()
         self._session.close()
 

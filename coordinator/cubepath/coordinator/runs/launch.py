@@ -203,8 +203,8 @@ class _Run:
                 network=plan.network,
                 sink=self._wire,
                 check=lambda: self._between_messages(check),
-                plausible=conductor.check,
                 say=self._say_aloud,
+                plausible=conductor.check,
             ) as fleet,
         ):
             if plan.wait_for:

@@ -40,7 +40,8 @@ def access_list(processes: int, by: Literal["usernames", "cert_common_names"]) -
     ]
     for process in range(processes):
         name = process_name(process)
-        own = [f"cubepath/*/{kind}/{name}" for kind in (*_OWN_KINDS, "to/*")]
+        own = [f"cubepath/*/{kind}/{name}" for kind in _OWN_KINDS]
+        own.append(f"cubepath/*/to/*/{name}")
         rules += [
             _rule(f"{name} says", ("put",), ("ingress",), own),
             _rule(

@@ -21,14 +21,14 @@ import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.wire.credentials import GUEST, TLS, Credentials, settings_for
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sockets import SCHEME
 
 _BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _STALL_US_MAX = 3_600_000_000
 _STALL_US_AT_ROUTER = 1_000_000
 """How long a router waits for who does not read, and everybody else with it."""
-_MESSAGE_BYTES_MAX = 64 << 20
-"""A larger message is dropped by a router; reports of 100,000 modules are a third of it."""
+_KEY_BYTES_MAX = 1 << 16
 _LEASE_MS = 3_600_000
 _FOR_SESSIONS = 24
 """Descriptors that a router and two clients need, with a few to spare."""
@@ -105,7 +105,7 @@ def open_router(endpoint: str, guard: Mapping[str, Any] | None = None) -> tuple[
         "listen/endpoints": [endpoint],
         "connect/endpoints": [],
         _BLOCKED: _STALL_US_AT_ROUTER,
-        "transport/link/rx/max_message_size": _MESSAGE_BYTES_MAX,
+        "transport/link/rx/max_message_size": MESSAGE_BYTES_MAX + _KEY_BYTES_MAX,
         **(guard or {}),
     }
     try:

@@ -1,0 +1,153 @@
+"""Guests of a private run: they hear everything, and whatever they do, the run goes on as ever."""
+
+from __future__ import annotations
+
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.messages import Message, Reports
+
+pytestmark = pytest.mark.slow
+
+LONGEST_S = 5.0
+"""A round in which a guest is cut off takes a second, and two to ask for what was lost."""
+GUEST = """
+import sys, time
+from cubepath.protocol.wire.sessions import open_client, subscribe
+session = open_client(sys.argv[1])
+heard = []
+def take(sample):
+    heard.append(sample)
+    if {slow}:
+        time.sleep(0.1)
+subscriber = subscribe(session, "cubepath/**", take)
+while not heard:
+    time.sleep(0.01)
+run = str(heard[0].key_expr).split("/")[1]
+{do}
+print("done", flush=True)
+sys.stdin.read()
+"""
+NONSENSE = """
+for topic in ("go/coordinator", "ready/process_0", "to/0,0", "to/0,0/process_0", "hello/me"):
+    session.put(f"cubepath/{run}/{topic}", b"not json")
+"""
+FLOOD = """
+for number in range(100_000):
+    session.put(f"cubepath/{run}/go/coordinator", b'{"type": "go", "round": 1, "phase": "stop"}')
+"""
+HUGE = """
+for _ in range(3):
+    session.put(f"cubepath/{run}/go/coordinator", bytes(100_000_000))
+"""
+FAKE = """
+token = session.liveliness().declare_token(f"cubepath/{run}/alive/process_0")
+orders = session.declare_queryable(f"cubepath/{run}/orders/*", print)
+"""
+
+
+@contextmanager
+def guest(fleet: Fleet, do: str, *, slow: bool = False) -> Generator[subprocess.Popen[bytes]]:
+    """Start a guest in a process of its own."""
+    code = GUEST.format(do=do, slow=slow)
+    child = subprocess.Popen(
+        [sys.executable, "-c", code, fleet.endpoint],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    try:
+        yield child
+    finally:
+        child.kill()
+        child.communicate()
+
+
+def played(do: str | None = None, *, slow: bool = False, stop: bool = False) -> list[Reports]:
+    """Play rounds, with a guest until some time after it has done what it does."""
+    told: list[Reports] = []
+
+    def sink(message: Message, data: bytes, wall_ns: int) -> None:
+        if isinstance(message, Reports):
+            told.append(message)
+
+    scene = scene_from_spec("hex:n=30")
+    with Fleet(scene, "random", seed=5, processes=2, sink=sink) as fleet:
+        if do is None:
+            for _ in fleet.rounds(ROUNDS):
+                pass
+            return told
+        with guest(fleet, do, slow=slow) as child:
+            assert child.stdout is not None
+            done_s = rss = 0.0
+            while not done_s or time.monotonic() < done_s + 2 or fleet.round < ROUNDS:
+                begun = time.monotonic()
+                fleet.play_round()
+                assert time.monotonic() - begun < LONGEST_S
+                if not done_s and is_done(child):
+                    done_s = time.monotonic()
+                    if stop:
+                        child.send_signal(signal.SIGSTOP)
+                assert child.poll() is None
+            rss = resident_mb(fleet.router_pid)
+        assert rss < 300
+    return told
+
+
+def is_done(child: subprocess.Popen[bytes]) -> bool:
+    """Return whether the guest has said so."""
+    assert child.stdout is not None
+    return bool(select.select([child.stdout], [], [], 0)[0])
+
+
+def resident_mb(pid: int) -> float:
+    """Return the most memory that a process has had."""
+    lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    return next(int(line.split()[1]) / 1024 for line in lines if line.startswith("VmHWM"))
+
+
+ROUNDS = 40
+
+
+def by_process(told: list[Reports]) -> list[Reports]:
+    """Return the reports of the first rounds in one order."""
+    return sorted(
+        (each for each in told if each.round <= ROUNDS), key=lambda each: (each.round, each.process)
+    )
+
+
+@pytest.fixture(scope="module")
+def quiet() -> list[Reports]:
+    """Return the reports of the run without guests."""
+    found = by_process(played())
+    assert len(found) == 2 * ROUNDS
+    return found
+
+
+@pytest.mark.parametrize(
+    "do", [NONSENSE, FLOOD, HUGE, FAKE], ids=["nonsense", "flood", "huge", "fake"]
+)
+def test_what_a_guest_says_is_not_heard(do: str, quiet: list[Reports]) -> None:
+    """Neither nonsense, 100,000 orders to stop, 100 MB at a time, nor who it claims to be."""
+    assert by_process(played(do)) == quiet
+
+
+@pytest.mark.thorough
+def test_a_guest_that_reads_slowly_holds_nobody_up(quiet: list[Reports]) -> None:
+    """Its queue fills, it is cut off, and comes back: each time the run waits a second at most."""
+    assert by_process(played("time.sleep(15)", slow=True)) == quiet
+
+
+@pytest.mark.thorough
+def test_a_guest_that_stands_still_holds_nobody_up(quiet: list[Reports]) -> None:
+    """As one that reads slowly, for ever."""
+    assert by_process(played("pass", stop=True)) == quiet

@@ -1,0 +1,119 @@
+"""Certificates of a fleet: what is in them, and who may read them."""
+
+from __future__ import annotations
+
+import ipaddress
+import stat
+import subprocess
+import sys
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from cubepath.coordinator.commands.main import main
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.wire.authority import make_certificates
+
+NAMES = ["authority", "router", "coordinator", "process_0", "process_1", "guest"]
+
+
+def certificate(folder: Path, name: str) -> x509.Certificate:
+    """Return a certificate."""
+    return x509.load_pem_x509_certificate((folder / f"{name}.crt").read_bytes())
+
+
+def test_everyone_has_a_certificate_and_a_key_that_nobody_else_reads(tmp_path: Path) -> None:
+    """By one authority; only the router's is for a server, at its hosts."""
+    folder = tmp_path / "new" / "folder"
+    assert make_certificates(folder, processes=2, hosts=["robot-1.lan", "192.0.2.7"]) == NAMES
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    assert sorted(each.name for each in folder.iterdir()) == sorted(
+        f"{name}.{suffix}" for name in NAMES for suffix in ("crt", "key")
+    )
+    authority = certificate(folder, "authority")
+    for name in NAMES:
+        assert stat.S_IMODE((folder / f"{name}.key").stat().st_mode) == 0o600
+        found = certificate(folder, name)
+        found.verify_directly_issued_by(authority)
+        if name == "authority":
+            continue
+        (common,) = found.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+        assert common.value == name
+        (use,) = found.extensions.get_extension_for_class(x509.ExtendedKeyUsage).value
+        server = name == "router"
+        assert use == (
+            ExtendedKeyUsageOID.SERVER_AUTH if server else ExtendedKeyUsageOID.CLIENT_AUTH
+        )
+    alternatives = certificate(folder, "router").extensions.get_extension_for_class(
+        x509.SubjectAlternativeName
+    )
+    assert alternatives.value.get_values_for_type(x509.DNSName) == ["localhost", "robot-1.lan"]
+    assert alternatives.value.get_values_for_type(x509.IPAddress) == [
+        ipaddress.ip_address(each) for each in ("127.0.0.1", "::1", "192.0.2.7")
+    ]
+
+
+def test_they_end_when_they_are_told_to(tmp_path: Path) -> None:
+    """After so many days; an hour ago they held already, for clocks that are late."""
+    make_certificates(tmp_path / "a", processes=0, days=3)
+    found = certificate(tmp_path / "a", "guest")
+    now = datetime.now(UTC)
+    assert now - timedelta(hours=2) < found.not_valid_before_utc < now
+    assert timedelta(days=2) < found.not_valid_after_utc - now <= timedelta(days=3)
+
+
+def test_a_folder_that_has_something_is_left_alone(tmp_path: Path) -> None:
+    """No key is ever written over."""
+    (tmp_path / "mine").write_text("precious")
+    with pytest.raises(InputError, match="not empty, expected a new folder"):
+        make_certificates(tmp_path)
+    with pytest.raises(InputError, match=r"mine: File exists, expected a new folder"):
+        make_certificates(tmp_path / "mine")
+    assert [each.name for each in tmp_path.iterdir()] == ["mine"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (["--processes", "1025"], "processes=1025: expected 0 to 1024"),
+        (["--days", "99999"], "days=99999: expected 1 to 36500"),
+        (["--host", "a b"], "host=a b: expected the name of a host or an IP address"),
+        (["--host", "robot", "--host", "x..y"], "host=x..y: expected the name of a host"),
+    ],
+)
+def test_what_makes_no_sense_is_one_line(
+    arguments: list[str], line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, and nothing is written."""
+    assert main(["certificates", str(tmp_path / "new"), *arguments]) == 2
+    captured = capsys.readouterr()
+    assert captured.err.startswith(f"cubepath: {line}")
+    assert captured.err.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.slow
+def test_a_missing_library_is_one_line_that_says_how_to_get_it(tmp_path: Path) -> None:
+    """Nothing else needs it."""
+    code = (
+        "import sys\n"
+        "sys.modules['cryptography'] = None\n"
+        "import importlib.util as util\n"
+        "find = util.find_spec\n"
+        "util.find_spec = lambda name: None if name == 'cryptography' else find(name)\n"
+        "from cubepath.coordinator.commands.main import main\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, "certificates", str(tmp_path / "new")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == (
+        "cubepath: certificates take the library cryptography: pip install 'cubepath[secure]'\n"
+    )
