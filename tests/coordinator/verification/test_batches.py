@@ -8,9 +8,12 @@ import pytest
 from msgspec.structs import replace
 
 import tamperings_of_certificates
+import tamperings_of_choices
 import tamperings_of_results
+import tamperings_of_runs
 import tamperings_of_schedules
 from batched import first_batch, singles
+from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -32,7 +35,13 @@ from cubepath.protocol.wire.messages import (
 from recordings import first, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 
-MODULES_OF_RESULTS = (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules)
+MODULES_OF_RESULTS = (
+    tamperings_of_certificates,
+    tamperings_of_choices,
+    tamperings_of_results,
+    tamperings_of_runs,
+    tamperings_of_schedules,
+)
 """Imported for the tamperings that they add."""
 
 OF_BATCHES = [each for each in TAMPERINGS if each.values[1][0] != "messages"]
@@ -75,7 +84,7 @@ def test_what_is_tampered_with_is_found_in_batches(
 ) -> None:
     """The same checks fail, with the same words, as where each part is a message of its own."""
     recording = make()
-    found, single = verify(recording), verify(singles(recording))
+    found, single = audit(recording), audit(singles(recording))
     assert set(checks) <= failing(found)
     # Single messages tell also where those stood who were heard, which must agree too.
     assert failing(found) in (failing(single), failing(single) - {"deliveries"})

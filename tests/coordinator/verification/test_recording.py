@@ -17,8 +17,11 @@ from msgspec.structs import replace
 
 import tamperings
 import tamperings_of_certificates
+import tamperings_of_choices
 import tamperings_of_results
+import tamperings_of_runs
 import tamperings_of_schedules
+from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gatherer import gathered
 from cubepath.coordinator.verification import rounds as rederive
@@ -88,7 +91,7 @@ def test_a_count_that_no_memory_holds_is_only_a_wrong_number(number: int) -> Non
 @pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
 def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
     """The check that a tampering is about fails, in one line that says where; others as known."""
-    found = verify(make())
+    found = audit(make())
     assert not found.ok
     assert set(checks) <= failing(found)
     detail = detail_of(found, checks[0])
@@ -100,7 +103,13 @@ def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[st
 
 def test_every_check_can_fail() -> None:
     """No check is there for show: for each there is a tampering that it is about."""
-    for module in (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules):
+    for module in (
+        tamperings_of_certificates,
+        tamperings_of_choices,
+        tamperings_of_results,
+        tamperings_of_runs,
+        tamperings_of_schedules,
+    ):
         assert module.__doc__  # imported for the tamperings that it adds
     assert {checks[0] for _, checks in (each.values for each in TAMPERINGS)} == set(CHECKS)
 
@@ -224,7 +233,7 @@ REAL = [
 def test_a_real_recording_passes(spec: str, rule: str) -> None:
     """What really ran passes every check, and the numbers derived are those of the run."""
     recording = recorded(spec, rule, rounds=12, hesitate=0.1)
-    found = verify(recording)
+    found = audit(recording)
     assert found.ok, [check for check in found.checks if not check.ok]
     assert [check.name for check in found.checks] == list(CHECKS)
     assert all(check.detail == "" for check in found.checks)
@@ -401,7 +410,12 @@ def test_the_document_has_the_keys_that_are_promised() -> None:
     keys = ["ok", "complete", "checks", "moves", "rounds", "cubes", "path_digest"]
     assert list(document) == keys
     assert document["complete"] is True
-    assert document["checks"][0] == {"name": "readable", "ok": True, "detail": ""}
+    assert document["checks"][0] == {
+        "name": "readable",
+        "ok": True,
+        "checked": True,
+        "detail": "",
+    }
 
 
 def test_admissible_and_applied_as_by_definition() -> None:

@@ -11,9 +11,12 @@ import pytest
 from msgspec.structs import replace
 
 import tamperings_of_certificates
+import tamperings_of_choices
 import tamperings_of_results
+import tamperings_of_runs
 import tamperings_of_schedules
 from batched import singles
+from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
@@ -23,7 +26,13 @@ from long_runs import write
 from recordings import all_edited, edited, first, new_path, record_of, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 
-MODULES_OF_RESULTS = (tamperings_of_certificates, tamperings_of_results, tamperings_of_schedules)
+MODULES_OF_RESULTS = (
+    tamperings_of_certificates,
+    tamperings_of_choices,
+    tamperings_of_results,
+    tamperings_of_runs,
+    tamperings_of_schedules,
+)
 """Imported for the tamperings that they add."""
 
 FORMS = [
@@ -49,7 +58,7 @@ def test_a_file_is_told_as_messages_in_memory(make: Tampering, form: str) -> Non
     if form == "single messages":
         recording = singles(recording)
     assert len([*written(recording).blocks()]) > 1
-    assert verify(written(recording)) == verify(recording)
+    assert audit(written(recording)) == audit(recording)
 
 
 @pytest.mark.parametrize("way", ["reversed", "shuffled", "last first"])

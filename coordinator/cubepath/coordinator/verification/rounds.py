@@ -8,6 +8,7 @@ winners and deliveries are derived again, by their definitions.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from collections.abc import Set as AbstractSet
 from hashlib import blake2b, sha256
 
 import msgspec
@@ -32,7 +33,7 @@ Moves = dict[int, Move]
 """Moves by the module that makes them."""
 
 
-def why_not(action: Action, state: set[Site]) -> str | None:
+def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
     """Return in one line why the action is not admissible at the state, None if it is.
 
     Definition: in the fixed part of the support exactly one of the two local states is on, and
