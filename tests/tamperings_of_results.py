@@ -120,13 +120,19 @@ def two_steps_round_a_circle() -> tuple[Recording, list[Any]]:
 
 
 @tampers("summary")
+def a_digest_of_another_path() -> Recording:
+    summary = first(crowd(), "summary")
+    return edited(crowd(), summary, replace(summary, path_digest="0" * 64))
+
+
+@tampers("ended")
 def a_goal_that_was_not_reached() -> Recording:
     whole = recorded("agv:graph=grid4x4,n=7", "random", rounds=3)
     summary = first(whole, "summary")
     return edited(whole, summary, replace(summary, ended="goal"))
 
 
-@tampers("summary")
+@tampers("ended")
 def an_end_before_its_time() -> Recording:
     whole = recorded("agv:graph=grid4x4,n=7", "random", rounds=3)
     return with_fields(whole, parameters={**whole.parameters, "max_rounds": "9"})

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cubepath.agents.local.observation import goal_sets, observe
-from cubepath.coordinator.verification.choices import NOTE_MAX, NOTE_MIN, Moment, Observing, is_note
+from cubepath.coordinator.verification.choices import Moment, Observing
+from cubepath.coordinator.verification.rounds import NOTE_MAX, NOTE_MIN, is_note
 from cubepath.coordinator.verification.transcript import Round
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -10,7 +10,7 @@ from cubepath.coordinator.verification.parameters import (
     check_parameters,
     hesitation_in,
     max_rounds_in,
-    processes_in,
+    processes_of,
     seed_in,
 )
 from cubepath.protocol.recordings.recording import Recording
@@ -75,8 +75,13 @@ def test_a_schedule_has_its_rule_and_no_hesitation() -> None:
 
 def test_what_is_missing_or_malformed_is_not_known() -> None:
     """Neither is taken for a number."""
-    for read in (seed_in, max_rounds_in, processes_in, hesitation_in):
+    for key, read in (
+        ("seed", seed_in),
+        ("max_rounds", max_rounds_in),
+        ("hesitate", hesitation_in),
+    ):
         assert read({}) is None
-        key = read.__name__.removesuffix("_in").replace("hesitation", "hesitate")
         assert read({key: "x"}) is None
-        assert read({key: "0"}) == (1 if read is processes_in else 0)
+        assert read({key: "0"}) == 0
+    for value, count in (("x", None), ("0", 1), ("1", 1), ("7", 7), ("8", None)):
+        assert processes_of(with_fields(crowd(), parameters={"processes": value})) == count

@@ -13,7 +13,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.verification.rounds import why_not
+from cubepath.coordinator.verification.rounds import NOTE_MIN, is_note, why_not
 from cubepath.coordinator.verification.transcript import Round, Transcript
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, FILLED, Scene
@@ -21,8 +21,6 @@ from cubepath.protocol.wire.messages import Note
 
 Arrays: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
 """A PettingZoo observation by its keys: "observation", "action_mask", and "notes" if any."""
-NOTE_MIN, NOTE_MAX = -(2**31) + 1, 2**31 - 1
-"""The numbers of a note are int32; the least int32 stands where no note was heard."""
 _NOTHING_HEARD = NOTE_MIN - 1
 
 
@@ -114,8 +112,3 @@ class Observing:
             heard += [silence] * (system.reach_slots - len(heard))
             found["notes"] = np.array(heard, dtype=np.int32)
         return found
-
-
-def is_note(numbers: list[int], note_length: int) -> bool:
-    """Return whether these are a note of that length."""
-    return len(numbers) == note_length and all(NOTE_MIN <= each <= NOTE_MAX for each in numbers)

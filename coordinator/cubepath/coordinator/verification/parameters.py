@@ -67,10 +67,10 @@ def max_rounds_in(parameters: Mapping[str, str]) -> int | None:
     return _number(parameters.get("max_rounds", ""))
 
 
-def processes_in(parameters: Mapping[str, str]) -> int | None:
+def processes_of(recording: Recording) -> int | None:
     """Return the number of processes, 1 for modules in a thread; None if it is not known."""
-    found = _number(parameters.get("processes", ""))
-    return None if found is None else max(found, 1)
+    found = _number(recording.parameters.get("processes", ""))
+    return None if found is None or found > len(recording.scene.start) else max(found, 1)
 
 
 def hesitation_in(parameters: Mapping[str, str]) -> float | None:

@@ -19,6 +19,8 @@ from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
+    Act,
+    Acts,
     Certified,
     Claim,
     Cube,
@@ -27,6 +29,8 @@ from cubepath.protocol.wire.messages import (
     Here,
     Message,
     Note,
+    Observations,
+    Observed,
     Report,
     Reports,
     Said,
@@ -39,6 +43,7 @@ from cubepath.protocol.wire.messages import (
 
 ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
 """The messages that a module sends to its neighbours."""
+_PARTS = (Here, Note, Claim, Verdict, Report, Observed, Act)
 RECOVERED = "recovered"
 """The parameter that says what a recording was recovered from."""
 Fail = Callable[[str, str], None]
@@ -110,9 +115,13 @@ class Sorting:
     holds only the rounds in progress.
     """
 
-    def __init__(self, recording: Recording, fail: Fail) -> None:
-        """Begin before the first message."""
+    def __init__(
+        self, recording: Recording, fail: Fail, watch: Callable[[Message], object] | None = None
+    ) -> None:
+        """Begin before the first message; `watch` is given all that decode, as they stand."""
         self.found = Transcript()
+        self._watch = watch
+        self._in_batches = not recording.format.endswith("-1")
         self._fail = fail
         self._modules = len(recording.scene.start)
         self._everyone = set(range(self._modules))
@@ -129,10 +138,25 @@ class Sorting:
         """Sort some records; OutOfOrder if one is of a round that is closed."""
         for record in records:
             message = _message(record, self._fail)
+            if message is None:
+                continue
+            self._check_form(record, message)
             if isinstance(message, Said | Reports):
                 self._round(message.round).batches.append(message)
-            for part in () if message is None else _parts(record, message, self._fail):
+            if self._watch is not None:
+                self._watch(message)
+            for part in _parts(record, message, self._fail):
                 self._sort(part)
+
+    def _check_form(self, record: Record, message: Message) -> None:
+        """Check that what modules say is in batches, or by itself, as the format has it."""
+        batch = isinstance(message, Said | Reports | Observations | Acts)
+        if batch and not self._in_batches:
+            self._fail("batches", f"{_place(record)} is a batch, in a recording of format 1")
+        elif batch and not parts_of(message):
+            self._fail("batches", f"{_place(record)} is empty")
+        elif self._in_batches and isinstance(message, _PARTS):
+            self._fail("batches", f"{_place(record)} is in no batch, as in format 1")
 
     def close(self, least: float) -> Iterator[tuple[int, Round]]:
         """Yield the complete rounds from the first on, once each; none below `least` is to come."""
