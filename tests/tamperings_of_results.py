@@ -76,6 +76,20 @@ def a_cube_that_does_not_commute() -> Recording:
     return edited(crowd(), one, replace(one, moves=[*one.moves, *two.moves]))
 
 
+@tampers("dependencies", "class")
+def a_move_of_the_last_cube_in_the_first() -> Recording:
+    whole = crowd()
+    count = first(whole, "summary").cubes
+    last: Cube = first(whole, "cube", lambda message: message.index == count)
+
+    def early(cube: Cube) -> Cube:
+        if cube.index == 1:
+            return replace(cube, moves=[*cube.moves, last.moves[0]])
+        return replace(cube, moves=cube.moves[1:]) if cube.index == count else cube
+
+    return all_edited(whole, "cube", early)
+
+
 @tampers("normal")
 def a_cube_of_no_moves() -> Recording:
     cube = first(crowd(), "cube")

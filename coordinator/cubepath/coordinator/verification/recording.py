@@ -18,6 +18,7 @@ from typing import Any
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.choices import Moment, Player
+from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.ending import Course
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
@@ -63,6 +64,7 @@ CHECKS = {
     "hearing": "no module missed what was said to it",
     "choices": "each module chose, noted and gave up as its rule does, with the seed's randomness",
     "schedule": "the rounds are the cubes of the schedule, if there is one, up to where it stopped",
+    "dependencies": "what is not undone finds its sites at the same versions in rounds and cubes",
     "edges": "the coordinator's edges are the moves reported",
     "normal": "no action of a cube is in the cube before or commutes with all of it",
     "ends": "the cubes are admissible from the start on, and end where the moves end",
@@ -222,7 +224,11 @@ def _verified(
     check_schedule(recording, transcript, fail)
     derived.check_edges(transcript)
     normal_form = cubes_of(derived.actions)
-    _check_cubes(recording.scene, transcript, derived, normal_form, fail)
+    cubes = _recorded_cubes(recording.scene, transcript, fail)
+    whole = transcript.summary is not None
+    check_dependencies(derived.actions, derived.ends, cubes, fail, whole=whole)
+    if cubes is not None:  # without all actions nothing more can be checked
+        _check_cubes(recording.scene, cubes, derived, normal_form, fail, whole=whole)
     check_recorded_certificate(recording.scene, transcript, derived.actions, fail)
     if transcript.summary is not None:
         expected = {
@@ -237,10 +243,10 @@ def _verified(
         }
         _check_summary(transcript.summary, expected, fail)
     checks = failures.checks(_unchecked(playing))
-    whole = all(check.ok for check in checks if check.name in ("readable", "complete"))
+    sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),
-        complete=whole and transcript.summary is not None,
+        complete=sound and whole,
         checks=checks,
         moves=derived.moves,
         rounds=transcript.complete_rounds,
@@ -274,22 +280,29 @@ def _unchecked(playing: Player | None) -> dict[str, str]:
     return {} if why is None else {"choices": f"not checked: {why}"}
 
 
-def _check_cubes(
-    scene: Scene,
-    transcript: Transcript,
-    derived: Rederivation,
-    normal_form: Sequence[Sequence[Action]],
-    fail: Fail,
-) -> None:
+def _recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
+    """Return the cubes on record, None if a move of them is none of the system."""
     cubes: list[list[Action]] = []
     for cube in transcript.result:
         actions = _actions(scene, cube, fail)
         if actions is None:
-            return  # without all actions nothing more can be checked
+            return None
         cubes.append(actions)
+    return cubes
+
+
+def _check_cubes(
+    scene: Scene,
+    cubes: Sequence[Sequence[Action]],
+    derived: Rederivation,
+    normal_form: Sequence[Sequence[Action]],
+    fail: Fail,
+    *,
+    whole: bool,
+) -> None:
     _check_normal(cubes, fail)
     end = _end(scene, cubes, fail)
-    if transcript.summary is None:
+    if not whole:
         # That the end is missing is reported already: the cubes on record must be the first ones.
         normal_form = normal_form[: len(cubes)]
     elif end is not None and end != derived.state:

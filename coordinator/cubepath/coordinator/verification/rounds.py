@@ -7,6 +7,7 @@ winners and deliveries are derived again, by their definitions.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from hashlib import blake2b, sha256
@@ -70,6 +71,8 @@ class Rederivation:
         self.state: set[Site] = set(scene.start) | scene.system.filled
         self.sites: list[Site] = list(scene.start)
         self.actions: list[Action] = []
+        self.ends = array("q")
+        """How many actions there are up to the end of each round."""
         self.moves = 0
         """The number of moves as reported."""
         self._digest = sha256()
@@ -167,6 +170,7 @@ class Rederivation:
             make(move.action, self.state)
             self.actions.append(move.action)
             motion.update(move.motion)
+        self.ends.append(len(self.actions))
         self.sites = [motion.get(site, site) for site in self.sites]
         if set(self.sites) | self._system.filled != self.state:
             self._fail("sites", f"{where}: where modules are is not what is on")
