@@ -37,7 +37,7 @@ from command_line import GOLDEN, ROOT, in_shell
 from cubepath.coordinator.commands.main import main
 
 BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
-STARTING = ("run", "replay")
+STARTING = ("run", "replay", "router", "join")
 """Commands that start processes or sessions."""
 TIMES = (
     (r"\d+\.\d+ s\b", "0 s"),
