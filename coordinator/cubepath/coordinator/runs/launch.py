@@ -383,7 +383,8 @@ class _Run:
 
 def _file_name(plan: Plan, task: Task) -> str:
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-    return f"{_system_name(plan, task.scene)}-{task.name}-{plan.seed}-{now}.mcap"
+    rule = re.sub(r"[^\w.]+", "-", Path(task.name).name)  # a rule may be FILE.py:NAME
+    return f"{_system_name(plan, task.scene)}-{rule}-{plan.seed}-{now}.mcap"
 
 
 def _system_name(plan: Plan, scene: Scene) -> str:
