@@ -39,8 +39,8 @@ PUBLIC = {
         write_certificate write_cubes write_moves write_timetable
     """,
     "cubepath.agents": """
-        Choice CubepathEnv InitialKnowledge Note Observation Played Rule RuleType View draw_pixels
-        draw_text env observe parallel_env play raw_env rule_named
+        Checked Choice CubepathEnv Finding InitialKnowledge Note Observation Played Rule RuleType
+        View check_rule draw_pixels draw_text env observe parallel_env play raw_env rule_named
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift
