@@ -124,6 +124,14 @@ BREAKS = {
         "coordinator.shortening.conversion",
         "agents.rules.rule",
     ),
+    "commands alone check rules": (
+        "coordinator.runs.gatherer",
+        "agents.locality.findings",
+    ),
+    "what checks rules starts no run and draws nothing": (
+        "agents.locality.findings",
+        "agents.processes.fleet",
+    ),
     "runs and complexes alone draw": (
         "coordinator.commands.console",
         "agents.rendering.pen",

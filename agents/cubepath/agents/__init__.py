@@ -1,8 +1,8 @@
 """Agents: one module's view and choice, the module process, and the PettingZoo environments.
 
 Room: agents; each module knows its neighbourhood only. It imports the protocol. This face offers
-what users need: to write a rule, to observe, to play in an environment, and to draw a state. Inside
-the project, names are imported from the modules that define them.
+what users need: to write a rule, to observe, to play in an environment or in processes, and to draw
+a state. Inside the project, names are imported from the modules that define them.
 
 | room | holds | may import |
 |---|---|---|
@@ -11,6 +11,7 @@ the project, names are imported from the modules that define them.
 | `processes` | module processes and the fleet that starts and paces them | `rules`, `local` |
 | `rendering` | scenes as text, pixels and on axes | none |
 | `environments` | the PettingZoo environments, and playing a rule in them | all of these |
+| `locality` | whether a rule is local, found by playing it | `environments` and what these use |
 """
 
 from typing import TYPE_CHECKING
@@ -20,6 +21,8 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.environments import CubepathEnv, Played, env, parallel_env, play, raw_env
     from cubepath.agents.local import Note, Observation, View, observe
+    from cubepath.agents.locality import Checked, Finding, check_rule
+    from cubepath.agents.processes import Fleet
     from cubepath.agents.rendering import draw_pixels, draw_text
     from cubepath.agents.rules import Choice, InitialKnowledge, Rule, RuleType, rule_named
 else:
@@ -28,14 +31,19 @@ else:
         {
             "environments": "CubepathEnv Played env parallel_env play raw_env",
             "local": "Note Observation View observe",
+            "locality": "Checked Finding check_rule",
+            "processes": "Fleet",
             "rendering": "draw_pixels draw_text",
             "rules": "Choice InitialKnowledge Rule RuleType rule_named",
         },
     )
 
 __all__ = [
+    "Checked",
     "Choice",
     "CubepathEnv",
+    "Finding",
+    "Fleet",
     "InitialKnowledge",
     "Note",
     "Observation",
@@ -43,6 +51,7 @@ __all__ = [
     "Rule",
     "RuleType",
     "View",
+    "check_rule",
     "draw_pixels",
     "draw_text",
     "env",

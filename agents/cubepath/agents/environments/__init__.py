@@ -1,7 +1,7 @@
 """The PettingZoo environments, in one process and over zenoh, and playing a rule in them.
 
 Room: agents. It imports all other rooms of the agents, and the protocol. It is for outside users;
-in the project only the simulator imports it, to compare its runs with `play`.
+in the project only the simulator imports it, to compare its runs with `play`, and `locality`.
 """
 
 from typing import TYPE_CHECKING
@@ -11,13 +11,15 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
     from cubepath.agents.environments.rollout import Played, play
+    from cubepath.agents.environments.world import World
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "environment": "CubepathEnv env parallel_env raw_env",
             "rollout": "Played play",
+            "world": "World",
         },
     )
 
-__all__ = ["CubepathEnv", "Played", "env", "parallel_env", "play", "raw_env"]
+__all__ = ["CubepathEnv", "Played", "World", "env", "parallel_env", "play", "raw_env"]

@@ -11,29 +11,41 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
-    from cubepath.agents.rules.registry import rule_named, rules
+    from cubepath.agents.rules.registry import find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
+    from cubepath.agents.rules.rule_files import is_in_file
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
+    from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "actor": "Actor actors_for",
-            "registry": "rule_named rules",
+            "registry": "find_rule rule_named rules unknown_rule",
             "rule": "Choice InitialKnowledge Rule RuleType",
+            "rule_files": "is_in_file",
             "schedule": "SCHEDULE scheduled",
+            "streams": "HESITATE NoSeed RULE stream stream_at",
         },
     )
 
 __all__ = [
+    "HESITATE",
+    "RULE",
     "SCHEDULE",
     "Actor",
     "Choice",
     "InitialKnowledge",
+    "NoSeed",
     "Rule",
     "RuleType",
     "actors_for",
+    "find_rule",
+    "is_in_file",
     "rule_named",
     "rules",
     "scheduled",
+    "stream",
+    "stream_at",
+    "unknown_rule",
 ]

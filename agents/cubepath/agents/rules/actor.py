@@ -18,16 +18,10 @@ from cubepath.agents.local.observation import (
     view_of,
 )
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType, as_choice
+from cubepath.agents.rules.streams import HESITATE, RULE, stream
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene, System
-
-_RULE, _HESITATE = 0, 1
-
-
-def stream(seed: int, module: int, purpose: int) -> np.random.Generator:
-    """Return a module's own random stream for one purpose, a function of the seed alone."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(module, purpose)))
+from cubepath.protocol.core.system import Scene
 
 
 class Actor:
@@ -40,26 +34,14 @@ class Actor:
     def __init__(
         self,
         rule: RuleType,
+        knowledge: InitialKnowledge,
         *,
-        system: System,
-        module: int,
-        modules: int,
-        start: Site,
-        goals: tuple[Site, ...],
-        seed: int,
         hesitate: float = 0.0,
+        doubt: np.random.Generator | None = None,
     ) -> None:
-        """Make the rule for this module; it learns nothing of the others except their number."""
-        knowledge = InitialKnowledge(
-            system=system,
-            module=module,
-            modules=modules,
-            start=start,
-            goals=goals,
-            random=stream(seed, module, _RULE),
-        )
-        self.note_length = rule.note_length(modules)
-        self._who = f"rule {rule.name!r}, module_{module}"
+        """Make the rule for this module, with all that it knows; `doubt` decides hesitations."""
+        self.note_length = rule.note_length(knowledge.modules)
+        self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
             with _blamed_on(self._who):
                 self._rule = rule.make(knowledge)
@@ -69,7 +51,7 @@ class Actor:
             raise
         self._knowledge = knowledge
         self._hesitate = hesitate
-        self._doubt = stream(seed, module, _HESITATE)
+        self._doubt = doubt
 
     def act(self, observation: Observation) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
@@ -80,7 +62,7 @@ class Actor:
                 legal = view.mask.nonzero()[0].tolist()
                 raise InputError(f"chose action {choice.action}, legal were {legal}")
             note = None if choice.note is None else checked_note(choice.note, self.note_length)
-        hesitates = bool(self._hesitate) and self._doubt.random() < self._hesitate
+        hesitates = self._doubt is not None and self._doubt.random() < self._hesitate
         return Choice(STAY if hesitates else choice.action, note, choice.failed)
 
 
@@ -113,13 +95,16 @@ def actors_for(
     return {
         module: Actor(
             rule,
-            system=scene.system,
-            module=module,
-            modules=count,
-            start=scene.start[module] if sites is None else sites[module],
-            goals=scene.goals[module] if scene.goals else (),
-            seed=seed,
+            InitialKnowledge(
+                system=scene.system,
+                module=module,
+                modules=count,
+                start=scene.start[module] if sites is None else sites[module],
+                goals=scene.goals[module] if scene.goals else (),
+                random=stream(seed, module, RULE),
+            ),
             hesitate=hesitate,
+            doubt=stream(seed, module, HESITATE) if hesitate else None,
         )
         for module in (range(count) if modules is None else modules)
     }

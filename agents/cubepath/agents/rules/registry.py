@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.pibt import PIBT
 from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.rule_files import is_in_file, rule_in_file
 from cubepath.agents.rules.tswap import TSWAP
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
@@ -67,12 +68,26 @@ def _by_entry(name: str) -> RuleType | None:
     return None
 
 
-def rule_named(name: str, system: System) -> RuleType:
-    """Return the rule of that name; InputError if there is none, or it does not fit the system.
+def find_rule(name: str) -> RuleType | None:
+    """Return the rule of that name, or of the form FILE.py:NAME; None if there is none.
 
-    Other distributions are searched only for names that are not built in.
+    Other distributions are searched only for names that are not built in. InputError says what is
+    wrong with a file, or with an entry point.
     """
-    found = BUILT_IN.get(name) or _by_entry(name) or rules().get(name)
+    if is_in_file(name):
+        return rule_in_file(name)
+    return BUILT_IN.get(name) or _by_entry(name) or rules().get(name)
+
+
+def unknown_rule(name: str) -> InputError:
+    """Return the error for a name that no rule has."""
+    near = did_you_mean(name, rules())
+    return InputError(f"unknown rule {name!r}{near}, expected one of {', '.join(rules())}")
+
+
+def rule_named(name: str, system: System) -> RuleType:
+    """Return the rule that `find_rule` finds; InputError if none, or it does not fit the system."""
+    found = find_rule(name)
     if found is None or not found.fits(system):
         fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
         what = "unknown rule" if found is None else "not for this system: rule"

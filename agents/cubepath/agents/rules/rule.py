@@ -22,7 +22,7 @@ class InitialKnowledge:
     """What a module knows from birth: the static map, its own number, place and goals.
 
     `modules` is the number of modules; where the others are is unknown. `random` is the module's
-    own stream, derived from the seed of the run and its number.
+    own stream, derived from the seed of the run and its number; it tells nothing of that seed.
     """
 
     system: System

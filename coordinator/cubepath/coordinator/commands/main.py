@@ -20,6 +20,7 @@ from cubepath.coordinator.commands.certificates import (
     explain,
     write_schedule,
 )
+from cubepath.coordinator.commands.check_rule import add_check_rule_command
 from cubepath.coordinator.commands.complexes import add_complex_commands
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
@@ -173,6 +174,7 @@ def _parser() -> argparse.ArgumentParser:
     add_complex_commands(command)
     add_simulate_command(command)
     add_certificates_command(command)
+    add_check_rule_command(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser

@@ -72,7 +72,10 @@ def add_run_commands(command: AddCommand) -> None:
 def _add_run(command: AddCommand) -> None:
     run = command("run", _run, "run modules in processes, record them, shorten their path")
     run.add_argument("system", nargs="?", metavar="SYSTEM", help=SYSTEM_HELP)
-    run.add_argument("--rule", help="rule of the modules (default: the one that reaches the goal)")
+    run.add_argument(
+        "--rule",
+        help="rule of the modules, a name or FILE.py:NAME (default: the one that reaches the goal)",
+    )
     run.add_argument(
         "--seed", type=whole(0), default=0, help="seed of every random choice (default 0)"
     )

@@ -169,7 +169,8 @@ def check_topics(task: Task, plan: Plan) -> None:
 def file_name(plan: Plan, task: Task) -> str:
     """Return the name of the recording of a plan that does not name one."""
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-    return f"{_system_name(plan, task.scene)}-{task.name}-{plan.seed}-{now}.mcap"
+    rule = re.sub(r"[^\w.]+", "-", Path(task.name).name)  # a rule may be FILE.py:NAME
+    return f"{_system_name(plan, task.scene)}-{rule}-{plan.seed}-{now}.mcap"
 
 
 def _system_name(plan: Plan, scene: Scene) -> str:

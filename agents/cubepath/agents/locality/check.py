@@ -1,0 +1,286 @@
+"""Checking that a rule is local: playing it in scenes under all that must not matter to it.
+
+Room: agents. The rule is loaded in processes of their own alone, never in the one that checks it.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from random import Random
+from tempfile import TemporaryDirectory
+from typing import Self
+
+from cubepath.agents.locality.findings import Evidence, Finding, Kind, difference, told
+from cubepath.agents.locality.fork_server import ForkServer
+from cubepath.agents.locality.plays import (
+    Answer,
+    Conditions,
+    Fit,
+    Life,
+    Play,
+    Replay,
+    Task,
+    Together,
+)
+from cubepath.agents.locality.scenes import all_scenes
+from cubepath.agents.locality.surroundings import Changes
+from cubepath.agents.rules.rule_files import is_in_file
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+_HASH_SEEDS = 4
+"""So many servers, each with its own hash seed; most plays use the first."""
+_WATCHED = 6
+"""So many modules of a scene are played again on their own, spread over their numbers."""
+_HESITATE = 0.2
+_ROUNDS = 40
+_SEEDS = 1 << 31
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """What came of checking a rule in some scenes."""
+
+    rule: str
+    seed: int
+    systems: tuple[str, ...]
+    modules: int
+    """Modules that were played again on their own."""
+    choices: int
+    """Choices that were compared with those of a run."""
+    changes: int
+    """Sites beyond the reach of a module that were changed."""
+    findings: tuple[Finding, ...]
+
+
+_USUAL = Conditions()
+
+
+@dataclass(frozen=True, slots=True)
+class _Variant:
+    """A run under other conditions: what that shows if choices differ, and how it is told."""
+
+    kind: Kind
+    how: str
+    conditions: Conditions = _USUAL
+    server: int = 0
+    backwards: bool = False
+
+
+_AGAIN = _Variant("repeat", "played again")
+_VARIANTS = (
+    _Variant("state", "asked in another order", backwards=True),
+    _Variant("clock", "at another time", Conditions(clock=1)),
+    _Variant("random", "with other global random numbers", Conditions(random=1)),
+    _Variant("process", "in other processes", Conditions(process=1)),
+    _Variant("environment", "in another folder and environment", Conditions(environment=1)),
+    *(
+        _Variant("hashing", "with another PYTHONHASHSEED", server=server)
+        for server in range(1, _HASH_SEEDS)
+    ),
+)
+_UNTOUCHED = _Variant(
+    "unexplained", "in another process", Conditions(trapped=False, environment=2), server=1
+)
+
+_ALONE = _Variant("state", "alone in a process")
+_ELSEWHERE = _Variant("reach", "where modules beyond its reach are elsewhere")
+_FEWER = _Variant("reach", "where modules beyond its reach are gone, and others there")
+
+
+class Checker:
+    """Plays a rule and gathers what that shows: a context manager."""
+
+    def __init__(self, rule: str, seed: int, progress: Callable[[], object]) -> None:
+        """Start nothing yet. A rule FILE.py:NAME is looked for from the current folder."""
+        self._progress = progress
+        file, _, name = rule.rpartition(":")
+        self._rule = f"{Path(file).resolve()}:{name}" if is_in_file(rule) else rule
+        self._shown, self._seed = rule, seed
+        self._evidence = Evidence()
+        self._specs: list[str] = []
+        self._modules = self._choices = self._changes = self._folders = 0
+        self._resources = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            self._folder = Path(stack.enter_context(TemporaryDirectory(prefix="cubepath-check-")))
+            self._servers = [
+                stack.enter_context(ForkServer(hash_seed)) for hash_seed in self._hash_seeds()
+            ]
+            workers = len(os.sched_getaffinity(0))
+            self._pool = stack.enter_context(ThreadPoolExecutor(workers))
+            self._resources = stack.pop_all()
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._resources.close()
+
+    def _hash_seeds(self) -> list[int]:
+        return Random(f"{self._seed}/hash").sample(range(1, 1 << 32), _HASH_SEEDS)  # noqa: S311
+
+    def check(self, spec: str) -> None:
+        """Check the rule in a scene; InputError if it is not for it, or not to be found."""
+        scene = local_only(scene_from_spec(spec), "runs")
+        whole = self._run(scene)
+        run = self._submit(whole, _USUAL).result()
+        if run.unfit is not None:
+            raise InputError(run.unfit)
+        self._specs.append(spec)
+        if not self._gathered(spec, "in a run", run):
+            return
+        self._look_for_errors(spec, run)
+        variants = [_AGAIN, *_VARIANTS, _UNTOUCHED]
+        runs = [
+            self._submit(replace(whole, backwards=each.backwards), each.conditions, each.server)
+            for each in variants
+        ]
+        replays = [self._replays(scene, run, module) for module in _spread(run.lives, _WATCHED)]
+        again, *others, untouched = [
+            self._compared(spec, each, run, answer.result())
+            for each, answer in zip(variants, runs, strict=True)
+        ]
+        found = [pair for pair in others if pair is not None]
+        for alone, elsewhere, fewer in replays:
+            pairs = [
+                self._compared(spec, variant, run, answer.result())
+                for variant, answer in (
+                    (_ALONE, alone),
+                    (_ELSEWHERE, elsewhere),
+                    (_FEWER, fewer),
+                )
+            ]
+            # State that modules share changes with their number; that alone shows no more.
+            by_number = pairs[0] is not None and pairs[1] is None
+            found += [pair for pair in pairs[: 2 if by_number else 3] if pair is not None]
+            self._modules += 1
+        if again is not None:  # then other conditions are not what makes the difference
+            found = [again]
+        if not found and untouched is not None:
+            found = [untouched]
+        for variant, text in found:
+            self._evidence.add(variant.kind, text)
+
+    def fitting(self, specs: Sequence[str]) -> list[str]:
+        """Return the scenes that the rule is for; InputError if there is none, or no such rule."""
+        found = self._submit(Fit(tuple(specs)), _USUAL).result()
+        wrong = found.unfit or found.broken
+        if wrong is not None:
+            raise InputError(wrong)
+        if not found.specs:
+            raise InputError(f"rule {self._shown!r}: for no system with runs, expected one or more")
+        return list(found.specs)
+
+    def check_all(self, specs: Sequence[str]) -> None:
+        """Check the rule in each of the scenes that it can be made for; InputError if in none."""
+        unfit: InputError | None = None
+        for spec in specs:
+            try:
+                self.check(spec)
+            except InputError as error:
+                unfit = error
+        if unfit is not None and not self._specs:
+            raise unfit
+
+    def checked(self) -> Checked:
+        """Return what has been found so far."""
+        return Checked(
+            rule=self._shown,
+            seed=self._seed,
+            systems=tuple(self._specs),
+            modules=self._modules,
+            choices=self._choices,
+            changes=self._changes,
+            findings=tuple(self._evidence.findings()),
+        )
+
+    def _run(self, scene: Scene) -> Together:
+        seed = Random(f"{self._seed}/{scene.spec}/run").randrange(_SEEDS)  # noqa: S311
+        return Together(scene, seed, _HESITATE, _ROUNDS)
+
+    def _submit(self, play: Play, conditions: Conditions, server: int = 0) -> Future[Answer]:
+        """Let a task be played in a new process that begins in a new folder."""
+        self._folders += 1
+        folder = self._folder / str(self._folders)
+        folder.mkdir()
+        task = Task(self._rule, play, conditions, str(folder))
+        return self._pool.submit(self._played, self._servers[server], task)
+
+    def _played(self, server: ForkServer, task: Task) -> Answer:
+        answer = server.play(task)
+        self._progress()
+        return answer
+
+    def _replays(self, scene: Scene, run: Answer, module: int) -> list[Future[Answer]]:
+        """Let a module be asked again: alone, in other surroundings, with fewer and more others."""
+        life = run.lives[module]
+        changes = Changes(scene, life, run.sites, Random(f"{self._seed}/{scene.spec}/{module}"))  # noqa: S311
+        plays = [
+            Replay(scene, life),
+            Replay(scene, life, changes.elsewhere()),
+            Replay(scene, life, changes.fewer_and_more()),
+        ]
+        self._changes += changes.count
+        return [self._submit(play, _USUAL) for play in plays]
+
+    def _gathered(self, spec: str, how: str, answer: Answer) -> bool:
+        """Keep what a play shows by itself; return whether it came to an end."""
+        self._evidence.accesses |= answer.accesses
+        self._evidence.changed |= set(answer.changed)
+        broken = answer.broken or answer.unfit
+        if broken is not None:
+            self._evidence.add("fails", f"{spec}, {how}: {broken}")
+        return broken is None
+
+    def _compared(
+        self, spec: str, variant: _Variant, run: Answer, other: Answer
+    ) -> tuple[_Variant, str] | None:
+        """Return the variant with the first difference in words; None if there is none."""
+        if not self._gathered(spec, variant.how, other):
+            return None
+        self._choices += sum(len(life.choices) for life in other.lives.values())
+        found = difference(run.lives, other.lives)
+        return None if found is None else (variant, told(spec, found, variant.how))
+
+    def _look_for_errors(self, spec: str, run: Answer) -> None:
+        for module, life in run.lives.items():
+            error = life.choices[-1].error if life.choices else None
+            if error is not None:
+                when = f"in round {len(life.choices)}" if life.observations else "when it is made"
+                self._evidence.add("fails", f"module_{module} of {spec} raises {error} {when}")
+
+
+def _spread(lives: Mapping[int, Life], most: int) -> list[int]:
+    """Return some of the modules, spread over their numbers."""
+    modules = sorted(lives)
+    step = max(1, -(-len(modules) // most))
+    return modules[::step]
+
+
+def check_rule(
+    rule: str,
+    systems: Sequence[str] | None = None,
+    *,
+    seed: int = 0,
+    progress: Callable[[], object] = lambda: None,
+) -> Checked:
+    """Return what is found of a rule, a name or FILE.py:NAME, in scenes.
+
+    By default these are a small and a larger scene of each family that it is for. `progress` is
+    called for each play. The answer follows from the rule, the scenes and the seed; InputError if
+    there is no such rule, or it is for none of the scenes.
+    """
+    with Checker(rule, seed, progress) as checker:
+        if systems is None:
+            checker.check_all(checker.fitting(all_scenes()))
+        else:
+            for spec in systems:
+                checker.check(spec)
+        return checker.checked()

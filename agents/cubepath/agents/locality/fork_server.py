@@ -1,0 +1,131 @@
+"""A server that forks a process for each task: each is new, and is there in a few milliseconds.
+
+Room: agents. The server has imported what plays need, and nothing of any rule. It runs as ``python
+-m cubepath.agents.locality.fork_server FD``, with a hash seed of its own. A client sends it one end
+of a pair of sockets; the process that it forks takes the task from there, and answers there.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from typing import Self
+
+from cubepath.agents.locality.playing import played
+from cubepath.agents.locality.plays import Answer, Task
+from cubepath.protocol.core.errors import InputError
+
+PATIENCE_S = 60.0
+"""A play that takes longer has no answer."""
+_HEADER = 8
+
+
+class ForkServer:
+    """The client's side of a server with this hash seed: a context manager."""
+
+    def __init__(self, hash_seed: int) -> None:
+        """Start nothing yet."""
+        self._hash_seed = hash_seed
+
+    def __enter__(self) -> Self:
+        self._ours, theirs = socket.socketpair()
+        with theirs:
+            # numpy's threads would not survive a fork, and what is forked is small.
+            own = {"PYTHONHASHSEED": str(self._hash_seed), "OPENBLAS_NUM_THREADS": "1"}
+            self._server = subprocess.Popen(
+                [sys.executable, "-P", "-m", __name__, str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,  # a rule may print
+                stderr=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                env={**os.environ, **own},
+                process_group=0,
+            )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ours.close()
+        with suppress(ProcessLookupError):
+            os.killpg(self._server.pid, signal.SIGKILL)  # with all that it has forked
+        self._server.wait()
+
+    def play(self, task: Task) -> Answer:
+        """Return what comes of a task in a process of its own; threads may call it."""
+        ours, theirs = socket.socketpair()
+        with ours:
+            with theirs:
+                socket.send_fds(self._ours, [b"1"], [theirs.fileno()])
+            try:
+                ours.sendall(_framed(pickle.dumps(task)))
+                data = _received(ours, time.monotonic() + PATIENCE_S)
+            except TimeoutError:
+                return Answer(broken=f"gave no answer for {PATIENCE_S:.0f} s")
+            except (EOFError, OSError):
+                return Answer(broken="ended its process")
+        found = pickle.loads(data)  # noqa: S301 - from our own process
+        if not isinstance(found, Answer):
+            raise TypeError(f"expected an answer, found {found!r}")
+        return found
+
+
+def _framed(data: bytes) -> bytes:
+    return len(data).to_bytes(_HEADER) + data
+
+
+def _received(pipe: socket.socket, until: float | None = None) -> bytes:
+    """Return what was sent; EOFError if it is cut off, TimeoutError if it is late."""
+    length = int.from_bytes(_exactly(pipe, _HEADER, until))
+    return _exactly(pipe, length, until)
+
+
+def _exactly(pipe: socket.socket, count: int, until: float | None) -> bytes:
+    found = bytearray()
+    while len(found) < count:
+        if until is not None and not select.select([pipe], [], [], until - time.monotonic())[0]:
+            raise TimeoutError
+        part = pipe.recv(min(count - len(found), 1 << 20))
+        if not part:
+            raise EOFError
+        found += part
+    return bytes(found)
+
+
+def _child(pipe: socket.socket) -> None:
+    """Play the one task of this process."""
+    task: Task = pickle.loads(_received(pipe))  # noqa: S301 - from our own process
+    try:
+        answer = played(task)
+    except InputError as error:
+        answer = Answer(unfit=str(error))
+    except Exception as error:  # noqa: BLE001 - a rule may have changed anything
+        answer = Answer(broken=f"{type(error).__name__}: {error}")
+    pipe.sendall(_framed(pickle.dumps(answer)))
+
+
+def main() -> None:
+    """Fork a process for each socket that comes; end when the client is gone."""
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # the system forgets children that have ended
+    with socket.socket(fileno=int(sys.argv[1])) as client:
+        while True:
+            _, sockets, _, _ = socket.recv_fds(client, 1, 1)
+            if not sockets:
+                return
+            with socket.socket(fileno=sockets[0]) as pipe:
+                if os.fork() == 0:
+                    client.close()
+                    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+                    try:
+                        _child(pipe)
+                    finally:
+                        os._exit(0)
+
+
+if __name__ == "__main__":
+    main()

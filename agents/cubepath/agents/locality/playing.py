@@ -1,0 +1,279 @@
+"""Playing a task in a process of its own: loading the rule, asking it, noting what it uses.
+
+Room: agents. The process is new: nothing of the rule was loaded before.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from cubepath.agents.environments.world import World
+from cubepath.agents.local.observation import Note, Observation
+from cubepath.agents.locality.plays import (
+    Answer,
+    Chosen,
+    Fit,
+    Life,
+    Replay,
+    Surroundings,
+    Task,
+    Together,
+)
+from cubepath.agents.locality.surroundings import surrounding_scene
+from cubepath.agents.locality.traps import Traps, place
+from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.rule import InitialKnowledge, RuleType
+from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
+from cubepath.protocol.core.errors import InputError, RuleError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+_NOBODY = -1
+"""Instead of a module: the rule's file is loaded for all."""
+
+
+def played(task: Task) -> Answer:
+    """Play a task; it changes the process for good."""
+    os.chdir(task.folder)
+    _surround(task.conditions.environment)
+    file = task.rule.rpartition(":")[0]
+    home = {str(Path(file).resolve())} if file else set[str]()
+    traps = Traps(task.conditions, home.__contains__)
+    traps.install()
+    with traps.asking(_NOBODY, 0):
+        rule, module = _loaded(task.rule)
+    if isinstance(task.play, Fit):
+        return Answer(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
+    if not rule.fits(task.play.scene.system):
+        raise InputError(f"{task.play.scene.spec}: not for this system: rule {task.rule!r}")
+    traps.home = _home_of(module, home)
+    before = _globals(module)
+    try:
+        if isinstance(task.play, Together):
+            lives, sites = _together(task.play, rule, traps)
+        else:
+            lives, sites = _replayed(task.play, rule, traps), []
+    except InputError as error:  # from a rule that is not for this scene
+        return Answer(unfit=str(error), accesses=frozenset(traps.accesses))
+    after = _globals(module)
+    changed = tuple(name for name in sorted(after) if before.get(name) != after[name])
+    return Answer(lives, sites, frozenset(traps.accesses), changed)
+
+
+def _surround(environment: int) -> None:
+    """Set the variables of the environment that differ from place to place."""
+    user = "somebody" if environment else "user"
+    here = place(environment)
+    os.environ.update(HOME=here, PWD=here, USER=user, LOGNAME=user, HOSTNAME=f"{user}-machine")
+    os.environ.update(LANG="C.UTF-8", TZ="Asia/Tokyo" if environment else "UTC")
+
+
+def _loaded(name: str) -> tuple[RuleType, Any]:
+    """Return a rule, and the module that makes it."""
+    from cubepath.agents.rules.registry import find_rule, unknown_rule  # noqa: PLC0415 - under traps
+
+    rule = find_rule(name)
+    if rule is None:
+        raise unknown_rule(name)
+    return rule, sys.modules.get(getattr(rule.make, "__module__", ""))
+
+
+def _fits(rule: RuleType, spec: str) -> bool:
+    try:
+        system = scene_from_spec(spec).system
+    except InputError:  # a family may need more than its defaults
+        return False
+    return system.local and rule.fits(system)
+
+
+def _home_of(module: Any, home: set[str]) -> Callable[[str], bool]:
+    """Return which files are the rule's: its own, and those of its distribution's package."""
+    own = getattr(module, "__file__", None)
+    package = sys.modules.get(getattr(module, "__name__", "").partition(".")[0])
+    root = getattr(package, "__file__", None)
+    files = home | ({own} if own else set[str]())
+    folder = f"{Path(root).parent}{os.sep}" if root and root.endswith("__init__.py") else None
+    return lambda file: file in files or (folder is not None and file.startswith(folder))
+
+
+def _globals(module: Any) -> dict[str, str]:
+    """Return what the rule's file holds, as text: enough to see that it has changed."""
+    found: dict[str, str] = {}
+    for name, value in list(vars(module).items()) if module is not None else ():
+        if not name.startswith("__"):
+            try:
+                found[name] = repr(value)
+            except Exception as error:  # noqa: BLE001 - whatever a class of the user's raises
+                found[name] = type(error).__name__
+    return found
+
+
+def _ask(actor: Actor | None, seen: Observation) -> Chosen:
+    """Ask a rule; an error is a choice too, so that errors can be compared."""
+    if actor is None:
+        return Chosen(error="not made")
+    try:
+        choice = actor.act({key: array.copy() for key, array in seen.items()})
+    except RuleError as error:
+        return Chosen(error=_type_of(error))
+    return Chosen(choice.action, choice.note, choice.failed)
+
+
+def _type_of(error: RuleError) -> str:
+    """Return the type of a rule's own error; its text may hold addresses of objects."""
+    cause = error.__cause__
+    text = "" if not isinstance(cause, InputError | AttributeError | TypeError) else f": {cause}"
+    return f"{type(cause).__name__}{text}"
+
+
+def _made(rule: RuleType, knowledge: InitialKnowledge, life: Life, traps: Traps) -> Actor | None:
+    with traps.asking(life.module, 0):
+        try:
+            return Actor(rule, knowledge)
+        except RuleError as error:
+            life.choices.append(Chosen(error=_type_of(error)))
+            return None
+
+
+def _together(
+    play: Together, rule: RuleType, traps: Traps
+) -> tuple[dict[int, Life], list[tuple[Any, ...]]]:
+    scene = play.scene
+    numbers = list(range(len(scene.start)))
+    order = numbers[::-1] if play.backwards else numbers
+    lives: dict[int, Life] = {}
+    actors: dict[int, Actor | None] = {}
+    for module in order:
+        knowledge = _knowledge(scene, module, play.seed)
+        life = lives[module] = _life(knowledge)
+        actors[module] = _made(rule, knowledge, life, traps)
+    doubts = {module: stream(play.seed, module, HESITATE) for module in numbers}
+    world = World(scene, seed=play.seed, note_length=rule.note_length(len(numbers)))
+    sites = [tuple(world.sites)]
+    ended = any(life.choices for life in lives.values())
+    notes: dict[int, Note] = {}
+    while not ended and world.round < play.rounds and not scene.reached(world.sites):
+        seen = {module: world.observe(module) for module in numbers}
+        actions: dict[int, int] = {}
+        for module in order:
+            with traps.asking(module, world.round + 1):
+                chosen = _ask(actors[module], seen[module])
+            lives[module].observations.append(seen[module])
+            lives[module].choices.append(chosen)
+            ended = ended or chosen.error is not None or chosen.failed is not None
+            actions[module] = 0 if doubts[module].random() < play.hesitate else chosen.action
+            if chosen.note is not None:
+                notes[module] = chosen.note
+        world.step(actions, notes)
+        sites.append(tuple(world.sites))
+    return {module: lives[module] for module in numbers}, sites
+
+
+def _knowledge(scene: Scene, module: int, seed: int) -> InitialKnowledge:
+    return InitialKnowledge(
+        system=scene.system,
+        module=module,
+        modules=len(scene.start),
+        start=scene.start[module],
+        goals=scene.goals[module] if scene.goals else (),
+        random=stream(seed, module, RULE),
+    )
+
+
+def _life(knowledge: InitialKnowledge) -> Life:
+    return Life(
+        module=knowledge.module,
+        modules=knowledge.modules,
+        start=knowledge.start,
+        goals=knowledge.goals,
+        state=knowledge.random.bit_generator.state,
+    )
+
+
+def _replayed(play: Replay, rule: RuleType, traps: Traps) -> dict[int, Life]:
+    recorded = play.life
+    knowledge = InitialKnowledge(
+        system=play.scene.system,
+        module=recorded.module,
+        modules=recorded.modules,
+        start=recorded.start,
+        goals=recorded.goals,
+        random=stream_at(recorded.state),
+    )
+    life = replace(recorded, choices=[])
+    others = _Others(play.scene, play.surroundings, life, rule, traps)
+    actor: Actor | None = None
+    for _ in others.making():
+        actor = _made(rule, knowledge, life, traps)
+    if not life.choices:
+        for round_number, seen in enumerate(recorded.observations, 1):
+            # As in a run, the world is where a rule that looks through its callers would find it.
+            for world in others.asking(round_number, seen):  # noqa: B007
+                with traps.asking(life.module, round_number):
+                    life.choices.append(_ask(actor, seen))
+            if life.choices[-1].error is not None:
+                break
+    return {life.module: life}
+
+
+class _Others:
+    """The modules around the one whose rule is played again, in a world of their own."""
+
+    def __init__(
+        self, scene: Scene, around: Surroundings | None, life: Life, rule: RuleType, traps: Traps
+    ) -> None:
+        self._scene, self._around, self._life = scene, around, life
+        self._rule, self._traps = rule, traps
+        self._actors: dict[int, Actor] = {}
+
+    def making(self) -> Iterator[None]:
+        """Make the others in the order of numbers; yield when it is the module's own turn."""
+        if self._around is None:
+            yield None
+            return
+        start = self._around.settings[0]
+        for number in sorted(start):
+            if number == self._life.module:
+                yield None
+                continue
+            knowledge = InitialKnowledge(
+                system=self._scene.system,
+                module=number,
+                modules=self._life.modules,
+                start=start[number],
+                goals=self._around.goals[number],
+                random=stream(self._around.seed, number, RULE),
+            )
+            with self._traps.asking(number, 0):
+                try:
+                    self._actors[number] = Actor(self._rule, knowledge)
+                except (RuleError, InputError):
+                    continue  # not for a rule that wants more of a scene
+
+    def asking(self, round_number: int, seen: Observation) -> Iterator[World | None]:
+        """Ask the others, in the order of numbers; yield the world at the module's own turn.
+
+        AssertionError if the module sees anything else here than it saw.
+        """
+        if self._around is None:
+            yield None
+            return
+        setting = self._around.settings[round_number]
+        scene = surrounding_scene(self._scene, setting, self._around.goals)
+        note_length = self._rule.note_length(self._life.modules)
+        world = World(scene, seed=self._around.seed, note_length=note_length)
+        for index, number in enumerate(sorted(setting)):
+            here = world.observe(index)
+            if number == self._life.module:
+                for key in ("observation", "action_mask"):
+                    if here[key].tolist() != seen[key].tolist():
+                        raise AssertionError(f"module_{number} sees {key} from beyond its reach")
+                yield world
+            elif number in self._actors:
+                with self._traps.asking(number, round_number):
+                    _ask(self._actors[number], here)

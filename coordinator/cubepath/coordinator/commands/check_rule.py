@@ -1,0 +1,77 @@
+"""The command that checks whether a rule is local: ``cubepath check-rule``.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, table
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.protocol.core.control_characters import visible
+
+if TYPE_CHECKING:  # a command starts faster without it
+    from cubepath.agents.locality.check import Checked
+
+
+def add_check_rule_command(command: AddCommand) -> None:
+    """Add the command and its options."""
+    check = command(
+        "check-rule", _check_rule, "check that a rule sees no further than its module, and no more"
+    )
+    check.add_argument("rule", metavar="RULE", help="a name, or FILE.py:NAME of a RuleType")
+    check.add_argument(
+        "systems",
+        nargs="*",
+        metavar="SYSTEM",
+        help="scenes to play it in, as for 'cubepath run' (default: a small and a larger one of"
+        " each family that it is for)",
+    )
+    check.add_argument(
+        "--seed", type=whole(0), default=0, help="seed of the runs and of what is changed"
+    )
+
+
+def _check_rule(options: argparse.Namespace) -> int:
+    from cubepath.agents.locality.check import check_rule  # noqa: PLC0415 - only what is needed
+
+    began = time.monotonic()
+    with progress_bar(None, "check-rule", " plays") as bar:
+        found = check_rule(
+            options.rule, options.systems or None, seed=options.seed, progress=bar.update
+        )
+    seconds = time.monotonic() - began
+    answer(options, _document(found, seconds), _text(found, seconds))
+    return FAILED if found.findings else DONE
+
+
+def _document(found: Checked, seconds: float) -> dict[str, object]:
+    return {
+        "rule": found.rule,
+        "seed": found.seed,
+        "systems": list(found.systems),
+        "local": not found.findings,
+        "findings": [{"kind": each.kind, "text": each.text} for each in found.findings],
+        "modules": found.modules,
+        "choices": found.choices,
+        "changes": found.changes,
+        "seconds": round(seconds, 3),
+    }
+
+
+def _text(found: Checked, seconds: float) -> str:
+    rows: list[tuple[str, object]] = [
+        ("rule", f"{found.rule}, seed {found.seed}"),
+        ("systems", ", ".join(found.systems)),
+        ("modules", f"{found.modules} played again alone"),
+        ("choices", f"{found.choices} compared"),
+        ("changes", f"{found.changes} beyond reach"),
+        ("findings", len(found.findings) or "none"),
+        ("time", f"{seconds:.2f} s"),
+    ]
+    lines = [f"  {visible(each.text)}" for each in found.findings]
+    return "\n".join([table(rows), *lines])

@@ -1,0 +1,87 @@
+"""Rules from files: FILE.py:NAME wherever a rule is named, and one line for what is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from command_line import cubepath
+from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.rule_files import rule_in_file
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+RULES = """
+from dataclasses import dataclass
+from cubepath.agents import RuleType
+
+
+@dataclass
+class Memory:
+    asked: int = 0
+
+
+def make(knowledge):
+    memory = Memory()
+
+    def choose(view):
+        memory.asked += 1
+        return int(view.mask.nonzero()[0][-1])
+
+    return choose
+
+
+LAST = RuleType("last", "the last legal action", "a test", lambda system: True, make)
+NARROW = RuleType("narrow", "for nothing", "a test", lambda system: False, make)
+OTHER = "no rule"
+"""
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Path:
+    path = tmp_path / "own.rules.py"
+    path.write_text(RULES)
+    return path
+
+
+def test_a_rule_is_found_in_a_file(file: Path) -> None:
+    """By its name in the file; the file is run once."""
+    system = scene_from_spec("hex:n=3").system
+    rule = rule_named(f"{file}:LAST", system)
+    assert rule.name == "last"
+    assert rule_in_file(f"{file}:LAST") is rule
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("own.rules.py:LASD", r"no rule 'LASD' \(did you mean 'LAST'\?\), expected a RuleType"),
+        ("own.rules.py:OTHER", "no rule 'OTHER', expected a RuleType, found LAST, NARROW"),
+        ("own.rules.py:NARROW", "not for this system: rule '.*NARROW', expected one of"),
+        ("nowhere.py:LAST", r"nowhere\.py: no such file, expected FILE\.py:NAME"),
+        ("bad.py:LAST", r"bad\.py: SyntaxError: "),
+        ("leaves.py:LAST", r"leaves\.py: SystemExit: 3"),
+    ],
+)
+def test_what_is_wrong_is_one_line(file: Path, name: str, why: str) -> None:
+    """With the file, what was found and what was expected."""
+    file.with_name("bad.py").write_text("def :\n")
+    file.with_name("leaves.py").write_text("raise SystemExit(3)\n")
+    with pytest.raises(InputError, match=why) as error:
+        rule_named(f"{file.parent}/{name}", scene_from_spec("hex:n=3").system)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", ["0", "2"])
+def test_a_run_takes_a_rule_from_a_file(file: Path, processes: str) -> None:
+    """In one process and in several; the recording says which, and its name has no path."""
+    options = ["--rule", f"./{file.name}:LAST", "--max-rounds", "3", "--processes", processes]
+    done = cubepath("run", "hex:n=3", *options, "--json", cwd=file.parent)
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["moves"] > 0
+    assert document["rule"] == f"./{file.name}:LAST"
+    assert Path(document["log"]).name.startswith("hex-own.rules.py-LAST-0-")
