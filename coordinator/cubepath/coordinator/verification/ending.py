@@ -117,19 +117,18 @@ class Course:
         pacing: Pacing,
     ) -> None:
         why = pacing.unfinished() if pacing.is_begun else None
+        told: tuple[str, str | None] = (summary.ended, summary.error)
         finished = why is None and pacing.phase in ("settle", "join")
         if summary.ended in ("goal", "max-rounds"):
-            told = (summary.ended, summary.error)
             # Without the parameter it is not known how many rounds there may be.
             free = summary.ended == "max-rounds" and self._most is None and due is None
             if told != due and not (free and summary.error is None):
                 self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
             elif not finished:
                 self._fail(CHECK, f"it says {summary.ended}, but {why or 'a phase was begun'}")
-        elif finished and due is not None and due != (summary.ended, summary.error):
-            told = (summary.ended, summary.error)
+        elif finished and due is not None and due != told:
             self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
-        elif due is None and summary.ended == "failed":
+        elif summary.ended == "failed" and due != told:
             error = summary.error or ""
             stopped = summary.schedule_stopped
             if stopped is not None:
