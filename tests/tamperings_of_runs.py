@@ -59,6 +59,31 @@ def a_repair_of_no_schedule() -> Recording:
     return with_parameter("repair", "tswap")
 
 
+# Notes, of a rule that is not installed.
+
+
+def with_note(*numbers: int) -> Recording:
+    """Return a run of a rule that nobody knows, with another note in its third round."""
+    whole = with_parameter("rule", "mine")
+    note = first(whole, "note", lambda each: each.round == 3)
+    return edited(whole, note, replace(note, note=list(numbers)))
+
+
+@tampers("said")
+def a_note_of_another_length() -> Recording:
+    return with_note(1, 2)
+
+
+@tampers("said")
+def a_note_that_is_no_int32() -> Recording:
+    return with_note(1, 2, 3, 4, 5, 1 << 31)
+
+
+@tampers("said")
+def a_note_of_silence() -> Recording:
+    return with_note(1, 2, 3, 4, 5, -(1 << 31))
+
+
 # Batches.
 
 

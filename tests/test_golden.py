@@ -10,7 +10,7 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.playback import replay
-from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.recordings.recording import Recording, read_recording
 
 GOLDEN = sorted((Path(__file__).parent.parent / "logs" / "golden").glob("*.mcap"))
@@ -33,6 +33,16 @@ def test_a_golden_recording_verifies(golden: Recording) -> None:
     assert found.ok, [check for check in found.checks if not check.ok]
     assert all(check.checked for check in found.checks)
     assert found.moves > 0
+
+
+def test_a_golden_recording_stays_what_it_is_when_it_is_copied(
+    golden: Recording, tmp_path: Path
+) -> None:
+    """In its format, whose messages of modules stand by themselves."""
+    recover(golden, tmp_path / "copy.mcap")
+    copy = read_recording(tmp_path / "copy.mcap")
+    assert copy.format == golden.format
+    assert audit(copy).ok
 
 
 @pytest.mark.slow

@@ -63,8 +63,8 @@ def main() -> None:
     allowance.left = 0
     check([], [])  # loads what is compiled
     print(
-        f"{'path':<26}{'moves':>9}{'left':>9}{'floor s':>9}{'check s':>9}"
-        f"{'x floor':>8}{'growth':>8}"
+        f"{'path':<26}{'moves':>9}{'left':>9}"
+        f"{'floor s':>9}{'check s':>9}{'x floor':>8}{'growth':>8}"
     )
     for spec, sizes in SPECS.items():
         rows(spec, QUICK_SIZES if quick else sizes)

@@ -429,10 +429,42 @@ def test_progress_is_told_for_each_round() -> None:
     assert sum(told) == found.rounds
 
 
+def test_a_recording_closed_again_without_its_last_messages_is_not_complete(
+    tmp_path: Path,
+) -> None:
+    """However many they are; the file itself is whole."""
+    whole = crowd()
+    for count in (1, 2, 7, 40):
+        path = tmp_path / f"{count}.mcap"
+        copy_recording(with_records(whole, whole.records[:-count]), path)
+        found = read_recording(path)
+        assert found.problems == ()
+        assert failing(audit(found)) == {"complete"}
+
+
+def test_what_is_known_to_be_missing_is_counted() -> None:
+    """Rounds that were begun, messages by their numbers, and those that were counted."""
+    whole = recorded("agv:graph=grid4x4,n=7", "tswap", rounds=10, processes=3)
+    assert verify(whole).missing == (0, 0)
+    records = list(whole.records)
+    last = next(n for n, each in enumerate(records) if each.kind == "go" and each.round == 10)
+    begun = with_records(whole, records[: last + 1])
+    assert verify(begun).missing == (1, 0)
+    # The three messages before one are lost, but not what was written after them.
+    holed = replace_record(whole, records=(*records[: last + 1], *records[last + 4 :]))
+    found = verify(holed)
+    assert found.missing.messages >= 3
+    assert detail_of(found, "complete") == "3 messages before the last one are missing"
+    said = next(n for n, each in enumerate(records) if n > last and each.kind == "said")
+    ready = next(n for n, each in enumerate(records) if n > last and each.kind == "go") - 1
+    cut = [each for n, each in enumerate(records[: ready + 1]) if n != said]
+    assert verify(with_records(whole, cut)).missing == (1, 1)
+
+
 def test_the_document_has_the_keys_that_are_promised() -> None:
     """`--json` gives ok, complete, checks, moves, rounds, cubes and path_digest."""
     document = verify(crowd()).document()
-    keys = ["ok", "complete", "checks", "moves", "rounds", "cubes", "path_digest"]
+    keys = ["ok", "complete", "missing", "checks", "moves", "rounds", "cubes", "path_digest"]
     assert list(document) == keys
     assert document["complete"] is True
     assert document["checks"][0] == {

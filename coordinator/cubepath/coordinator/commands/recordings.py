@@ -138,6 +138,9 @@ def _verified(recording: Recording, found: Verification) -> _Told:
         f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
     ]
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
+    if any(found.missing):
+        rounds, messages = found.missing
+        lines.append(f"known to be missing: {rounds} of the rounds begun, {messages} messages")
     if found.ok and not found.complete:
         lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
     text = "\n".join(map(visible, lines))

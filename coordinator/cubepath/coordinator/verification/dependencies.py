@@ -247,7 +247,7 @@ def _take_out(path: _Numbers, table: Table, live: _Live, left: NDArray[np.bool_]
     """Set `left` to False for each move that is undone, and for the one that undoes it."""
     for move in range(len(path)):
         action = path[move]
-        earlier = live.last[action]
+        earlier = int(live.last[action])
         if earlier >= 0 and _finds_all(action, earlier, table, live):
             left[earlier] = False
             left[move] = False

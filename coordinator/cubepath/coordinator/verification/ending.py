@@ -117,6 +117,7 @@ class Course:
         pacing: Pacing,
     ) -> None:
         why = pacing.unfinished() if pacing.is_begun else None
+        told: tuple[str, str | None] = (summary.ended, summary.error)
         finished = why is None and pacing.phase in ("settle", "join")
         told: tuple[str, str | None] = (summary.ended, summary.error)
         if summary.ended in ("goal", "max-rounds"):
@@ -128,7 +129,7 @@ class Course:
                 self._fail(CHECK, f"it says {summary.ended}, but {why or 'a phase was begun'}")
         elif finished and due is not None and due != told:
             self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
-        elif due is None and summary.ended == "failed":
+        elif summary.ended == "failed" and due != told:
             error = summary.error or ""
             stopped = summary.schedule_stopped
             if stopped is not None:

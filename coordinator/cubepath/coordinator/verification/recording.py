@@ -13,7 +13,7 @@ from functools import partial
 from itertools import pairwise
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from cubepath.coordinator.normal_form.definitions import is_cube, too_late
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
@@ -92,6 +92,15 @@ class Check:
     checked: bool = True
 
 
+class Missing(NamedTuple):
+    """How much is known to be missing: at least so much was there, and is not on record."""
+
+    rounds: int
+    """Rounds that were begun, and that not every module has reported."""
+    messages: int
+    """Messages by their numbers, and those of the last phase that were counted."""
+
+
 @dataclass(frozen=True, slots=True)
 class Verification:
     """The result of verifying a recording; the numbers are derived, not read from the recording.
@@ -102,6 +111,7 @@ class Verification:
 
     ok: bool
     complete: bool
+    missing: Missing
     checks: tuple[Check, ...]
     moves: int
     rounds: int
@@ -114,7 +124,8 @@ class Verification:
             {key: getattr(check, key) for key in ("name", "ok", "checked", "detail")}
             for check in self.checks
         ]
-        return {key: getattr(self, key) for key in self.__slots__} | {"checks": checks}
+        found = {key: getattr(self, key) for key in self.__slots__}
+        return found | {"checks": checks, "missing": self.missing._asdict()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,6 +259,9 @@ def _verified(
     return Verification(
         ok=all(check.ok for check in checks),
         complete=sound and whole,
+        missing=Missing(
+            max(0, pacing.round - transcript.complete_rounds), transcript.gap + pacing.missing()
+        ),
         checks=checks,
         moves=derived.moves,
         rounds=transcript.complete_rounds,
@@ -266,7 +280,8 @@ def recover(source: Path | Recording, out: Path) -> Recovered:
     transcript = transcript_of(recording, _Failures().stage(0))
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
-    note = f"{count} messages of {recording.path.name}: {problems}"
+    lost = f"; at least {transcript.gap} more are missing" if transcript.gap else ""
+    note = f"{count} messages of {recording.path.name}: {problems}{lost}"
     messages = copy_recording(recording, out, {RECOVERED: note})
     return Recovered(out, messages, transcript.complete_rounds, recording.problems)
 

@@ -91,6 +91,8 @@ class Transcript:
     cubes: dict[int, Cube] = field(default_factory=dict)
     certificate: Certificate | None = None
     summary: Summary | None = None
+    gap: int = 0
+    """The number of messages that are missing before the last one, by their numbers."""
     complete_rounds: int = 0
     """The number of rounds, from the first on, that every module has reported."""
     stray_edges: list[int] = field(default_factory=list)
@@ -128,9 +130,11 @@ class Sorting:
         self._fail = fail
         self._modules = len(recording.scene.start)
         self._everyone = set(range(self._modules))
+        self._undamaged = not recording.problems
         self._cut_off = RECOVERED in recording.parameters
         self._scheduled = recording.schedule is not None
         self._rounds: dict[int, Round] = {}
+        self._count, self._highest = 0, -1
         self._closed = -inf
         self._placed: dict[tuple[str, Site], GeneratorPlacement] = {}
         # The rounds with reports, and who has reported the first that is not complete.
@@ -140,6 +144,8 @@ class Sorting:
     def take(self, records: Iterable[Record]) -> None:
         """Sort some records; OutOfOrder if one is of a round that is closed."""
         for record in records:
+            self._count += 1
+            self._highest = max(self._highest, record.sequence)
             message = _message(record, self._fail)
             if message is None:
                 continue
@@ -184,6 +190,9 @@ class Sorting:
 
     def end(self) -> None:
         """Check what can be known only at the end, when all rounds are closed."""
+        self.found.gap = max(0, self._highest + 1 - self._count)
+        if self.found.gap and self._undamaged:
+            self._fail("complete", f"{self.found.gap} messages before the last one are missing")
         self._check_reports()
         _check_complete(self.found, self._fail, cut_off=self._cut_off)
 

@@ -24,9 +24,9 @@ SCENE = "scene.toml"
 SCHEDULE = "schedule.jsonl"
 
 
-def metadata_of(parameters: Mapping[str, str]) -> dict[str, str]:
-    """Return the metadata record of a new recording."""
-    return {**parameters, "format": FORMAT, "checksum": checksum(parameters)}
+def metadata_of(parameters: Mapping[str, str], written_as: str) -> dict[str, str]:
+    """Return the metadata record of a new recording in a format."""
+    return {**parameters, "format": written_as, "checksum": checksum(parameters)}
 
 
 def parameters_in(path: Path, found: Salvage, problems: list[str]) -> tuple[str, dict[str, str]]:

@@ -85,13 +85,16 @@ class RecordingWriter:
         *,
         stream: IO[bytes] | None = None,
         flushes: tuple[int, int] = (FLUSH_EVERY, FLUSH_BYTES),
+        written_as: str = FORMAT,
     ) -> None:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
         of a new file: it stays open, and its errors propagate. `flushes` is after how many messages
         and after how many bytes of them they are written; each time takes some memory for good.
+        `written_as` is the format that its messages are in, which is told and not looked at.
         """
+        self._format = written_as
         self._flushes = flushes
         self.path = path
         self.messages = 0
@@ -113,7 +116,7 @@ class RecordingWriter:
 
     def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
         self._writer.start(profile="cubepath", library="cubepath")
-        self._writer.add_metadata(METADATA, metadata_of(parameters))
+        self._writer.add_metadata(METADATA, metadata_of(parameters, self._format))
         self._attach(SCENE, "application/toml", scene.encode())
         if schedule is not None:
             self._attach(SCHEDULE, "application/jsonl", schedule)
@@ -470,7 +473,7 @@ def _topic_said(data: bytes) -> str | None:
 
 
 def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
-    """Write what could be read as a complete recording; return the number of messages.
+    """Write what could be read as a complete recording, in its format; return the message count.
 
     `notes` are parameters to add. Raises InputError if `out` is the recording itself, exists
     already or cannot be written, and CheckError if the disk is full; then nothing is left of it.
@@ -483,7 +486,12 @@ def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | N
     with (
         written_whole(out) as stream,
         RecordingWriter(
-            out, recording.scene, parameters, recording.schedule, stream=stream
+            out,
+            recording.scene,
+            parameters,
+            recording.schedule,
+            stream=stream,
+            written_as=recording.format,
         ) as writer,
     ):
         for record in recording.records:
