@@ -119,7 +119,6 @@ class Course:
         why = pacing.unfinished() if pacing.is_begun else None
         told: tuple[str, str | None] = (summary.ended, summary.error)
         finished = why is None and pacing.phase in ("settle", "join")
-        told: tuple[str, str | None] = (summary.ended, summary.error)
         if summary.ended in ("goal", "max-rounds"):
             # Without the parameter it is not known how many rounds there may be.
             free = summary.ended == "max-rounds" and self._most is None and due is None
