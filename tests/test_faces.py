@@ -33,7 +33,8 @@ PUBLIC = {
         HEXAGONS InputError Lattice LatticeSystem MODULE Message Move MoveName PathMove PlanHints
         Record Recording RecordingWriter RuleError SQUARES Scene Site State System TabledSystem
         TimedLine VehicleGraph Ways admissible all_families apply certificate_schema commute
-        cube_schema decode hex_catalogue in_order move_schemas read_certificate read_cubes
+        cube_schema decode hex_catalogue in_order move_schemas open_client read_certificate
+        read_cubes
         read_durations read_moves read_plan read_recording read_scene read_timetable scene_from_spec
         scene_from_toml scene_to_toml schema_of site_from_json timetable_schema why_inadmissible
         write_certificate write_cubes write_moves write_timetable

@@ -89,7 +89,7 @@ if TYPE_CHECKING:
         scene_to_toml,
     )
     from cubepath.protocol.systems import FlipSystem, GraphSystem, LatticeSystem, TabledSystem
-    from cubepath.protocol.wire import Message, decode, schema_of
+    from cubepath.protocol.wire import Message, decode, open_client, schema_of
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -112,7 +112,7 @@ else:
                 "scene_to_toml"
             ),
             "systems": "FlipSystem GraphSystem LatticeSystem TabledSystem",
-            "wire": "Message decode schema_of",
+            "wire": "Message decode open_client schema_of",
         },
     )
 
@@ -168,6 +168,7 @@ __all__ = [
     "hex_catalogue",
     "in_order",
     "move_schemas",
+    "open_client",
     "read_certificate",
     "read_cubes",
     "read_durations",

@@ -485,9 +485,11 @@ def test_who_is_paused_for_long_is_waited_for(tmp_path: Path, who: str, seconds:
         pid = {"host": hosts_of(child.pid)[0], "router": router_of(child.pid)}.get(who, child.pid)
         os.kill(pid, signal.SIGSTOP)
         time.sleep(seconds)
+        log = tmp_path / "run.mcap"
+        before = log.stat().st_size
         os.kill(pid, signal.SIGCONT)
         begun = time.monotonic()
-        goes_on(tmp_path, child)
+        wait_until(lambda: log.stat().st_size > before + 20_000, child)
         assert time.monotonic() - begun < 5
         ends_whole(tmp_path, child)
 

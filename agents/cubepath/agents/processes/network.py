@@ -57,7 +57,7 @@ class Network:
             self._check_certificates(self.secure, processes)
 
     def _check_certificates(self, folder: Path, processes: int) -> None:
-        """Check that there are certificates for all that speak here; InputError names a missing one.
+        """Check that those who speak here have certificates; InputError names a missing one.
 
         A process whose modules were taken by others needs none, which is not known yet; so the
         certificates of own processes are asked for when they are needed.
