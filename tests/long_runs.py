@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from batched import batches, counted
+from batched import PHASE, PROCESSES, batches, counted
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.local.observation import goal_sets
 from cubepath.agents.rules.actor import actors_for
@@ -27,10 +28,13 @@ from cubepath.protocol.wire.messages import (
     Message,
     Note,
     Part,
+    Ready,
     Report,
+    Said,
     Summary,
     Verdict,
     encode,
+    kind_of,
 )
 
 
@@ -77,7 +81,8 @@ def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int
     """Write the recording of a run of random moves; return the number of parts in it."""
     written = 0
     gatherer = Gatherer(scene)
-    parameters = {"system": scene.spec, "rule": "random", "seed": str(seed)}
+    parameters = {"system": scene.spec, "rule": "random", "seed": str(seed), "hesitate": "0.0"}
+    processes = PROCESSES if batched else 1
     with RecordingWriter(path, scene, parameters) as writer:
 
         def say(message: Message) -> None:
@@ -88,12 +93,13 @@ def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int
                 wall_ns=writer.messages,
             )
 
+        for process in range(processes):
+            say(Ready(0, process, "join"))
         for parts in said(scene, seed=seed):
             number = parts[0].round
             written += len(parts)
-            say(Go(number, "sense"))
             told = batches(scene.system, [*map(_counted, parts)]) if batched else parts
-            for message in told:
+            for message in paced(number, [*told], processes):
                 say(message)
             for part in parts:
                 if isinstance(part, Report):
@@ -105,6 +111,30 @@ def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int
         for result in results(gatherer):
             say(result)
     return written
+
+
+def paced(number: int, told: Sequence[Message], processes: int) -> Iterator[Message]:
+    """Yield what is said in a round, with what begins and ends its phases."""
+    before: Counter[str] = Counter()
+    for phase in ("sense", "claim", "settle"):
+        yield Go(number, phase, dict(sorted(before.items())))
+        before.clear()
+        own: dict[int, Counter[str]] = {process: Counter() for process in range(processes)}
+        for message in told:
+            if _phase_of(message) != phase:
+                continue
+            if isinstance(message, Said):
+                own[message.process][message.region] += 1
+                before[message.region] += 1
+            yield message
+        for process, counts in own.items():
+            yield Ready(number, process, phase, dict(counts))
+
+
+def _phase_of(message: Message) -> str:
+    if isinstance(message, Said):
+        return message.phase
+    return PHASE.get(kind_of(message), "settle")
 
 
 def _counted(part: Part | Report) -> Part | Report:

@@ -76,6 +76,20 @@ def a_cube_that_does_not_commute() -> Recording:
     return edited(crowd(), one, replace(one, moves=[*one.moves, *two.moves]))
 
 
+@tampers("dependencies", "class")
+def a_move_of_the_last_cube_in_the_first() -> Recording:
+    whole = crowd()
+    count = first(whole, "summary").cubes
+    last: Cube = first(whole, "cube", lambda message: message.index == count)
+
+    def early(cube: Cube) -> Cube:
+        if cube.index == 1:
+            return replace(cube, moves=[*cube.moves, last.moves[0]])
+        return replace(cube, moves=cube.moves[1:]) if cube.index == count else cube
+
+    return all_edited(whole, "cube", early)
+
+
 @tampers("normal")
 def a_cube_of_no_moves() -> Recording:
     cube = first(crowd(), "cube")
@@ -120,13 +134,19 @@ def two_steps_round_a_circle() -> tuple[Recording, list[Any]]:
 
 
 @tampers("summary")
+def a_digest_of_another_path() -> Recording:
+    summary = first(crowd(), "summary")
+    return edited(crowd(), summary, replace(summary, path_digest="0" * 64))
+
+
+@tampers("ended")
 def a_goal_that_was_not_reached() -> Recording:
     whole = recorded("agv:graph=grid4x4,n=7", "random", rounds=3)
     summary = first(whole, "summary")
     return edited(whole, summary, replace(summary, ended="goal"))
 
 
-@tampers("summary")
+@tampers("ended")
 def an_end_before_its_time() -> Recording:
     whole = recorded("agv:graph=grid4x4,n=7", "random", rounds=3)
     return with_fields(whole, parameters={**whole.parameters, "max_rounds": "9"})

@@ -108,6 +108,10 @@ BREAKS = {
         "coordinator.simulation.faults",
         "coordinator.complexes.cliques",
     ),
+    "audits use verification, and rules alone of the agents": (
+        "coordinator.auditing.assigning",
+        "coordinator.normal_form.heap",
+    ),
     "the coordinator knows the agents by their processes, rules and pictures": (
         "coordinator.runs.gatherer",
         "agents.local.arbitration",
@@ -116,7 +120,7 @@ BREAKS = {
         "coordinator.commands.console",
         "agents.processes.fleet",
     ),
-    "runs, simulated ones and commands alone name rules": (
+    "runs, simulated ones, audits and commands alone name rules": (
         "coordinator.shortening.conversion",
         "agents.rules.rule",
     ),

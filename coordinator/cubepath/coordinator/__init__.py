@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.auditing import audit
     from cubepath.coordinator.complexes import (
         Collapsed,
         CubicalComplex,
@@ -108,6 +109,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "auditing": "audit",
             "complexes": (
                 "Collapsed CubicalComplex Explored Homology Lift Links Macro ShapeComplex "
                 "StateComplex Surface actions_at check_links collapse complex_from_faces "
@@ -159,6 +161,7 @@ __all__ = [
     "actions_at",
     "all_claims",
     "animate",
+    "audit",
     "beyond",
     "certificate_of",
     "check_certificate",

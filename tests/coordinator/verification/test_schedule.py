@@ -70,7 +70,7 @@ def test_a_rule_may_take_over_at_the_end_of_the_schedule_alone() -> None:
     records = list(whole.records)
     place = next(place for place, each in enumerate(records) if each.kind == "go")
     records[place] = with_fields(records[place], data=b"{}")
-    assert failing(verify(with_records(whole, records))) == {"messages"}
+    assert failing(verify(with_records(whole, records))) == {"messages", "pacing"}
     # One that cannot be read hides none of those after it.
     records = list(stopped(repair=True).records)
     place = next(place for place, each in enumerate(records) if each.kind == "go")

@@ -41,7 +41,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.verification.recording import Verification
+    from cubepath.coordinator.verification.recording import Check, Verification
     from cubepath.protocol.recordings.recording import Recording
 
 
@@ -97,7 +97,7 @@ class _Told:
 def _verify(options: argparse.Namespace) -> int:
     if is_of_a_path(options):
         return verify_certificate(options)
-    from cubepath.coordinator.verification.recording import verify  # noqa: PLC0415
+    from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     check_files(options, options.logs, Output(options.recover))
@@ -106,14 +106,15 @@ def _verify(options: argparse.Namespace) -> int:
 
     def one(path: Path, tell: _Tell) -> _Told:
         recording = read_recording(path)
-        return _verified(recording, verify(recording, tell))
+        return _verified(recording, audit(recording, tell))
 
     return _each(options, "verify", one)
 
 
 def _recover(options: argparse.Namespace) -> int:
     """Verify one recording, and write what can be read of it to another."""
-    from cubepath.coordinator.verification.recording import recover, verify  # noqa: PLC0415
+    from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
+    from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     if len(options.logs) > 1:
@@ -122,7 +123,7 @@ def _recover(options: argparse.Namespace) -> int:
         raise InputError(f"{options.recover}: exists already, expected a new file")
     with progress_bar(None, "verify", " rounds") as bar:
         recording = read_recording(options.logs[0])
-        told = _verified(recording, verify(recording, bar.update))
+        told = _verified(recording, audit(recording, bar.update))
     try:
         saved = recover(recording, options.recover)
     finally:
@@ -134,8 +135,7 @@ def _recover(options: argparse.Namespace) -> int:
 def _verified(recording: Recording, found: Verification) -> _Told:
     width = max(len(check.name) for check in found.checks)
     lines = [
-        f"{'ok    ' if check.ok else 'FAILED'}  {check.name:<{width}}  {check.detail}".rstrip()
-        for check in found.checks
+        f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
     ]
     lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
     if found.ok and not found.complete:
@@ -146,6 +146,12 @@ def _verified(recording: Recording, found: Verification) -> _Told:
     wrong = ", ".join(check.name for check in found.checks if not check.ok)
     why = (f"{recording.path}: checks failed: {wrong}",)
     return _Told(found.document(), text, FAILED, why)
+
+
+def _mark(check: Check) -> str:
+    if not check.ok:
+        return "FAILED"
+    return "ok    " if check.checked else "-     "
 
 
 def _complained(told: _Told) -> int:

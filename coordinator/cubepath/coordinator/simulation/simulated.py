@@ -304,7 +304,7 @@ class _Run:
             "rule": scenario.rule,
             "seed": str(scenario.seed),
             "hesitate": str(scenario.hesitate),
-            "processes": str(scenario.processes),
+            "processes": str(min(scenario.processes, len(self.scene.start))),
             "modules": str(len(self.scene.start)),
             "max_rounds": str(scenario.max_rounds),
             "faults": msgspec.json.encode(self.network.fired).decode(),

@@ -7,7 +7,9 @@ winners and deliveries are derived again, by their definitions.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from array import array
+from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from hashlib import blake2b, sha256
 
 import msgspec
@@ -26,13 +28,13 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Claim, Executed, Report, Verdict
+from cubepath.protocol.wire.messages import Claim, Executed, Note, Report, Verdict
 
 Moves = dict[int, Move]
 """Moves by the module that makes them."""
 
 
-def why_not(action: Action, state: set[Site]) -> str | None:
+def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
     """Return in one line why the action is not admissible at the state, None if it is.
 
     Definition: in the fixed part of the support exactly one of the two local states is on, and
@@ -56,6 +58,8 @@ def make(action: Action, state: set[Site]) -> None:
     state |= come
 
 
+NOTE_MIN, NOTE_MAX = -(2**31) + 1, 2**31 - 1
+"""The numbers of a note are int32; the least int32 stands where no note was heard."""
 _NO_EDGES = "no edges on record"
 
 
@@ -67,6 +71,8 @@ class Rederivation:
         self.state: set[Site] = set(scene.start) | scene.system.filled
         self.sites: list[Site] = list(scene.start)
         self.actions: list[Action] = []
+        self.ends = array("q")
+        """How many actions there are up to the end of each round."""
         self.moves = 0
         """The number of moves as reported."""
         self._digest = sha256()
@@ -74,6 +80,8 @@ class Rederivation:
         self._scene = scene
         self._system = scene.system
         self._seed = seed
+        self._note_length = 0
+        """The length of notes: of the rules of a run one talks at most, since schedules do not."""
         self._batches = Batches(scene.system, fail)
         self._fail = fail
         if seed is None:
@@ -162,6 +170,7 @@ class Rederivation:
             make(move.action, self.state)
             self.actions.append(move.action)
             motion.update(move.motion)
+        self.ends.append(len(self.actions))
         self.sites = [motion.get(site, site) for site in self.sites]
         if set(self.sites) | self._system.filled != self.state:
             self._fail("sites", f"{where}: where modules are is not what is on")
@@ -179,6 +188,8 @@ class Rederivation:
 
     def _check_said(self, where: str, said: Round) -> None:
         for message in said.said.values():
+            if isinstance(message, Note):
+                self._check_note(message)
             if site_in(message.site) != self.sites[message.module]:
                 self._fail(
                     "said",
@@ -188,6 +199,15 @@ class Rederivation:
         for module, site in enumerate(self.sites):
             if ("here", module) not in said.said and self._system.listeners(self._place(site)):
                 self._fail("said", f"{where}, module_{module}: no here")
+
+    def _check_note(self, message: Note) -> None:
+        """Check the form of a note; `choices` has its content, where the rule is known."""
+        length = self._note_length = self._note_length or len(message.note)
+        if not is_note(message.note, length) or not length:
+            self._fail(
+                "said",
+                f"{named(message)} has {_odd(message.note)}, expected {length} numbers of 32 bits",
+            )
 
     def _place(self, site: Site) -> Site:
         return self._system.place_of(site)
@@ -307,6 +327,16 @@ class Rederivation:
 
 def _addressed(message: ModuleMessage, place: Site) -> bool:
     return not isinstance(message, Verdict) or place in map(site_in, message.to)
+
+
+def is_note(numbers: Sequence[int], note_length: int) -> bool:
+    """Return whether these are a note of that length."""
+    return len(numbers) == note_length and all(NOTE_MIN <= each <= NOTE_MAX for each in numbers)
+
+
+def _odd(numbers: Sequence[int]) -> str:
+    wrong = [each for each in numbers if not NOTE_MIN <= each <= NOTE_MAX]
+    return str(wrong[0]) if wrong else f"{len(numbers)} numbers"
 
 
 def _text(placed: GeneratorPlacement) -> str:

@@ -19,6 +19,8 @@ from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
+    Act,
+    Acts,
     Certified,
     Claim,
     Cube,
@@ -27,6 +29,9 @@ from cubepath.protocol.wire.messages import (
     Here,
     Message,
     Note,
+    Observations,
+    Observed,
+    Refused,
     Report,
     Reports,
     Said,
@@ -39,6 +44,7 @@ from cubepath.protocol.wire.messages import (
 
 ModuleMessage: TypeAlias = Here | Note | Claim | Verdict
 """The messages that a module sends to its neighbours."""
+_PARTS = (Here, Note, Claim, Verdict, Report, Observed, Act)
 RECOVERED = "recovered"
 """The parameter that says what a recording was recovered from."""
 Fail = Callable[[str, str], None]
@@ -89,6 +95,8 @@ class Transcript:
     """The number of rounds, from the first on, that every module has reported."""
     stray_edges: list[int] = field(default_factory=list)
     """The rounds of the coordinator's edges that not every module has reported."""
+    refused: int = 0
+    """How many messages were refused, as far as the record tells."""
     schedule_over: int | None = None
     """The last round of the schedule if the rule took over after it."""
     carried: dict[int, Carried] = field(default_factory=dict)
@@ -110,9 +118,13 @@ class Sorting:
     holds only the rounds in progress.
     """
 
-    def __init__(self, recording: Recording, fail: Fail) -> None:
-        """Begin before the first message."""
+    def __init__(
+        self, recording: Recording, fail: Fail, watch: Callable[[Message], object] | None = None
+    ) -> None:
+        """Begin before the first message; `watch` is given all that decode, as they stand."""
         self.found = Transcript()
+        self._watch = watch
+        self._in_batches = not recording.format.endswith("-1")
         self._fail = fail
         self._modules = len(recording.scene.start)
         self._everyone = set(range(self._modules))
@@ -129,10 +141,25 @@ class Sorting:
         """Sort some records; OutOfOrder if one is of a round that is closed."""
         for record in records:
             message = _message(record, self._fail)
+            if message is None:
+                continue
+            self._check_form(record, message)
             if isinstance(message, Said | Reports):
                 self._round(message.round).batches.append(message)
-            for part in () if message is None else _parts(record, message, self._fail):
+            if self._watch is not None:
+                self._watch(message)
+            for part in _parts(record, message, self._fail):
                 self._sort(part)
+
+    def _check_form(self, record: Record, message: Message) -> None:
+        """Check that what modules say is in batches, or by itself, as the format has it."""
+        batch = isinstance(message, Said | Reports | Observations | Acts)
+        if batch and not self._in_batches:
+            self._fail("batches", f"{_place(record)} is a batch, in a recording of format 1")
+        elif batch and not parts_of(message):
+            self._fail("batches", f"{_place(record)} is empty")
+        elif self._in_batches and isinstance(message, _PARTS):
+            self._fail("batches", f"{_place(record)} is in no batch, as in format 1")
 
     def close(self, least: float) -> Iterator[tuple[int, Round]]:
         """Yield the complete rounds from the first on, once each; none below `least` is to come."""
@@ -172,6 +199,8 @@ class Sorting:
                     self._fail("edges", f"round {number}: its edges come twice, and differ")
             case Go(phase="over", round=number) if self.found.schedule_over is None:
                 self.found.schedule_over = number
+            case Refused(count=count):
+                self.found.refused += count
             case Cube() | Certified() | Summary():
                 self._sort_result(message)
             case _:

@@ -1,0 +1,283 @@
+"""Playing the rules of a recording again: notes, choices, hesitation, and who gave up.
+
+Room: coordinator. Each module gets an `Actor` of its own, as in a run, with the random streams of
+the recorded seed. It is given the observation that verification derives, with the notes on record,
+so that a note that was changed is named once, and where it was said.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from cubepath.agents.rules.actor import Actor, actors_for
+from cubepath.agents.rules.registry import rule_named, rules
+from cubepath.agents.rules.rule import Choice, RuleType
+from cubepath.agents.rules.schedule import SCHEDULE, scheduled
+from cubepath.coordinator.auditing.assigning import Part, Parts
+from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
+from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
+from cubepath.coordinator.verification.transcript import Transcript, site_in
+from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.core.system import System
+from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Claim, Note
+
+_Fail = Callable[[str], None]
+_Named = tuple[str, Site | None] | None
+"""A move by its generator and place; None where there is none."""
+
+
+class Playing:
+    """The rules of a recording; the `Player` of its verification."""
+
+    def __init__(self, recording: Recording) -> None:
+        """Find the rule; what cannot be asked again is told by `unchecked`."""
+        scene, parameters = recording.scene, recording.parameters
+        self._scene = scene
+        self._system = scene.system
+        self._parameters = parameters
+        self._observing = Observing(scene)
+        self._seed = seed_in(parameters)
+        self._hesitate = hesitation_in(parameters)
+        self._unchecked: str | None = None
+        self._wrong: str | None = None
+        self._rule: RuleType | None = None
+        self._actors: dict[int, Actor] = {}
+        self._notes: dict[int, tuple[int, ...]] = {}
+        self._first_choice = 1
+        self._parts: Parts | None = None
+        if self._is_told():
+            if recording.schedule is not None:
+                self._follow_schedule(recording.schedule)
+            else:
+                self._follow(parameters["rule"], 1, scene.start)
+
+    def _is_told(self) -> bool:
+        """Return whether the recording says how modules chose."""
+        for key, value in (
+            ("rule", self._parameters.get("rule")),
+            ("seed", self._seed),
+            ("hesitate", self._hesitate),
+        ):
+            if value is None:
+                self._unchecked = f"the recording names no {key}"
+                return False
+        return True
+
+    def _follow_schedule(self, text: bytes) -> None:
+        try:
+            self._parts = Parts(self._system, schedule_from_jsonl(text))
+        except InputError:
+            self._unchecked = "the schedule on record is none"
+
+    def _follow(self, name: str, first_choice: int, sites: Sequence[Site]) -> None:
+        """Give every module a new actor with this rule, or say why not."""
+        self._parts = None
+        self._actors = {}
+        found = self._rule = self._installed(name)
+        if found is None or self._seed is None or self._hesitate is None:
+            return
+        try:
+            self._actors = actors_for(
+                self._scene,
+                found,
+                seed=self._seed,
+                hesitate=self._hesitate,
+                sites=dict(enumerate(sites)),
+            )
+        except CubepathError as error:
+            self._wrong = str(error)
+            return
+        self._first_choice = first_choice
+        self._notes = {n: (0,) * actor.note_length for n, actor in self._actors.items()}
+
+    def _installed(self, name: str) -> RuleType | None:
+        if name == SCHEDULE:
+            self._unchecked = "the schedule is not on record"
+            return None
+        try:
+            return rule_named(name, self._system)
+        except InputError as error:
+            if _is_known(name):
+                self._wrong = str(error)
+            else:
+                self._unchecked = f"rule {name!r} is not installed"
+            return None
+
+    def unchecked(self) -> str | None:
+        """Return in one line what was not asked again, and why; None if all was."""
+        return self._unchecked
+
+    def round(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
+        """Ask the rules in a round, and call `fail` for each choice that is another on record."""
+        over = transcript.schedule_over
+        if self._parts is not None and over is not None and moment.round > over:
+            self._take_over(moment)
+        if self._parts is not None:
+            self._play_parts(self._parts, moment, fail)
+        elif self._actors:
+            self._play(moment, fail)
+        self._tell(fail)
+
+    def _take_over(self, moment: Moment) -> None:
+        """Follow the rule that goes on after the schedule, each module from where it stands."""
+        name = self._parameters.get("repair")
+        if name is None:
+            self._parts = None
+            self._unchecked = f"from round {moment.round} on: the recording names no rule"
+            return
+        self._follow(name, moment.round, moment.sites)
+        if self._unchecked is not None:
+            self._unchecked = f"from round {moment.round} on: {self._unchecked}"
+
+    def _tell(self, fail: _Fail) -> None:
+        """Say once what is wrong with the rule itself."""
+        if self._wrong is not None:
+            fail(self._wrong)
+            self._wrong = None
+
+    # A rule.
+
+    def _play(self, moment: Moment, fail: _Fail) -> None:
+        length = next(iter(self._actors.values())).note_length
+        self._check_notes(moment, length, fail)
+        observed = self._observing.observations(moment, length)
+        for module in sorted(self._actors):
+            try:
+                choice = self._actors[module].act(observed[module])
+            except RuleError as error:
+                del self._actors[module]  # in a run its process would have ended
+                fail(f"round {moment.round}: {error}")
+                continue
+            if choice.note:
+                self._notes[module] = choice.note
+            self._compare(moment, module, choice, fail)
+
+    def _check_notes(self, moment: Moment, length: int, fail: _Fail) -> None:
+        speaks = length and moment.round > self._first_choice
+        for module, site in enumerate(moment.sites):
+            due = self._notes[module] if speaks and module in self._actors else None
+            message = moment.said.said.get(("note", module))
+            said = tuple(message.note) if isinstance(message, Note) else None
+            # What would go to no place is not said.
+            silent = said is None and not self._system.reach(self._system.place_of(site))
+            if said != due and not silent and (module in self._actors or not speaks):
+                told, by_rule = (_listed(each) for each in (said, due))
+                fail(f"{_who(moment, module)}: its note is {told}, by its rule it is {by_rule}")
+
+    def _compare(self, moment: Moment, module: int, choice: Choice, fail: _Fail) -> None:
+        """Compare a choice with the claim and the report on record."""
+        due = _chosen(self._system, moment.sites[module], choice)
+        message = moment.said.said.get(("claim", module))
+        said: _Named = None
+        if isinstance(message, Claim):
+            said = message.generator, site_in(message.at)
+        silent = said is None and not self._system.reach(
+            self._system.place_of(moment.sites[module])
+        )
+        if said != due and not silent:
+            told, by_rule = (_text(each) for each in (said, due))
+            fail(f"{_who(moment, module)}: its claim is {told}, by its rule it is {by_rule}")
+        failed = moment.said.reports[module].failed
+        if failed != choice.failed:
+            fail(
+                f"{_who(moment, module)}: it gave up: {failed or 'no'}, by its rule:"
+                f" {choice.failed or 'no'}"
+            )
+
+    def end(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
+        """Check that a rule that is said to have ended the run raises in the next round."""
+        self._tell(fail)
+        summary = transcript.summary
+        if summary is None or summary.ended != "failed" or not self._actors:
+            return
+        error = (summary.error or "").rpartition("; then ")[2]
+        blamed = [n for n in self._actors if error.startswith(f"{self._named(n)}: ")]
+        if not blamed:
+            return
+        length = self._actors[blamed[0]].note_length
+        if moment.round > self._first_choice and length:
+            for module, numbers in self._notes.items():
+                note = Note(moment.round, module, None, list(numbers))
+                moment.said.said["note", module] = note
+        seen = self._observing.observations(moment, length)[blamed[0]]
+        if self._raised(blamed[0], seen) is None:
+            fail(f"the run ended with {error!r}, but in round {moment.round} it raises nothing")
+
+    def _named(self, module: int) -> str:
+        return f"rule {self._rule.name if self._rule else ''!r}, module_{module}"
+
+    def _raised(self, module: int, seen: Arrays) -> str | None:
+        try:
+            self._actors[module].act(seen)
+        except RuleError as error:
+            return str(error)
+        return None
+
+    # A schedule.
+
+    def _play_parts(self, parts: Parts, moment: Moment, fail: _Fail) -> None:
+        self._check_notes(moment, 0, fail)
+        own, nobodys = parts.of_round(moment.round, moment.sites)
+        gave_up = [n for n, each in moment.said.reports.items() if each.failed is not None]
+        observed = self._observing.observations(moment, 0) if own or gave_up else []
+
+        def asked(module: int, part: Part) -> Choice:
+            return self._scheduled(module, moment.sites[module], part).act(observed[module])
+
+        # Of a move that the system does not have it is not known whose it was: it may be that of
+        # any module that gave up for it.
+        for part in nobodys:
+            for module in gave_up:
+                if module not in own and (
+                    asked(module, part).failed == moment.said.reports[module].failed
+                ):
+                    own[module] = part
+                    break
+        for module in range(len(moment.sites)):
+            choice = asked(module, own[module]) if module in own else Choice()
+            self._compare(moment, module, choice, fail)
+
+    def _scheduled(self, module: int, site: Site, part: GeneratorPlacement) -> Actor:
+        """Return an actor whose whole schedule is one move in its first round."""
+        rule = scheduled({module: {1: part}})
+        return actors_for(
+            self._scene,
+            rule,
+            seed=self._seed or 0,
+            hesitate=0.0,
+            modules=[module],
+            sites={module: site},
+        )[module]
+
+
+def _is_known(name: str) -> bool:
+    try:
+        return name in rules()
+    except InputError:  # another distribution cannot be loaded, so it may have the rule
+        return False
+
+
+def _chosen(system: System, site: Site, choice: Choice) -> _Named:
+    if not choice.action:
+        return None
+    move = system.moves(site)[choice.action - 1]
+    return None if move is None else (move.generator, move.at)
+
+
+def _who(moment: Moment, module: int) -> str:
+    return f"round {moment.round}, module_{module}"
+
+
+def _listed(note: tuple[int, ...] | None) -> str:
+    return "none" if note is None else str(list(note))
+
+
+def _text(move: _Named) -> str:
+    if move is None:
+        return "none"
+    generator, at = move
+    return f"{generator} at {'no site' if at is None else site_text(at)}"

@@ -1,0 +1,114 @@
+"""What a rule was given to choose from: the observation of a module, derived from a recording.
+
+Room: coordinator. Part of `cubepath verify`: states, sites and notes are those that verification
+derives or reads; of a run it shares the catalogue and the neighbourhoods of the system (`sensed`,
+`reach`, `moves`, and how sites are encoded). It asks no rule: whoever has rules is a `Player`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, Protocol, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.verification.rounds import NOTE_MIN, is_note, why_not
+from cubepath.coordinator.verification.transcript import Round, Transcript
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import CLOSED, FILLED, Scene
+from cubepath.protocol.wire.messages import Note
+
+Arrays: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
+"""A PettingZoo observation by its keys: "observation", "action_mask", and "notes" if any."""
+_NOTHING_HEARD = NOTE_MIN - 1
+
+
+class Moment(NamedTuple):
+    """A round at the time of its claims, as derived, with what was said in it."""
+
+    round: int
+    sites: tuple[Site, ...]
+    """Where each module stands."""
+    state: frozenset[Site]
+    """What is on, occupied obstacles included."""
+    said: Round
+
+
+class Player(Protocol):
+    """Asks the rules of a run again, round by round from the first on."""
+
+    def round(self, moment: Moment, transcript: Transcript, fail: Callable[[str], None]) -> None:
+        """Ask the rules in a round, and call `fail` with one line for each other choice."""
+
+    def end(self, moment: Moment, transcript: Transcript, fail: Callable[[str], None]) -> None:
+        """Take note that this round, if it was begun at all, was not completed."""
+
+    def unchecked(self) -> str | None:
+        """Return in one line what was not asked again, and why; None if all was."""
+
+
+class Observing:
+    """The observations of the modules of a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._system = scene.system
+        sets: dict[tuple[Site, ...], frozenset[Site]] = {}
+        self._goals = [sets.setdefault(goals, frozenset(goals)) for goals in scene.goals]
+
+    def observations(self, moment: Moment, note_length: int) -> list[Arrays]:
+        """Return what each module observes, by number.
+
+        A note counts only if it has `note_length` numbers, each an int32 other than the least.
+        """
+        place_of = self._system.place_of
+        standing = {place_of(site): site for site in moment.sites}
+        notes: dict[Site, list[int]] = {}
+        for message in moment.said.said.values():
+            if isinstance(message, Note) and is_note(message.note, note_length):
+                notes[place_of(moment.sites[message.module])] = message.note
+        return [
+            self._observation(module, moment, standing, notes, note_length)
+            for module in range(len(moment.sites))
+        ]
+
+    def _observation(
+        self,
+        module: int,
+        moment: Moment,
+        standing: Mapping[Site, Site],
+        notes: Mapping[Site, list[int]],
+        note_length: int,
+    ) -> Arrays:
+        system, site = self._system, moment.sites[module]
+        place = system.place_of(site)
+        goals = self._goals[module] if self._goals else frozenset[Site]()
+        shown = [*system.encode_site(site), int(not goals.isdisjoint((site, place)))]
+        for near in system.sensed(place):
+            if near is None:
+                shown += [CLOSED, 0]
+                continue
+            there = standing.get(near)
+            code = system.background(near) if there is None else system.code_of(there)
+            if there is None and code == FILLED:
+                there = near
+            wanted = near in goals or (there is not None and there in goals)
+            shown += [code, int(wanted)]
+        mask = [1]
+        for move in system.moves(site):
+            possible = (
+                move is not None
+                and why_not(move.action, moment.state) is None
+                and all(source in moment.state for source, _ in move.motion)
+            )
+            mask.append(int(possible))
+        found: Arrays = {
+            "observation": np.array(shown, dtype=np.int32),
+            "action_mask": np.array(mask, dtype=np.int8),
+        }
+        if note_length:
+            silence = [_NOTHING_HEARD] * note_length
+            heard = [notes.get(near, silence) for near in system.reach(place)]
+            heard += [silence] * (system.reach_slots - len(heard))
+            found["notes"] = np.array(heard, dtype=np.int32)
+        return found

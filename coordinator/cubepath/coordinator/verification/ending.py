@@ -1,0 +1,173 @@
+"""How a run ended: whether it went on as long as it had to, and no longer, and said why.
+
+Room: coordinator. Part of `cubepath verify`. After each round it is derived whether the run had to
+end there: a module gave up, the schedule stopped, the goal was reached, or the rounds were over.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from cubepath.coordinator.verification.pacing import Pacing
+from cubepath.coordinator.verification.parameters import max_rounds_in, processes_of
+from cubepath.coordinator.verification.transcript import Fail, Round, Transcript
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Stopped, Summary
+
+CHECK = "ended"
+_GAVE_UP = re.compile(r"module_\d+: ")
+_DIED = re.compile(r"\(process (\d+)\) died in round (\d+): ")
+_LATE = re.compile(r"no answer within \S+ s to phase (\w+) of round (\d+) from ")
+
+
+class _Outcome(NamedTuple):
+    """What a round came to, as far as it decides whether the run ends."""
+
+    round: int
+    gave_up: tuple[int, str] | None
+    """The first module that gave up, with its reason."""
+    reached: bool
+
+
+class Course:
+    """The course of a run: at the end, whether it ended where and how it had to."""
+
+    def __init__(self, recording: Recording, fail: Fail) -> None:
+        """Begin before the first round."""
+        self._scene = recording.scene
+        self._processes = processes_of(recording)
+        self._most = max_rounds_in(recording.parameters)
+        self._repair = "repair" in recording.parameters
+        self._cubes = _cubes(recording)
+        self._fail = fail
+        self._ends: list[_Outcome] = []
+        """The rounds after which something may have ended the run: few, in a run that is sound."""
+        self._last = _Outcome(0, None, self._scene.reached(self._scene.start))
+        self._note()
+
+    def _note(self) -> None:
+        last = self._last
+        if last.gave_up or last.reached or last.round in (self._most, self._cubes, 0):
+            self._ends.append(last)
+
+    def round(self, number: int, said: Round, sites: Iterable[Site]) -> None:
+        """Take a complete round, with where the modules stand after it."""
+        gave_up = (
+            (module, report.failed)
+            for module, report in sorted(said.reports.items())
+            if report.failed is not None
+        )
+        self._last = _Outcome(number, next(gave_up, None), self._scene.reached(sites))
+        self._note()
+
+    def check(self, transcript: Transcript, pacing: Pacing) -> None:
+        """Check the end of the run, when all of it is known."""
+        summary = transcript.summary
+        last = self._last.round
+        # A round that was finished is looked at once, and if it does not end the run the next one
+        # is begun.
+        went_on = pacing.round > last or pacing.phase == "over"
+        for each in self._ends:
+            due = self._due(each, transcript)
+            if due is not None and (each.round < last or went_on):
+                self._fail(CHECK, f"it goes on after round {each.round}: {_text(due)}")
+        if summary is None:
+            return
+        due = None if went_on else self._due(self._last, transcript)
+        self._check_told(summary, due, pacing)
+        self._check_line(summary, pacing)
+
+    def _due(self, at: _Outcome, transcript: Transcript) -> tuple[str, str | None] | None:
+        """Return how the run has to end after a round, with its error; None if it goes on."""
+        over, summary = transcript.schedule_over, transcript.summary
+        stopped = None if summary is None else summary.schedule_stopped
+        if self._cubes is not None and (over is None or at.round <= over):
+            stop = self._stop(at, stopped)
+            if stop is not None and not self._repair:
+                return "failed", stop
+            is_over = stop is not None or at.round == self._cubes
+            if is_over and at.reached:
+                return "goal", None
+        elif at.gave_up is not None:
+            module, reason = at.gave_up
+            before = "" if stopped is None else f"{_told(stopped)}; then "
+            return "failed", f"{before}module_{module}: {reason}"
+        elif at.reached:
+            return "goal", None
+        return ("max-rounds", None) if self._most is not None and at.round >= self._most else None
+
+    def _stop(self, at: _Outcome, stopped: Stopped | None) -> str | None:
+        """Return what is said of a schedule that stopped after a round, None if it did not."""
+        if at.gave_up is not None:
+            module, reason = at.gave_up
+            return f"the schedule stopped at round {at.round}: module_{module}: {reason}"
+        if stopped is not None and stopped.module is None and stopped.round == at.round + 1:
+            return _told(stopped)
+        return None
+
+    def _check_told(
+        self,
+        summary: Summary,
+        due: tuple[str, str | None] | None,
+        pacing: Pacing,
+    ) -> None:
+        why = pacing.unfinished() if pacing.is_begun else None
+        finished = why is None and pacing.phase in ("settle", "join")
+        told: tuple[str, str | None] = (summary.ended, summary.error)
+        if summary.ended in ("goal", "max-rounds"):
+            # Without the parameter it is not known how many rounds there may be.
+            free = summary.ended == "max-rounds" and self._most is None and due is None
+            if told != due and not (free and summary.error is None):
+                self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
+            elif not finished:
+                self._fail(CHECK, f"it says {summary.ended}, but {why or 'a phase was begun'}")
+        elif finished and due is not None and due != told:
+            self._fail(CHECK, f"it says {_text(told)}, derived is {_text(due)}")
+        elif due is None and summary.ended == "failed":
+            error = summary.error or ""
+            stopped = summary.schedule_stopped
+            if stopped is not None:
+                error = error.removeprefix(f"{_told(stopped)}; then ")
+            if _GAVE_UP.match(error) or error.startswith("the schedule stopped at "):
+                self._fail(CHECK, f"it says {error!r}, which no module says")
+
+    def _check_line(self, summary: Summary, pacing: Pacing) -> None:
+        """Check what an error says of the process and the round that ended the run."""
+        error = summary.error
+        if summary.ended == "interrupted" and error != "interrupted":
+            self._fail(CHECK, f"it was interrupted, and says {error!r}")
+        if summary.ended == "failed" and (not error or "\n" in error):
+            self._fail(CHECK, f"it failed, and says {error!r}, expected one line")
+        died, late = _DIED.search(error or ""), _LATE.search(error or "")
+        hosts = self._processes
+        if died and (int(died[2]) != pacing.round or (hosts is not None and int(died[1]) >= hosts)):
+            self._fail(CHECK, f"it says {error!r}, in round {pacing.round}")
+        if late and (late[1], int(late[2])) != (pacing.phase, pacing.round):
+            self._fail(CHECK, f"it says {error!r}, in phase {pacing.phase} of round {pacing.round}")
+
+
+def _cubes(recording: Recording) -> int | None:
+    """Return the number of cubes of the schedule on record; None if there is none."""
+    if recording.schedule is None:
+        return None
+    try:
+        return len(schedule_from_jsonl(recording.schedule))
+    except InputError:
+        return None
+
+
+def _told(stopped: Stopped) -> str:
+    who = "" if stopped.module is None else f"module_{stopped.module}: "
+    return f"the schedule stopped at round {stopped.round}: {who}{stopped.reason}"
+
+
+def _text(ending: tuple[str, str | None] | None) -> str:
+    if ending is None:
+        return "no end"
+    ended, error = ending
+    return ended if error is None else f"{ended} ({error})"

@@ -1,0 +1,180 @@
+"""The pace of a run: each phase begins once, in its order, when every process has answered.
+
+Room: coordinator. Part of `cubepath verify`. It follows the messages in the order in which they
+were recorded, which is that in which the coordinator put and heard them, and holds one phase at a
+time. docs/protocol.md has the phases.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+from cubepath.coordinator.verification.parameters import processes_of
+from cubepath.coordinator.verification.transcript import Fail
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import (
+    Again,
+    Go,
+    Message,
+    Observations,
+    Ready,
+    Reports,
+    Said,
+    Waiting,
+)
+
+CHECK = "pacing"
+_AFTER = {
+    "join": {("sense", 1), ("over", 0)},
+    "sense": {("claim", 0), ("observe", 0)},
+    "observe": {("claim", 0)},
+    "claim": {("settle", 0)},
+    "settle": {("sense", 1), ("over", 0)},
+    "over": {("sense", 1)},
+}
+"""The phases that may follow a phase, each with how many rounds later."""
+_COUNTING = {"sense": ("claim", "observe"), "claim": ("settle",)}
+"""The phases before which it is counted what was said, each with those that tell the counts."""
+
+
+class Pacing:
+    """The phases of a run as they are on record; `fail` is called for each violation."""
+
+    def __init__(self, recording: Recording, fail: Fail) -> None:
+        """Begin before the first message, when processes are still to join."""
+        self.phase = "join"
+        self.round = 0
+        """The phase that was begun last, and its round."""
+        self._fail = fail
+        self._format_1 = recording.format.endswith("-1")
+        known = processes_of(recording)
+        self._processes = None if known is None else range(known)
+        self._joined: set[int] = set()
+        self._stopped = False
+        self._begin()
+
+    def _begin(self) -> None:
+        self._ready: dict[int, Mapping[str, int]] = {}
+        self._said: dict[int, set[tuple[str, int]]] = {}
+        self._told: set[int] = set()
+
+    def take(self, message: Message) -> None:
+        """Take the next message on record."""
+        match message:
+            case Go():
+                self._go(message)
+            case Ready() | Said() | Reports() | Observations():
+                if self._is_of_a_process(message):
+                    self._answer(message)
+            case Again() | Waiting():
+                if self._is_of_a_process(message) and message.round != self.round:
+                    self._wrong(message, f"in round {self.round}")
+            case _:
+                pass  # a part by itself, or what the coordinator says of the run
+
+    def _is_of_a_process(
+        self, message: Ready | Said | Reports | Observations | Again | Waiting
+    ) -> bool:
+        if self._processes is None or message.process in self._processes:
+            return True
+        self._wrong(message, "which is no process of the run")
+        return False
+
+    def _wrong(
+        self, message: Ready | Said | Reports | Observations | Again | Waiting, why: str
+    ) -> None:
+        kind = type(message).__name__.lower()
+        phase = getattr(message, "phase", None)
+        of = "" if phase is None else f" of phase {phase}"
+        self._fail(CHECK, f"round {message.round}, process_{message.process}: {kind}{of}, {why}")
+
+    def _answer(self, message: Ready | Said | Reports | Observations) -> None:
+        process = message.process
+        match message:
+            case Ready(phase=phase) | Said(phase=phase):
+                pass
+            case Reports():
+                phase = "settle"
+            case Observations():
+                phase = "observe"
+        if (message.round, phase) != (self.round, self.phase):
+            self._wrong(message, f"in phase {self.phase} of round {self.round}")
+            return
+        match message:
+            case Ready(said=said):
+                doubled = process in self._ready
+                self._ready[process] = _counts(said)
+                if phase == "join":
+                    self._joined.add(process)
+            case Said(region=region, number=number):
+                known = self._said.setdefault(process, set())
+                doubled = (region, number) in known
+                known.add((region, number))
+            case _:
+                doubled = process in self._told
+                self._told.add(process)
+        if doubled:
+            self._wrong(message, "a second time")
+
+    def _go(self, go: Go) -> None:
+        where = f"round {go.round}: go {go.phase}"
+        if go.phase == "stop":
+            if self._stopped or go.round != self.round:
+                self._fail(CHECK, f"{where} in round {self.round}, or a second time")
+            self._stopped = True
+            return
+        if self._stopped:
+            self._fail(CHECK, f"{where}, after all were told to stop")
+        if (go.phase, go.round - self.round) not in _AFTER[self.phase]:
+            self._fail(CHECK, f"{where} after phase {self.phase} of round {self.round}")
+        why = self.unfinished()
+        if why is not None:
+            self._fail(CHECK, f"{where}, but {why}")
+        counts: Counter[str] = Counter()
+        if go.phase in _COUNTING.get(self.phase, ()):
+            for said in self._ready.values():
+                counts.update(said)
+        if _counts(go.said) != dict(counts):
+            self._fail(
+                CHECK, f"{where} counts {_counts(go.said)} messages, said were {dict(counts)}"
+            )
+        self.phase, self.round = go.phase, go.round
+        self._begin()
+
+    def unfinished(self) -> str | None:
+        """Return in one line what the phase that was begun last still lacks; None if nothing."""
+        expected: Iterable[int] = self._joined if self._processes is None else self._processes
+        for process in sorted(expected):
+            who = f"process_{process}"
+            if process not in self._ready:
+                return f"{who} has not answered phase {self.phase} of round {self.round}"
+            if self._format_1:
+                continue  # parts came by themselves, at any time before they were needed
+            if self.phase in ("settle", "observe") and process not in self._told:
+                what = "reports" if self.phase == "settle" else "observations"
+                return f"{who} has sent no {what} in round {self.round}"
+            said = Counter(region for region, _ in self._said.get(process, ()))
+            if said != self._ready[process]:
+                return (
+                    f"{who} counts {dict(self._ready[process])} messages in phase {self.phase} of"
+                    f" round {self.round}, on record are {dict(sorted(said.items()))}"
+                )
+        return None
+
+    @property
+    def is_begun(self) -> bool:
+        """Return whether any process has been heard of."""
+        return bool(self._ready or self._said) or self.round > 0
+
+    def missing(self) -> int:
+        """Return how many messages of the last phase were counted, and are not on record."""
+        return sum(
+            max(0, sum(counts.values()) - len(self._said.get(process, ())))
+            for process, counts in self._ready.items()
+            if not self._format_1
+        )
+
+
+def _counts(said: Mapping[str, int]) -> dict[str, int]:
+    return {region: count for region, count in sorted(said.items()) if count}
