@@ -33,16 +33,14 @@ PUBLIC = {
         HEXAGONS InputError Lattice LatticeSystem MODULE Message Move MoveName PathMove PlanHints
         Record Recording RecordingWriter RuleError SQUARES Scene Site State System TabledSystem
         TimedLine VehicleGraph Ways admissible all_families apply certificate_schema commute
-        cube_schema decode everything hex_catalogue in_order move_schemas open_client
-        read_certificate read_cubes read_durations read_moves read_plan read_recording read_scene
-        read_timetable scene_from_spec scene_from_toml scene_to_toml schema_of site_from_json
-        subscribe timetable_schema why_inadmissible
-        write_certificate write_cubes write_moves write_timetable
+        cube_schema decode hex_catalogue in_order move_schemas open_client read_certificate
+        read_cubes read_durations read_moves read_plan read_recording read_scene read_timetable
+        scene_from_spec scene_from_toml scene_to_toml schema_of site_from_json timetable_schema
+        why_inadmissible write_certificate write_cubes write_moves write_timetable
     """,
     "cubepath.agents": """
-        Checked Choice CubepathEnv Finding Fleet InitialKnowledge Note Observation Played Rule
-        RuleType View check_rule draw_pixels draw_text env observe parallel_env play raw_env
-        rule_named
+        Checked Choice CubepathEnv Finding InitialKnowledge Note Observation Played Rule RuleType
+        View check_rule draw_pixels draw_text env observe parallel_env play raw_env rule_named
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift

@@ -1,8 +1,8 @@
 """Agents: one module's view and choice, the module process, and the PettingZoo environments.
 
 Room: agents; each module knows its neighbourhood only. It imports the protocol. This face offers
-what users need: to write a rule, to observe, to play in an environment or in processes, and to draw
-a state. Inside the project, names are imported from the modules that define them.
+what users need: to write a rule, to observe, to play in an environment, and to draw a state. Inside
+the project, names are imported from the modules that define them.
 
 | room | holds | may import |
 |---|---|---|
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from cubepath.agents.environments import CubepathEnv, Played, env, parallel_env, play, raw_env
     from cubepath.agents.local import Note, Observation, View, observe
     from cubepath.agents.locality import Checked, Finding, check_rule
-    from cubepath.agents.processes import Fleet
     from cubepath.agents.rendering import draw_pixels, draw_text
     from cubepath.agents.rules import Choice, InitialKnowledge, Rule, RuleType, rule_named
 else:
@@ -32,7 +31,6 @@ else:
             "environments": "CubepathEnv Played env parallel_env play raw_env",
             "local": "Note Observation View observe",
             "locality": "Checked Finding check_rule",
-            "processes": "Fleet",
             "rendering": "draw_pixels draw_text",
             "rules": "Choice InitialKnowledge Rule RuleType rule_named",
         },
@@ -43,7 +41,6 @@ __all__ = [
     "Choice",
     "CubepathEnv",
     "Finding",
-    "Fleet",
     "InitialKnowledge",
     "Note",
     "Observation",

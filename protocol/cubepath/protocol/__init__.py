@@ -2,8 +2,8 @@
 
 Room: protocol; imports neither agents nor coordinator. This face offers what users need: systems
 and scenes and their parts, the one definition of admissible and of commuting, files of moves,
-cubes, certificates and durations, plans of other planners, recordings, sessions to listen to a run,
-and the errors. Inside the project, names are imported from the modules that define them.
+cubes, certificates and durations, plans of other planners, recordings, and the errors. Inside the
+project, names are imported from the modules that define them.
 
 | room | holds | may import |
 |---|---|---|
@@ -89,14 +89,7 @@ if TYPE_CHECKING:
         scene_to_toml,
     )
     from cubepath.protocol.systems import FlipSystem, GraphSystem, LatticeSystem, TabledSystem
-    from cubepath.protocol.wire import (
-        Message,
-        decode,
-        everything,
-        open_client,
-        schema_of,
-        subscribe,
-    )
+    from cubepath.protocol.wire import Message, decode, open_client, schema_of
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -119,7 +112,7 @@ else:
                 "scene_to_toml"
             ),
             "systems": "FlipSystem GraphSystem LatticeSystem TabledSystem",
-            "wire": "Message decode everything open_client schema_of subscribe",
+            "wire": "Message decode open_client schema_of",
         },
     )
 
@@ -172,7 +165,6 @@ __all__ = [
     "commute",
     "cube_schema",
     "decode",
-    "everything",
     "hex_catalogue",
     "in_order",
     "move_schemas",
@@ -190,7 +182,6 @@ __all__ = [
     "scene_to_toml",
     "schema_of",
     "site_from_json",
-    "subscribe",
     "timetable_schema",
     "why_inadmissible",
     "write_certificate",

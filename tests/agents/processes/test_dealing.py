@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from random import Random
 
 import pytest
 from hypothesis import given
@@ -83,3 +84,14 @@ def test_vertices_of_every_form_are_dealt() -> None:
         parts = dealt(scene, processes)
         assert len(parts) == processes
         assert sorted(module for part in parts for module in part) == [0, 1, 2, 3]
+
+
+@given(scenes(), st.integers(1, 80), st.randoms(use_true_random=False))
+def test_some_modules_are_dealt_out_alone(scene: Scene, processes: int, random: Random) -> None:
+    """Those that others have left; none at all are no process."""
+    count = random.randint(0, len(scene.start))
+    left = sorted(random.sample(range(len(scene.start)), count))
+    parts = dealt(scene, processes, left)
+    assert sorted(module for part in parts for module in part) == left
+    assert len(parts) == min(processes, len(left))
+    assert all(parts)

@@ -477,14 +477,20 @@ def test_a_process_that_is_paused_is_waited_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-def test_a_process_that_is_paused_for_long_is_waited_for(tmp_path: Path) -> None:
-    """For 12 s, longer than the lease that zenoh gives to a link by default."""
+@pytest.mark.parametrize("seconds", [12, 50])
+@pytest.mark.parametrize("who", ["host", "router", "coordinator"])
+def test_who_is_paused_for_long_is_waited_for(tmp_path: Path, who: str, seconds: float) -> None:
+    """For 12 s, longer than the lease of a link by default; it goes on within some seconds."""
     with started(tmp_path, "--processes", "2") as child:
-        host = hosts_of(child.pid)[0]
-        os.kill(host, signal.SIGSTOP)
-        time.sleep(12)
-        os.kill(host, signal.SIGCONT)
-        goes_on(tmp_path, child)
+        pid = {"host": hosts_of(child.pid)[0], "router": router_of(child.pid)}.get(who, child.pid)
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(seconds)
+        log = tmp_path / "run.mcap"
+        before = log.stat().st_size
+        os.kill(pid, signal.SIGCONT)
+        begun = time.monotonic()
+        wait_until(lambda: log.stat().st_size > before + 20_000, child)
+        assert time.monotonic() - begun < 5
         ends_whole(tmp_path, child)
 
 

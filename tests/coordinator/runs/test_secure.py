@@ -176,6 +176,7 @@ def test_a_secure_run_alone_is_over_tls_too(folder: Path, tmp_path: Path) -> Non
         ({"wait_for": 5, "listen": "tcp/127.0.0.1:0"}, "wait-for=5: expected 0 to 4"),
         ({"listen": "tcp/127.0.0.1:0", "connect": "tcp/127.0.0.1:7447"}, "has a router already"),
         ({"secure": Path("none"), "listen": "tcp/127.0.0.1:0"}, "expected tls/HOST:PORT with"),
+        ({"secure": Path("none")}, "none/authority.crt: No such file or directory, expected what"),
         ({"connect": "unixsock-stream//tmp/s"}, "expected tcp/HOST:PORT or tls/HOST:PORT"),
     ],
 )

@@ -34,7 +34,12 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.router import check_secure
-from cubepath.protocol.wire.sessions import check_endpoint, open_client, subscribe
+from cubepath.protocol.wire.sessions import (
+    check_descriptors,
+    check_endpoint,
+    open_client,
+    subscribe,
+)
 from cubepath.protocol.wire.shell import Shell
 
 _POLL_S = 0.1
@@ -77,12 +82,14 @@ def join(joining: Joining, say: Callable[[str], None] = lambda _: None) -> Order
     a word. `say` is told in a line what is going on.
     """
     joining.check()
+    check_descriptors()
     deadline = time.monotonic() + joining.patience_s
     with open_client(
         joining.connect, joining.patience_s, credentials=joining.credentials
     ) as session:
         run = _run_that_waits(session, joining, deadline)
-        liveness = Liveness(session, alive_key(run, COORDINATOR))
+        coordinator = alive_key(run, COORDINATOR)
+        liveness = Liveness(session, coordinator, coordinator)
         say(f"waiting for run {run} to begin")
         orders = replace(
             _ordered(session, joining, run, liveness),

@@ -24,10 +24,13 @@ class Liveness:
     While a router is away all of them are; so none has gone before sessions could find it again.
     """
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
-        """Watch the tokens from now on, those that are there already included."""
+    def __init__(self, session: zenoh.Session, key: str, *expected: str) -> None:
+        """Watch the tokens from now on, those that are there already included.
+
+        A token that is `expected` has gone if it was never seen.
+        """
         self._session = session
-        self._absent: dict[str, float | None] = {}
+        self._absent: dict[str, float | None] = dict.fromkeys(expected, time.monotonic())
         self._changes: SimpleQueue[tuple[str, bool]] = SimpleQueue()
         self._routers = routers_of(session)
         self._changed_s = time.monotonic() - SETTLE_S

@@ -10,6 +10,12 @@ from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.access import PROCESSES_MAX
+from cubepath.protocol.wire.credentials import (
+    COORDINATOR,
+    ROUTER,
+    certificate_files,
+    process_name,
+)
 from cubepath.protocol.wire.router import check_secure
 from cubepath.protocol.wire.sessions import check_endpoint
 
@@ -47,7 +53,21 @@ class Network:
                 f"wait-for={self.wait_for}: nobody can join a private run, expected --listen or"
                 " --connect"
             )
-        if self.secure is not None and self.wait_for + processes > PROCESSES_MAX:
+        if self.secure is not None:
+            self._check_certificates(self.secure, processes)
+
+    def _check_certificates(self, folder: Path, processes: int) -> None:
+        """Check that those who speak here have certificates; InputError names a missing one.
+
+        A process whose modules were taken by others needs none, which is not known yet; so the
+        certificates of own processes are asked for when they are needed.
+        """
+        if self.wait_for + processes > PROCESSES_MAX:
             raise InputError(
                 f"processes={processes}: with certificates there are at most {PROCESSES_MAX}"
             )
+        certificate_files(folder, COORDINATOR)
+        if self.connect is None:
+            certificate_files(folder, ROUTER)
+        for process in () if self.wait_for else range(max(1, processes)):
+            certificate_files(folder, process_name(process))

@@ -108,7 +108,8 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
     own = min(plan.processes, modules)
     plan.network.check(modules, own)
     check_topics(task, plan)
-    check_descriptors(own, files=1)
+    # Who waits for others has a session more, for that.
+    check_descriptors(own + bool(plan.wait_for), files=1)
     path = plan.log or Path("logs") / file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)

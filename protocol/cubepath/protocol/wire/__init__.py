@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from cubepath.protocol.wire.credentials import (
         COORDINATOR,
         GUEST,
+        ROUTER,
         Credentials,
+        certificate_files,
         process_name,
     )
     from cubepath.protocol.wire.keys import (
@@ -84,7 +86,7 @@ else:
         {
             "access": "PROCESSES_MAX",
             "authority": "make_certificates",
-            "credentials": "COORDINATOR GUEST Credentials process_name",
+            "credentials": "COORDINATOR GUEST ROUTER Credentials certificate_files process_name",
             "keys": (
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
@@ -110,6 +112,7 @@ __all__ = [
     "GUEST",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
+    "ROUTER",
     "Act",
     "Acts",
     "Again",
@@ -150,6 +153,7 @@ __all__ = [
     "Waiting",
     "addressees",
     "belongs",
+    "certificate_files",
     "check_descriptors",
     "check_endpoint",
     "check_secure",

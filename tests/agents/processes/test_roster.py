@@ -1,0 +1,76 @@
+"""Who joins from elsewhere: who is let in, with which number, and who is forgotten."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cubepath.agents.processes.roster import FORGET_S, Roster, spans
+
+
+def test_joiners_are_numbered_by_their_first_modules() -> None:
+    """Whoever asks first; one that names itself has that number."""
+    for order in (("a", "b", "c"), ("c", "a", "b")):
+        roster = Roster(8, 3)
+        asked = {"a": ([5, 4], None), "b": ([0], 1), "c": ([3, 1], None)}
+        for joiner in order:
+            assert not roster.complete
+            assert roster.ask(joiner, *asked[joiner], 0.0) is None
+        assert (roster.complete, roster.missing, roster.free) == (True, 0, [2, 6, 7])
+        assert roster.number_of("a") is None
+        assert roster.number() == [[1, 3], [0], [4, 5]]
+        assert [roster.number_of(joiner) for joiner in "abcd"] == [2, 1, 0, None]
+
+
+@pytest.mark.parametrize(
+    ("modules", "name", "reason"),
+    [
+        ([3, 6, 8], None, "modules 6, 8: the run has modules 0-5"),
+        ([-1, 3], None, "modules -1: the run has modules 0-5"),
+        ([], None, "modules none: the run has modules 0-5"),
+        ([3, 3], None, "modules: one is named twice"),
+        ([5, 1, 0], None, "modules 0-1: taken by another process"),
+        ([3], 2, "process_2: those that join are process_0 to process_1"),
+        ([3], 0, "process_0: there already"),
+    ],
+)
+def test_who_is_refused_is_told_why_and_changes_nothing(
+    modules: list[int], name: int | None, reason: str
+) -> None:
+    """The place stays free for another."""
+    roster = Roster(6, 2)
+    assert roster.ask("first", [0, 1, 2], 0, 0.0) is None
+    assert roster.ask("other", modules, name, 0.0) == reason
+    assert (roster.missing, roster.free) == (1, [3, 4, 5])
+    assert roster.ask("another", [3], 1, 0.0) is None
+    assert roster.ask("late", [4], None, 0.0) == "the run waits for 2 processes, and they are there"
+    roster.number()
+    assert roster.ask("late", [4], None, 0.0) == "the run has begun"
+    assert roster.ask("first", [0, 1, 2], 0, 0.0) is None
+
+
+def test_who_asks_no_more_is_forgotten_until_the_run_begins() -> None:
+    """Its modules are free again; asking again counts, whatever else it would say."""
+    roster = Roster(4, 2)
+    assert roster.ask("gone", [0], None, 0.0) is None
+    assert roster.ask("stays", [1], None, 0.0) is None
+    assert roster.ask("stays", [1], None, FORGET_S) is None
+    roster.forget(FORGET_S)
+    assert (roster.missing, roster.free) == (1, [0, 2, 3])
+    assert roster.ask("gone", [0, 2], None, FORGET_S) is None
+    assert roster.number() == [[0, 2], [1]]
+    roster.forget(10 * FORGET_S)
+    assert roster.complete
+
+
+@given(st.sets(st.integers(0, 40)))
+def test_spans_name_the_modules_and_no_others(modules: set[int]) -> None:
+    """As one would write them on the command line, with a space after each comma."""
+    text = spans(sorted(modules))
+    found: list[int] = []
+    for part in text.split(", ") if text else []:
+        first, _, last = part.partition("-")
+        found += range(int(first), int(last or first) + 1)
+    assert found == sorted(modules)
+    assert ", ".join(text.split(", ")) == text
