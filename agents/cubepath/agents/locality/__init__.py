@@ -1,7 +1,7 @@
 """Whether a rule is local: played under all that must not matter to it, and watched.
 
-Room: agents. It imports `environments`, `rules`, `local` and the protocol. Rules are loaded in
-processes of their own alone. The command line asks it.
+Room: agents. It imports `environments`, `rules`, `local` and the protocol. Rules are loaded
+in processes of their own alone. The command line asks it.
 """
 
 from typing import TYPE_CHECKING

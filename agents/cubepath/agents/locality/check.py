@@ -73,7 +73,7 @@ class _Variant:
     backwards: bool = False
 
 
-_AGAIN = _Variant("repeat", "played again")
+_AGAIN = (_Variant("repeat", "played again"),) * 3
 _VARIANTS = (
     _Variant("state", "asked in another order", backwards=True),
     _Variant("clock", "at another time", Conditions(clock=1)),
@@ -94,37 +94,54 @@ _ELSEWHERE = _Variant("reach", "where modules beyond its reach are elsewhere")
 _FEWER = _Variant("reach", "where modules beyond its reach are gone, and others there")
 
 
-class Checker:
-    """Plays a rule and gathers what that shows: a context manager."""
+class Stage:
+    """The processes that rules are played in: a context manager.
 
-    def __init__(self, rule: str, seed: int, progress: Callable[[], object]) -> None:
-        """Start nothing yet. A rule FILE.py:NAME is looked for from the current folder."""
-        self._progress = progress
-        file, _, name = rule.rpartition(":")
-        self._rule = f"{Path(file).resolve()}:{name}" if is_in_file(rule) else rule
-        self._shown, self._seed = rule, seed
-        self._evidence = Evidence()
-        self._specs: list[str] = []
-        self._modules = self._choices = self._changes = self._folders = 0
-        self._resources = ExitStack()
+    Tasks are played at the same time, as many as there are processors.
+    """
+
+    def __init__(self, seed: int) -> None:
+        """Start nothing yet; the hash seeds of the servers follow from the seed."""
+        self._seed = seed
+        self._folders = 0
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             self._folder = Path(stack.enter_context(TemporaryDirectory(prefix="cubepath-check-")))
-            self._servers = [
-                stack.enter_context(ForkServer(hash_seed)) for hash_seed in self._hash_seeds()
-            ]
-            workers = len(os.sched_getaffinity(0))
-            self._pool = stack.enter_context(ThreadPoolExecutor(workers))
+            seeds = Random(f"{self._seed}/hash").sample(range(1, 1 << 32), _HASH_SEEDS)  # noqa: S311
+            self._servers = [stack.enter_context(ForkServer(each)) for each in seeds]
+            self._pool = ThreadPoolExecutor(len(os.sched_getaffinity(0)))
+            stack.callback(self._pool.shutdown, wait=False, cancel_futures=True)
             self._resources = stack.pop_all()
         return self
 
-    def __exit__(self, *details: object) -> None:
-        self._pool.shutdown(wait=False, cancel_futures=True)
+    def __exit__(self, *_: object) -> None:
         self._resources.close()
 
-    def _hash_seeds(self) -> list[int]:
-        return Random(f"{self._seed}/hash").sample(range(1, 1 << 32), _HASH_SEEDS)  # noqa: S311
+    def submit(self, rule: str, play: Play, conditions: Conditions, server: int) -> Future[Answer]:
+        """Let a task be played in a new process that begins in a new folder."""
+        self._folders += 1
+        folder = self._folder / str(self._folders)
+        folder.mkdir()
+        return self._pool.submit(
+            self._servers[server].play, Task(rule, play, conditions, str(folder))
+        )
+
+
+class Checker:
+    """Checks one rule in scene after scene, and gathers what that shows."""
+
+    def __init__(
+        self, stage: Stage, rule: str, *, seed: int, progress: Callable[[], object]
+    ) -> None:
+        """Play nothing yet. A rule FILE.py:NAME is looked for from the current folder."""
+        file, _, name = rule.rpartition(":")
+        self._rule = f"{Path(file).resolve()}:{name}" if is_in_file(rule) else rule
+        self._shown, self._seed, self._stage = rule, seed, stage
+        self._progress = progress
+        self._evidence = Evidence()
+        self._specs: list[str] = []
+        self._modules = self._choices = self._changes = 0
 
     def check(self, spec: str) -> None:
         """Check the rule in a scene; InputError if it is not for it, or not to be found."""
@@ -137,16 +154,17 @@ class Checker:
         if not self._gathered(spec, "in a run", run):
             return
         self._look_for_errors(spec, run)
-        variants = [_AGAIN, *_VARIANTS, _UNTOUCHED]
+        variants = [*_AGAIN, *_VARIANTS, _UNTOUCHED]
         runs = [
             self._submit(replace(whole, backwards=each.backwards), each.conditions, each.server)
             for each in variants
         ]
         replays = [self._replays(scene, run, module) for module in _spread(run.lives, _WATCHED)]
-        again, *others, untouched = [
+        *others, untouched = [
             self._compared(spec, each, run, answer.result())
             for each, answer in zip(variants, runs, strict=True)
         ]
+        again = next((pair for pair in others[: len(_AGAIN)] if pair is not None), None)
         found = [pair for pair in others if pair is not None]
         for alone, elsewhere, fewer in replays:
             pairs = [
@@ -206,17 +224,9 @@ class Checker:
         return Together(scene, seed, _HESITATE, _ROUNDS)
 
     def _submit(self, play: Play, conditions: Conditions, server: int = 0) -> Future[Answer]:
-        """Let a task be played in a new process that begins in a new folder."""
-        self._folders += 1
-        folder = self._folder / str(self._folders)
-        folder.mkdir()
-        task = Task(self._rule, play, conditions, str(folder))
-        return self._pool.submit(self._played, self._servers[server], task)
-
-    def _played(self, server: ForkServer, task: Task) -> Answer:
-        answer = server.play(task)
-        self._progress()
-        return answer
+        found = self._stage.submit(self._rule, play, conditions, server)
+        found.add_done_callback(lambda _: self._progress())
+        return found
 
     def _replays(self, scene: Scene, run: Answer, module: int) -> list[Future[Answer]]:
         """Let a module be asked again: alone, in other surroundings, with fewer and more others."""
@@ -277,7 +287,8 @@ def check_rule(
     called for each play. The answer follows from the rule, the scenes and the seed; InputError if
     there is no such rule, or it is for none of the scenes.
     """
-    with Checker(rule, seed, progress) as checker:
+    with Stage(seed) as stage:
+        checker = Checker(stage, rule, seed=seed, progress=progress)
         if systems is None:
             checker.check_all(checker.fitting(all_scenes()))
         else:

@@ -67,7 +67,7 @@ def played(task: Task) -> Answer:
 
 def _surround(environment: int) -> None:
     """Set the variables of the environment that differ from place to place."""
-    user = "somebody" if environment else "user"
+    user = "somebodyelse" if environment else "user"
     here = place(environment)
     os.environ.update(HOME=here, PWD=here, USER=user, LOGNAME=user, HOSTNAME=f"{user}-machine")
     os.environ.update(LANG="C.UTF-8", TZ="Asia/Tokyo" if environment else "UTC")

@@ -19,6 +19,8 @@ from cubepath.protocol.core.system import Scene, System
 _WALK = 6
 """A module is put where so many moves could have taken it, whoever is in the way."""
 _TRIES = 4
+_VAIN_MAX = 50
+"""Where modules cannot stand by themselves, as diagonals of a triangulation, so many are tried."""
 _ADDED = 2
 _SEEDS = 1 << 32
 
@@ -54,6 +56,7 @@ class Changes:
         """Change nothing yet; `count` says how many sites were changed, over all rounds."""
         self.count = 0
         self._scene, self._life, self._random = scene, life, random
+        self._vain = 0
         self._place_of = scene.system.place_of
         self._rows = [sites[0], *sites[: len(life.observations)]]
         self._others = [n for n in range(len(scene.start)) if n != life.module]
@@ -120,7 +123,7 @@ class Changes:
     ) -> dict[int, Site]:
         """Return the setting with a module some moves from `site`, beyond reach, if that can be."""
         taken = {self._place_of(other) for each, other in setting.items() if each != number}
-        for _ in range(_TRIES):
+        for _ in range(_TRIES if self._vain < _VAIN_MAX else 0):
             there = site
             for _ in range(self._random.randint(1, _WALK)):
                 ways = [move.target for move in self._scene.system.moves(there) if move is not None]
@@ -136,5 +139,6 @@ class Changes:
         try:
             surrounding_scene(self._scene, setting, self._goals)
         except InputError:
+            self._vain += 1
             return False
         return True

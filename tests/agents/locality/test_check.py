@@ -1,0 +1,173 @@
+"""Checking that a rule is local: our own pass, each way of cheating is found and named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cubepath.agents.locality.check import Checked, Checker, Stage, check_rule
+from cubepath.agents.rules.registry import BUILT_IN
+from cubepath.protocol.core.errors import InputError
+
+CHEATS = Path(__file__).parent / "cheats"
+
+
+@pytest.fixture(scope="module")
+def stage() -> Iterator[Stage]:
+    """Return the processes that all rules of a test are played in."""
+    with Stage(seed=1) as found:
+        yield found
+
+
+def checked(stage: Stage, cheat: str, *systems: str) -> tuple[Checked, dict[str, str]]:
+    """Return what is found of a rule in `cheats`, and the lines by kind."""
+    rule = f"{CHEATS / cheat}.py:RULE"
+    checker = Checker(stage, rule, seed=1, progress=lambda: None)
+    for spec in systems or ("hex:n=4",):
+        checker.check(spec)
+    found = checker.checked()
+    return found, {each.kind: each.text for each in found.findings}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("rule", sorted(BUILT_IN.keys() - {"random"}))
+def test_our_own_rules_are_local(rule: str) -> None:
+    """In a small and a larger scene of all families that they are for nothing is found."""
+    found = check_rule(rule)
+    assert found.findings == ()
+    assert len(found.systems) >= 2
+    assert found.choices > 1000
+    assert found.changes > 100
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    "spec", ["hex:n=12", "agv:graph=grid6x6,n=9", "sliding", "words", "polygon:n=9", "assembly"]
+)
+def test_the_random_rule_is_local(spec: str) -> None:
+    """In systems of each kind nothing is found."""
+    assert check_rule("random", [spec]).findings == ()
+
+
+@pytest.mark.slow
+def test_what_is_local_is_left_alone(stage: Stage) -> None:
+    """A cache, a generator from the module's number, libraries that look at frames: no finding."""
+    found, lines = checked(stage, "harmless", "agv:graph=grid6x6,n=6")
+    assert lines == {}
+    assert found.changes > 100
+
+
+EXPECTED = {
+    "module_globals": {"state": "keeps state outside the module (WHERE changed): module_"},
+    "shared_system": {"state": "keeps state outside the module: module_"},
+    "frames_looked_at": {
+        "frames": "looks at stack frames (sys._getframe in frames_looked_at.py:12,"
+        " tb_frame in frames_looked_at.py:17): no choice was seen to change with it"
+    },
+    "clock": {"clock": "uses the clock (time.time_ns in clock.py:11): module_0 of hex:n=4 has"},
+    "birthday": {"clock": "uses the clock (datetime.now in birthday.py:7): module_0 of hex:n=4"},
+    "out_of_sight": {"repeat": "does not choose the same twice: module_"},
+    "global_random": {
+        "random": "uses random numbers that are not the module's own (random.choice in"
+        " global_random.py:10): module_0 of hex:n=4 has action"
+    },
+    "numpy_random": {
+        "random": "uses random numbers that are not the module's own (numpy.random.choice in"
+        " numpy_random.py:10): module_0 of hex:n=4 has action"
+    },
+    "fresh_generator": {
+        "random": "uses random numbers that are not the module's own"
+        " (numpy.random.default_rng without a seed in fresh_generator.py:11, random.Random without"
+        " a seed in fresh_generator.py:11): module_0"
+    },
+    "process_id": {
+        "process": "uses the process, its threads or others (os.getpid in process_id.py:11):"
+        " module_0 of hex:n=4 has action"
+    },
+    "environment": {
+        "environment": "uses the machine or the environment of the process (os.environ in"
+        " environment.py:11, os.getcwd in environment.py:11): module_0 of hex:n=4 has action"
+    },
+    "board": {
+        "files": "uses files (open in board.py:11, open in board.py:14)",
+        "state": "keeps state outside the module: module_",
+    },
+    "seed": {
+        "seed": "asks for the seed of the run (seed_seq.entropy in seed.py:12)",
+        "fails": "fails: module_0 of hex:n=4 raises AttributeError",
+    },
+    "spawned": {
+        "seed": "asks for the seed of the run (seed_seq.spawn in spawned.py:7)",
+        "fails": "fails: module_0 of hex:n=4 raises TypeError: asked for 1 more streams",
+    },
+    "set_order": {
+        "hashing": "depends on hashes or addresses, as by the order of a set: module_0 of hex"
+    },
+    "raises": {"fails": "fails: module_0 of hex:n=4 raises KeyError in round 3"},
+    "vanishes": {"fails": "fails: hex:n=4, in a run: ended its process"},
+}
+"""By rule in `cheats` the kinds of what is found, and how each line begins."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cheat", EXPECTED)
+def test_each_way_of_cheating_is_named(stage: Stage, cheat: str) -> None:
+    """What is found is that and nothing else, in the right words."""
+    _, lines = checked(stage, cheat)
+    assert lines.keys() == EXPECTED[cheat].keys()
+    for kind, begins in EXPECTED[cheat].items():
+        assert lines[kind].startswith(begins), lines[kind]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("cheat", "why"),
+    [
+        ("far_positions", None),
+        ("frames", "looks at stack frames (sys._getframe in frames.py:14)"),
+        ("collector", "looks at what else is in memory (gc.get_objects in collector.py:10)"),
+    ],
+)
+def test_who_sees_beyond_reach_is_found(stage: Stage, cheat: str, why: str | None) -> None:
+    """A choice changes with what the module cannot sense, whatever way it has found there."""
+    found, lines = checked(stage, cheat, "agv:graph=grid6x6,n=5")
+    assert found.changes > 100
+    assert lines["reach"].startswith("sees beyond its reach: module_")
+    assert "where modules beyond its reach are elsewhere action" in lines["reach"]
+    assert why is None or why in lines.values()
+
+
+@pytest.mark.slow
+def test_the_answer_follows_from_the_seed() -> None:
+    """Twice the same, to the last number; every play is told."""
+    plays: list[int] = []
+    path = f"{CHEATS / 'far_positions'}.py:RULE"
+    one, other = (
+        check_rule(path, ["agv:graph=C7,n=3"], seed=5, progress=lambda: plays.append(1))
+        for _ in range(2)
+    )
+    assert one == other
+    assert len(plays) == 2 * 22
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rule", "systems", "why"),
+    [
+        ("nonesuch", ["hex:n=3"], "unknown rule 'nonesuch', expected one of random"),
+        ("nonesuch", None, "unknown rule 'nonesuch', expected one of random"),
+        ("tswap", ["hex:n=3"], "hex:n=3: not for this system: rule 'tswap'"),
+        ("random", ["hex-connected"], "hex-connected: not a local system"),
+        (f"{CHEATS / 'unfit'}.py:RULE", ["hex:n=3"], "wants more than 3 modules"),
+        ("nowhere.py:RULE", None, "nowhere.py: no such file, expected FILE.py:NAME"),
+    ],
+)
+def test_what_cannot_be_checked_is_bad_input(
+    rule: str, systems: list[str] | None, why: str
+) -> None:
+    """With what was found and what was expected."""
+    with pytest.raises(InputError, match=r".") as error:
+        check_rule(rule, systems)
+    assert why in str(error.value)

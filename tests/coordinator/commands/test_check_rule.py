@@ -1,0 +1,57 @@
+"""The command ``check-rule``: its answer in words and as a document, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from command_line import ROOT, cubepath
+
+pytestmark = pytest.mark.slow
+
+CHEATS = ROOT / "tests" / "agents" / "locality" / "cheats"
+
+
+def test_a_local_rule_ends_with_0() -> None:
+    """With a document of what was compared, and no findings."""
+    done = cubepath("check-rule", "tswap", "agv:graph=C6,n=2", "agv:graph=P7,n=3", "--json")
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document["local"] is True
+    assert document["findings"] == []
+    assert document["systems"] == ["agv:graph=C6,n=2", "agv:graph=P7,n=3"]
+    assert document["modules"] == 5
+    assert document["choices"] > 0
+    assert document["changes"] > 0
+
+
+def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
+    """In words below the table; the file is found from the folder of the user."""
+    (tmp_path / "clock.py").write_text((CHEATS / "clock.py").read_text())
+    done = cubepath("check-rule", "clock.py:RULE", "hex:n=3", "--seed", "4", cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[:2] == ["rule      clock.py:RULE, seed 4", "systems   hex:n=3"]
+    assert lines[5] == "findings  1"
+    assert lines[7].startswith("  uses the clock (time.time_ns in clock.py:11): module_")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["nonesuch"], "unknown rule 'nonesuch', expected one of random, chain"),
+        (["random", "nonesuch"], "unknown system 'nonesuch'"),
+        (["word", "agv"], "agv: not for this system: rule 'word'"),
+        (["nowhere.py:RULE"], "nowhere.py: no such file"),
+        ([], "the following arguments are required: RULE"),
+        (["random", "--seed", "-1"], "expected a whole number of at least 0, found '-1'"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], why: str, tmp_path: Path) -> None:
+    """With what was found and what was expected; exit code 2."""
+    done = cubepath("check-rule", *arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert why in line
