@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
-from cubepath.agents.local.observation import Observation, goal_sets
+from cubepath.agents.local.observation import STAY, Observation, goal_sets
 from cubepath.agents.processes.judge import Heard, Judge, RefusedError
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.agents.processes.orders import OUTSIDE, Orders
@@ -230,7 +230,7 @@ class HostNode:
 
     def _awaits(self, said: Said) -> bool:
         """Return whether what was said has its phase before it or in it; else it is a double."""
-        if said.process == self._orders.process:
+        if said.process == self._orders.process or said.region not in self._within:
             return False
         if said.phase == "sense":
             return said.round == self._round + 1 or (
@@ -387,7 +387,10 @@ class HostNode:
         claims: list[Part] = []
         if self._rule is None:
             for act in self._given.pop(self._round).parts:
-                claims += self._cores[act.module].claim(act.action, tuple(act.note))
+                core = self._cores[act.module]
+                # As in the environment: what is not in the mask counts as to stay.
+                action = act.action if core.may(act.action) else STAY
+                claims += core.claim(action, tuple(act.note))
         else:
             for module, core in self._cores.items():
                 choice = self._actors[module].act(core.observation())
@@ -437,6 +440,8 @@ class HostNode:
 
     def _take_acts(self, acts: Acts) -> list[Effect]:
         if not self._round <= acts.round <= self._round + 1:
+            return []
+        if acts.process != self._orders.process:
             return []
         self._judge.check_whole(acts)
         self._given.setdefault(acts.round, acts)
