@@ -61,7 +61,13 @@ class Driven:
             )
             for process, modules in enumerate(modules_of)
         ]
-        self.conductor = Conductor(self.scene, max_rounds=1000, record=lambda message: None)
+        self.conductor = Conductor(
+            self.scene,
+            max_rounds=1000,
+            record=lambda message: None,
+            modules_of=modules_of,
+            seed=seed,
+        )
         self.pacer = Pacer(RUN, modules_of, judge=judge, check=self.conductor.check)
         self.put: list[tuple[str, bytes]] = []
         """The last messages that were put."""

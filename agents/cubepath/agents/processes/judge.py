@@ -52,11 +52,15 @@ _SAID_IN: dict[type[Part], str] = {
 
 
 class RefusedError(CubepathError):
-    """A message that is not taken: the reason in a word or two, and a line."""
+    """A message that is not taken: the reason in a word or two, and a line.
 
-    def __init__(self, reason: Reason, why: str) -> None:
+    `process` is who said what is wrong, if that is not the sender of this message.
+    """
+
+    def __init__(self, reason: Reason, why: str, process: int | None = None) -> None:
         super().__init__(why)
         self.reason: Reason = reason
+        self.process = process
 
 
 def refuse(reason: Reason, why: str) -> NoReturn:

@@ -44,7 +44,7 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 _REPEATS_MAX = 1000
-"""So often a process repeats in a round what others ask for again: a flood of asking ends there."""
+"""So often a process repeats in a round what another asks for again: a flood of asking ends there."""
 
 
 class HostNode:
@@ -78,7 +78,7 @@ class HostNode:
         self._outbox = Outbox(scene.system, orders.run, orders.process, round_number)
         self._answers: list[Put] = []
         self._delivered = False
-        self._repeats = 0
+        self._repeats: Counter[int] = Counter()
         self._wait_s: float | None = None
         rule, note_length = self._rule, orders.note_length
         if orders.schedule is not None:
@@ -201,9 +201,9 @@ class HostNode:
         return Put(key_of(self._orders.run, message), encode(message))
 
     def _repeated(self, again: Again) -> Iterable[Put]:
-        if again.round != self._round or self._repeats >= _REPEATS_MAX:
+        if again.round != self._round or self._repeats[again.process] >= _REPEATS_MAX:
             return ()
-        self._repeats += 1
+        self._repeats[again.process] += 1
         return self._outbox.said_to(again.phase, again.region)
 
     def _answer(self, *messages: Message) -> list[Put]:
@@ -358,7 +358,7 @@ class HostNode:
 
     def _sense(self, round_number: int) -> list[Effect]:
         self._round = round_number
-        self._repeats = 0
+        self._repeats.clear()
         self._outbox.begin(round_number)
         self._inbox.forget_before(round_number)
         self._delivered = False

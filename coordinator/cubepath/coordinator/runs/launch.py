@@ -22,6 +22,7 @@ from typing import Any
 
 import msgspec
 
+from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 from cubepath.agents.rules.registry import rule_named
@@ -289,6 +290,8 @@ class _Run:
             record=self._say,
             assignment=task.assignment,
             repair=plan.repair,
+            modules_of=dealt(task.scene, max(1, min(plan.processes, len(task.scene.start)))),
+            seed=plan.seed,
         )
         self._began = self._flushed = time.monotonic()
 
