@@ -170,11 +170,15 @@ class ModuleCore:
         self._mask = seen["action_mask"].tolist()
         return seen
 
+    def may(self, action: int) -> bool:
+        """Return whether an action is in the mask of the last observation."""
+        return is_legal(self._mask, action)
+
     def claim(self, action: int, note: NoteNumbers | None, failed: str | None = None) -> list[Part]:
         """Claim the move of an action in the mask; action 0 claims nothing."""
         self._last_note = self._last_note.replaced_by(note)
         self._failed = failed
-        if not is_legal(self._mask, action):
+        if not self.may(action):
             raise ProtocolError(f"module_{self.module}: action {action} is not in its mask")
         move = self._claim = chosen_move(self._system, self.site, self._mask, action)
         if move is None:

@@ -13,12 +13,14 @@ from typing import Any, NoReturn
 
 import msgspec
 
+from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.keys import belongs, key_of, topic_in_key
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
+    Act,
     Acts,
     Again,
     Claim,
@@ -50,11 +52,15 @@ _SAID_IN: dict[type[Part], str] = {
 
 
 class RefusedError(CubepathError):
-    """A message that is not taken: the reason in a word or two, and a line."""
+    """A message that is not taken: the reason in a word or two, and a line.
 
-    def __init__(self, reason: Reason, why: str) -> None:
+    `process` is who said what is wrong, if that is not the sender of this message.
+    """
+
+    def __init__(self, reason: Reason, why: str, process: int | None = None) -> None:
         super().__init__(why)
         self.reason: Reason = reason
+        self.process = process
 
 
 def refuse(reason: Reason, why: str) -> NoReturn:
@@ -114,6 +120,13 @@ class Judge:
             refuse("doubled", f"process_{said.process} says something twice in one message")
         if said.number and said.phase != "settle":
             refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
+        modules = len(self._modules_of[said.process])
+        if said.number >= modules:
+            # Verdicts are said one by one at most, and each module has one.
+            refuse(
+                "out of place",
+                f"message {said.number} of {modules} modules to {said.region}, expected one each",
+            )
         return Heard(said, senders)
 
     def _sender(self, said: Said, part: Part) -> Site:
@@ -129,8 +142,7 @@ class Judge:
         sender = self._read_site(name, part.site)
         match part:
             case Note(note=note):
-                if self.note_length not in (None, len(note)):
-                    refuse("malformed", f"{name}: {len(note)} numbers, expected {self.note_length}")
+                self._check_note(name, note)
             case Claim():
                 self._check_claim(name, part, sender)
             case Verdict(to=to):
@@ -139,6 +151,12 @@ class Judge:
             case _:
                 pass
         return sender
+
+    def _check_note(self, name: str, note: Sequence[int]) -> None:
+        if self.note_length not in (None, len(note)):
+            refuse("malformed", f"{name}: {len(note)} numbers, expected {self.note_length}")
+        if SILENT in note:
+            refuse("malformed", f"{name}: {SILENT} stands for no note, expected more")
 
     def _check_claim(self, name: str, claim: Claim, sender: Site) -> None:
         try:
@@ -189,6 +207,8 @@ class Judge:
                 refuse("out of place", f"{kind_of(part)} of round {part.round} in {message.round}")
             if isinstance(part, Report) and not isinstance(part.heard, dict):
                 refuse("malformed", f"report of module_{part.module} in format 1")
+            if isinstance(part, Act) and part.note:
+                self._check_note(f"action for module_{part.module}", part.note)
         if sorted(modules) != self._modules_of[message.process]:
             refuse(
                 "malformed",

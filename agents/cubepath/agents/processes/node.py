@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
-from cubepath.agents.local.observation import Observation, goal_sets
+from cubepath.agents.local.observation import STAY, Observation, goal_sets
 from cubepath.agents.processes.judge import Heard, Judge, RefusedError
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.agents.processes.orders import OUTSIDE, Orders
@@ -44,7 +44,7 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 _REPEATS_MAX = 1000
-"""So often a process repeats in a round what others ask for again: a flood of asking ends there."""
+"""So often a process repeats in a round what another asks for again: a flood of asking ends there."""
 
 
 class HostNode:
@@ -78,7 +78,7 @@ class HostNode:
         self._outbox = Outbox(scene.system, orders.run, orders.process, round_number)
         self._answers: list[Put] = []
         self._delivered = False
-        self._repeats = 0
+        self._repeats: Counter[int] = Counter()
         self._wait_s: float | None = None
         rule, note_length = self._rule, orders.note_length
         if orders.schedule is not None:
@@ -201,9 +201,9 @@ class HostNode:
         return Put(key_of(self._orders.run, message), encode(message))
 
     def _repeated(self, again: Again) -> Iterable[Put]:
-        if again.round != self._round or self._repeats >= _REPEATS_MAX:
+        if again.round != self._round or self._repeats[again.process] >= _REPEATS_MAX:
             return ()
-        self._repeats += 1
+        self._repeats[again.process] += 1
         return self._outbox.said_to(again.phase, again.region)
 
     def _answer(self, *messages: Message) -> list[Put]:
@@ -230,7 +230,7 @@ class HostNode:
 
     def _awaits(self, said: Said) -> bool:
         """Return whether what was said has its phase before it or in it; else it is a double."""
-        if said.process == self._orders.process:
+        if said.process == self._orders.process or said.region not in self._within:
             return False
         if said.phase == "sense":
             return said.round == self._round + 1 or (
@@ -358,7 +358,7 @@ class HostNode:
 
     def _sense(self, round_number: int) -> list[Effect]:
         self._round = round_number
-        self._repeats = 0
+        self._repeats.clear()
         self._outbox.begin(round_number)
         self._inbox.forget_before(round_number)
         self._delivered = False
@@ -387,7 +387,10 @@ class HostNode:
         claims: list[Part] = []
         if self._rule is None:
             for act in self._given.pop(self._round).parts:
-                claims += self._cores[act.module].claim(act.action, tuple(act.note))
+                core = self._cores[act.module]
+                # As in the environment: what is not in the mask counts as to stay.
+                action = act.action if core.may(act.action) else STAY
+                claims += core.claim(action, tuple(act.note))
         else:
             for module, core in self._cores.items():
                 choice = self._actors[module].act(core.observation())
@@ -437,6 +440,8 @@ class HostNode:
 
     def _take_acts(self, acts: Acts) -> list[Effect]:
         if not self._round <= acts.round <= self._round + 1:
+            return []
+        if acts.process != self._orders.process:
             return []
         self._judge.check_whole(acts)
         self._given.setdefault(acts.round, acts)

@@ -40,7 +40,8 @@ PATIENCE_S = 60.0
 PATIENCE_S_MAX = 3600.0
 """Links to processes that stand still are closed after that time."""
 Check: TypeAlias = Callable[[Message], object]
-"""Raises RefusedError if what is said cannot be, given where modules stand."""
+"""Takes each message of modules once, and the answer of a process when all that it said has come;
+raises RefusedError if it cannot be, given where modules stand."""
 _NAMED_MAX = 8
 _ASKED_MAX = 1000
 """So many messages that ask again, or say that one waits, are taken of a process in a phase."""
@@ -92,6 +93,8 @@ class Pacer:
         self._told: dict[int, bytes] = {}
         self._asked: dict[int, int] = {}
         self._through: set[int] = set()
+        self._held: dict[int, list[Keep]] = {}
+        self._false: set[int] = set()
         self._there: set[int] = set()
         self._waited: set[int] = set()
         self._waited_s = 0.0
@@ -162,7 +165,9 @@ class Pacer:
         try:
             message = self._judge.read(key, data)
             match message:
-                case Ready() | Said() | Reports() | Observations():
+                case Said():
+                    return self._take(message, data) if self._is_true(message, data) else []
+                case Ready() | Reports() | Observations():
                     new = self._is_new(message, data)
                     return self._take(message, data) if new else []
                 case Waiting() | Again():
@@ -192,6 +197,22 @@ class Pacer:
             self._waited.add(message.process)
         return [Keep(data, message)]
 
+    def _is_true(self, said: Said, data: bytes) -> bool:
+        """Return whether what is said is due, as `_is_new`; who says what cannot be is not through.
+
+        Others may have heard it: were another message taken for it, they would know otherwise.
+        """
+        if not self._is_of_now(said):
+            return False
+        known = self._said.get(said.process, {}).get((said.region, said.number)) == data
+        try:
+            return self._is_new(said, data)
+        except RefusedError:
+            if not known:
+                self._false.add(said.process)
+                self._through.discard(said.process)
+            raise
+
     def _is_new(self, message: Ready | Said | Reports | Observations, data: bytes) -> bool:
         """Return whether a message is due; False for a repetition, RefusedError for all else."""
         if not self._is_of_now(message):
@@ -206,8 +227,8 @@ class Pacer:
             self._judge.heard(message)
         elif isinstance(message, Reports | Observations):
             self._judge.check_whole(message)
-        if self._check is not None:
-            self._check(message)
+        if self._check is not None and not isinstance(message, Ready):
+            self._check(message)  # an answer is checked once all that it counts has come
         return True
 
     def _is_of_now(self, message: Ready | Said | Reports | Observations) -> bool:
@@ -257,12 +278,33 @@ class Pacer:
             case Reports() | Observations():
                 self._told[message.process] = data
         self._moved = True
-        found: list[Effect] = [Keep(data, message)]
-        if self._is_through(message.process):
-            self._through.add(message.process)
-            if len(self._through) == len(self._modules_of):
-                return [*found, *self._next()]
+        if isinstance(message, Said | Observations):
+            return [Keep(data, message), *self._pass(message.process)]
+        # On record they say that all of it is: so not before it is.
+        self._held.setdefault(message.process, []).append(Keep(data, message))
+        return self._pass(message.process)
+
+    def _pass(self, process: int) -> list[Effect]:
+        """Let a process be through if it is, and if what it said is all that was due."""
+        if process in self._false | self._through or not self._is_through(process):
+            return []
+        self._through.add(process)
+        try:
+            if self._check is not None and self._hears_all:
+                self._check(self._ready[process])
+        except RefusedError as error:
+            return [*self._refuse_answer(process if error.process is None else error.process, error)]
+        found: list[Effect] = [*self._held.pop(process)]
+        if len(self._through) == len(self._modules_of):
+            return [*found, *self._next()]
         return found
+
+    def _refuse_answer(self, process: int, error: RefusedError) -> list[Keep]:
+        """Refuse what a process says of its phase, after all of that has come."""
+        self._false.add(process)
+        self._through.discard(process)
+        key = key_of(self._run, self._ready[process])
+        return self._refusals.add(self.round, key, self._answers[process], error)
 
     def _is_through(self, process: int) -> bool:
         """Return whether a process has answered, and all that it said has arrived."""
@@ -320,14 +362,15 @@ class Pacer:
         # Others may be waiting for the one that is late: these have said so, at least once.
         silent = [process for process in missing if process not in self._there]
         unheard = [process for process in silent if process not in self._waited]
-        late = unheard or silent or missing
+        late = [process for process in missing if process in self._false]
+        late = late or unheard or silent or missing
         names = ", ".join(self.name(process) for process in late)
         what = f"phase {self.phase} of round {self.round}"
         line = f"no answer within {self._waited_s:g} s to {what} from {names}"
         refused = self._refusals.last
         if refused is not None:
             line += f"; last refused, on {refused.key}: {refused.why}"
-        if unheard:
+        if unheard or not self._false.isdisjoint(late):
             return line
         return f"{line}, waiting for others" + (" when last heard of" if silent else "")
 

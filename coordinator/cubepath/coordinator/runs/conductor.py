@@ -6,7 +6,7 @@ run over zenoh and one under the simulator have the same conductor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -47,13 +47,17 @@ class Conductor:
         record: Callable[[Message], object],
         assignment: Assignment | None = None,
         repair: bool = False,
+        modules_of: Sequence[Sequence[int]] = (),
+        seed: int = 0,
     ) -> None:
         """Begin at the start of the scene; `record` is given the coordinator's own results.
 
+        By the modules of each process and the `seed` of the run it can `check` what is heard.
         With an `assignment` the modules carry out a schedule; with `repair` they go on with a rule
         where it stops.
         """
         self.gatherer = Gatherer(scene, self._step)
+        self.gatherer.plausibility.know(modules_of, seed)
         self.refused = 0
         """How many messages were refused so far."""
         self._scene = scene
@@ -69,7 +73,6 @@ class Conductor:
 
     def hear(self, message: Message) -> None:
         """Take a message that belongs on record; CheckError if reports contradict each other."""
-        self.gatherer.plausibility.take(message)
         match message:
             case Reports(parts=reports):
                 for report in reports:

@@ -17,6 +17,7 @@ from typing import Any
 
 import msgspec
 
+from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.coordinator.runs.conductor import Conductor, Ended, Ending
 from cubepath.coordinator.runs.gatherer import Gatherer
@@ -165,6 +166,8 @@ class _Run:
             record=self._say,
             assignment=task.assignment,
             repair=plan.repair,
+            modules_of=dealt(task.scene, max(1, min(plan.processes, len(task.scene.start)))),
+            seed=plan.seed,
         )
         self._began = self._flushed = time.monotonic()
 

@@ -1,30 +1,46 @@
 """Whether what modules say and report can be, given where all of them stand.
 
-Room: coordinator. It knows the state at the beginning of the round and the claims made in it. A
-report is plausible if it begins where the module was, and its move is the one claimed, admissible,
-and commutes with those reported before. When all have reported, the state goes on.
+Room: coordinator. It knows the state at the beginning of the round and all that was said in it. What
+a module says is plausible if it says so from where it is, the same to every region that it goes to;
+a claim is of an admissible move. A process is through with a phase when its modules have said all
+that is due. When all are, verdicts and reports must follow from the claims and the ranks: so who
+has lied is known from those who were lied to. When all have reported, the state goes on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import msgspec
 
-from cubepath.agents.processes.judge import refuse
-from cubepath.protocol.core.actions import Action, apply_in_place, commute
+from cubepath.agents.processes.judge import RefusedError, refuse
+from cubepath.agents.processes.settling import Settling
+from cubepath.protocol.core.actions import apply_in_place, commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.messages import Claim, Message, Report, Reports, Said, kind_of
+from cubepath.protocol.wire.messages import (
+    Claim,
+    Here,
+    Message,
+    Part,
+    Ready,
+    Report,
+    Reports,
+    Said,
+    Verdict,
+    kind_of,
+)
 
 _encode = msgspec.json.Encoder().encode
 
 
 class Plausibility:
-    """The state of a run at the beginning of a round, and what was claimed and reported in it."""
+    """The state of a run at the beginning of a round, and what was said and reported in it."""
 
     def __init__(self, scene: Scene) -> None:
         """Begin at the start of the scene."""
@@ -32,48 +48,161 @@ class Plausibility:
         self._system = scene.system
         self._state = set(scene.start_state)
         self._spelled = [_encode(site) for site in scene.start]
-        self._spelled_before = self._spelled
-        self._round = 1
+        self._seed = 0
+        self._modules_of: Sequence[Sequence[int]] = ()
+        self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
+        self._round = 0
         self._begin()
 
+    def know(self, modules_of: Sequence[Sequence[int]], seed: int) -> None:
+        """Know who has which modules, and the seed of the ranks; before anything is checked."""
+        self._modules_of = modules_of
+        self._process_of = {
+            module: process for process, modules in enumerate(modules_of) for module in modules
+        }
+        self._seed = seed
+
     def _begin(self) -> None:
+        """Begin a round, in which nothing has been said."""
+        self._round += 1
         self._claims: dict[int, Move] = {}
+        self._verdicts: dict[int, bool] = {}
+        self._reports: dict[int, Report] = {}
         self._moves: dict[tuple[int, bytes], Move | None] = {}
-        self._reported: dict[int, Move] = {}
-        self._reads: dict[Site, list[Action]] = {}
-        self._writes: dict[Site, Action] = {}
+        self._settling: Settling | None = None
+        self._begin_phase("join")
+
+    def _begin_phase(self, phase: str) -> None:
+        self._phase = phase
+        self._said: dict[tuple[str, int], Part] = {}
+        self._to: dict[tuple[str, int], set[str]] = {}
+        """By kind and module what was said in this phase, and to which regions."""
+        self._counts: dict[int, Counter[str]] = {}
+        self._through: set[int] = set()
 
     def check(self, message: Message) -> None:
-        """Check that a message of this round can be; RefusedError if not. It is not taken yet."""
+        """Check a message of this round, which comes once, and take it; RefusedError if it cannot.
+
+        That a process is `ready` is checked when all that it said in the phase was. What it said
+        must be all that was due, and once all are through, verdicts and reports must agree.
+        """
+        if isinstance(message, Said | Ready) and message.phase != self._phase:
+            self._begin_phase(message.phase)
         match message:
-            case Said(parts=parts):
-                # All may have reported a round before all that was said in it has arrived.
-                over = message.round < self._round
-                spelled = self._spelled_before if over else self._spelled
-                for part in parts:
-                    if spelled[part.module] != _encode(part.site):
-                        refuse("impossible", self._elsewhere(kind_of(part), part.module, part.site))
+            case Said():
+                self._check_said(message)
+                self._take_said(message)
             case Reports(parts=reports):
                 for report in reports:
                     self._check_report(report)
+                self._reports |= {report.module: report for report in reports}
+            case Ready(phase="sense" | "claim" | "settle"):
+                self._check_through(message)
+                self._through.add(message.process)
+                if message.phase == "settle" and len(self._through) == len(self._modules_of):
+                    self._check_settled()
             case _:
                 pass
 
-    def take(self, message: Message) -> None:
-        """Take a message that can be."""
-        match message:
-            case Said(phase="claim", parts=parts):
-                for part in parts:
-                    if isinstance(part, Claim) and part.module not in self._claims:
-                        move = self._move(part.module, GeneratorPlacement(part.generator, part.at))
-                        if move is not None:
-                            self._claims[part.module] = move
-            case Reports(parts=reports):
-                for report in reports:
-                    if report.move is not None and report.module not in self._reported:
-                        self._take_move(report.module, report.move)
-            case _:
-                pass
+    # What is said.
+
+    def _check_said(self, said: Said) -> None:
+        if said.process in self._through:
+            refuse("contradicts", f"more to {said.region} than process_{said.process} counted")
+        if not said.parts:
+            refuse("out of place", f"nothing is said to {said.region}")
+        for part in said.parts:
+            kind = kind_of(part)
+            name = f"{kind} of module_{part.module}"
+            if self._spelled[part.module] != _encode(part.site):
+                refuse("impossible", self._elsewhere(kind, part.module, part.site))
+            known = self._said.get((kind, part.module), part)
+            if known != part:
+                refuse("contradicts", f"{name} to {said.region}: it was another elsewhere")
+            if said.region in self._to.get((kind, part.module), ()):
+                refuse("doubled", f"{name} to {said.region} came before")
+            if said.region not in self._regions(part):
+                refuse("out of place", f"{name} to {said.region}: nobody is there to hear it")
+            match part:
+                case Claim(generator=generator, at=at):
+                    move = self._move(part.module, GeneratorPlacement(generator, at))
+                    if move is None or not move.possible(self._state):
+                        refuse("impossible", f"{name}: {generator} at {at!r} is not admissible")
+                case Verdict():
+                    self._check_verdict(name, part)
+                case _:
+                    pass
+
+    def _check_verdict(self, name: str, verdict: Verdict) -> None:
+        if verdict.module not in self._claims:
+            refuse("impossible", f"{name}, which claims nothing")
+        due = self._waiting_for(verdict.module)
+        if {_encode(place) for place in verdict.to} != {_encode(place) for place in due}:
+            refuse("impossible", f"{name}: it goes to others than those who wait for it")
+
+    def _take_said(self, said: Said) -> None:
+        self._counts.setdefault(said.process, Counter())[said.region] += 1
+        for part in said.parts:
+            key = kind_of(part), part.module
+            self._said[key] = part
+            self._to.setdefault(key, set()).add(said.region)
+            match part:
+                case Claim(generator=generator, at=at):
+                    move = self._move(part.module, GeneratorPlacement(generator, at))
+                    if move is not None:
+                        self._claims[part.module] = move
+                case Verdict(granted=granted):
+                    self._verdicts[part.module] = granted
+                case _:
+                    pass
+
+    def _regions(self, part: Part) -> frozenset[str]:
+        """Return the regions that a part goes to."""
+        if isinstance(part, Verdict):
+            return frozenset(self._system.region(site_from_json(place)) for place in part.to)
+        return self._regions_of(self._place(part.module), sensed=isinstance(part, Here))
+
+    def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
+        system = self._system
+        places = system.listeners(place) if sensed else system.reach(place)
+        return frozenset(system.region(near) for near in places)
+
+    def _place(self, module: int) -> Site:
+        return self._system.place_of(self.sites[module])
+
+    # What is due.
+
+    def _check_through(self, ready: Ready) -> None:
+        process = ready.process
+        said = self._counts.get(process, Counter())
+        if said != Counter(ready.said):  # a count of zero is none
+            refuse("contradicts", f"process_{process} counts other messages than it said")
+        for module in self._modules_of[process]:
+            for key in [(kind, module) for kind in ("here", "note", "claim", "verdict")]:
+                part = self._said.get(key)
+                missing = set[str]() if part is None else self._regions(part) - self._to[key]
+                if missing:
+                    refuse("contradicts", f"no {key[0]} of module_{module} to {min(missing)}")
+            if ready.phase == "sense" and ("here", module) not in self._said:
+                if self._regions_of(self._place(module), sensed=True):
+                    refuse("contradicts", f"module_{module} does not say that it is here")
+            if ready.phase == "settle" and module not in self._verdicts:
+                if module in self._claims and self._waiting_for(module):
+                    refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
+
+    def _waiting_for(self, module: int) -> set[Site]:
+        if self._settling is None:
+            self._settling = Settling(self._claims, seed=self._seed, round_number=self._round)
+        return {self._system.place_of(site) for site in self._settling.waiting[module]}
+
+    def _check_settled(self) -> None:
+        sites = dict(enumerate(self.sites))
+        # Anew: moves of those whom nobody hears are known by their reports alone.
+        settling = Settling(self._claims, seed=self._seed, round_number=self._round)
+        fault = settling.fault(self._verdicts, self._reports, sites)
+        if fault is not None:
+            module, why = fault
+            raise RefusedError("impossible", why, self._process_of[module])
 
     def _elsewhere(self, kind: str, module: int, site: object) -> str:
         return f"{kind} of module_{module} from {site!r}: it is at {self.sites[module]!r}"
@@ -96,15 +225,6 @@ class Plausibility:
         action = self._system.action(placed.generator, at)  # it may have other names
         return next((move for move in self._system.moves_at(site) if move.action == action), None)
 
-    def _take_move(self, module: int, placed: GeneratorPlacement) -> None:
-        move = self._move(module, placed)
-        if move is not None:
-            self._reported[module] = move
-            for site in move.action.support:
-                self._reads.setdefault(site, []).append(move.action)
-            for site in move.action.trace:
-                self._writes[site] = move.action
-
     def _check_report(self, report: Report) -> None:
         module = report.module
         name = f"report of module_{module}"
@@ -114,6 +234,8 @@ class Plausibility:
             refuse(
                 "impossible", f"{name}: a claim that is {report.claim}, and a move {report.move}"
             )
+        if (report.claim == "none") == (module in self._claims) and self._is_heard(module):
+            refuse("impossible", f"{name}: its claim is {report.claim}")
         if report.move is not None:
             self._check_move(f"{name}: {report.move.generator} at {report.move.at!r}", report)
         elif _encode(report.site) not in self._taken_to(module):
@@ -126,12 +248,12 @@ class Plausibility:
             refuse("impossible", f"{name} is no move from {self.sites[module]!r}")
         if _encode(report.site) != _encode(move.target):
             refuse("impossible", f"{name} does not end at {report.site!r}")
-        if self._claims.get(module) != move and self._is_heard(module):
+        if not self._is_heard(module):
+            self._claims[module] = move
+        elif self._claims.get(module) != move:
             refuse("impossible", f"{name} was not claimed")
         if not move.possible(self._state):
             refuse("impossible", f"{name} is not admissible")
-        if not self._commutes(move.action):
-            refuse("impossible", f"{name} does not commute with a move reported before")
 
     def _taken_to(self, module: int) -> set[bytes]:
         """Return where a module that made no move may be: it stays, or another takes it along."""
@@ -144,14 +266,9 @@ class Plausibility:
 
     def _is_heard(self, module: int) -> bool:
         """Return whether a claim of a module goes to any place, and so comes here."""
-        return bool(self._system.reach(self._system.place_of(self.sites[module])))
+        return bool(self._system.reach(self._place(module)))
 
-    def _commutes(self, action: Action) -> bool:
-        """Return whether an action commutes with those reported so far."""
-        rivals = [self._writes[site] for site in action.support if site in self._writes]
-        for site in action.trace:
-            rivals += self._reads.get(site, ())
-        return all(commute(action, rival) for rival in rivals)
+    # The end of a round.
 
     def carry_out(self, reports: Mapping[int, Report]) -> None:
         """End the round: make the moves reported; CheckError names a report that cannot be.
@@ -159,6 +276,7 @@ class Plausibility:
         The claims of modules need not be known.
         """
         after = dict(enumerate(self.sites))
+        made: dict[int, Move] = {}
         for module, report in reports.items():
             if _encode(report.before) != self._spelled[module]:
                 raise CheckError(self._elsewhere("report", module, report.before))
@@ -170,9 +288,8 @@ class Plausibility:
                 raise CheckError(f"{where} is no move from {self.sites[module]!r}")
             if not move.possible(self._state):
                 raise CheckError(f"{where} is not admissible")
-            self._reported[module] = move
-        self._make(after)
-        self._spelled_before = self._spelled
+            made[module] = move
+        self._make(made, after)
         self._spelled = [_encode(after[module]) for module in range(len(self.sites))]
         for module, report in reports.items():
             if self._spelled[module] != _encode(report.site):
@@ -181,12 +298,21 @@ class Plausibility:
                     f" to {after[module]!r}"
                 )
         self.sites = [after[module] for module in range(len(self.sites))]
-        self._round += 1
         self._begin()
 
-    def _make(self, after: dict[int, Site]) -> None:
+    def _make(self, moves: Mapping[int, Move], after: dict[int, Site]) -> None:
         standing = {site: module for module, site in after.items()}
-        for module, move in self._reported.items():
+        over: dict[Site, list[int]] = {}
+        for module, move in moves.items():
+            near = {other for site in move.action.support for other in over.get(site, ())}
+            for other in sorted(near):
+                if not commute(move.action, moves[other].action):
+                    raise CheckError(
+                        f"report of module_{module}: its move does not commute with that of"
+                        f" module_{other}"
+                    )
+            for site in move.action.support:
+                over.setdefault(site, []).append(module)
             try:
                 apply_in_place(move.action, self._state)
             except InputError as error:

@@ -141,11 +141,17 @@ class _Run:
         self.rule = rule_named(scenario.rule, self.scene.system)
         self.ending: Ending | None = None
         self.network = Network(faults, fault_seed, trace)
-        self.conductor = Conductor(self.scene, max_rounds=scenario.max_rounds, record=self._result)
+        modules_of = dealt(self.scene, scenario.processes)
+        self.conductor = Conductor(
+            self.scene,
+            max_rounds=scenario.max_rounds,
+            record=self._result,
+            modules_of=modules_of,
+            seed=scenario.seed,
+        )
         self._records: list[Record] = []
         self._expected: list[_Moves] = []
         self._differs: Failure | None = None
-        modules_of = dealt(self.scene, scenario.processes)
         judge = Judge(RUN, modules_of, self.scene.system)
         judge.note_length = self.rule.note_length(len(self.scene.start))
         self._pacer = Pacer(

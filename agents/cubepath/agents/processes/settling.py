@@ -1,0 +1,71 @@
+"""What must come of the claims of a round, given the verdicts that were said: who is not consistent.
+
+Room: agents. A module knows the claims that conflict with its own and is told the verdicts on those
+that go before it; the rest follows. Whoever hears all of it can say who has not kept to that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cubepath.agents.local.arbitration import (
+    contest,
+    outcome,
+    priority,
+    site_after,
+    verdict,
+    waiting_for,
+)
+from cubepath.protocol.core.catalogue import Move
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.wire.messages import Report
+
+
+class Settling:
+    """The contests of a round, from all claims of it."""
+
+    def __init__(self, claims: Mapping[int, Move], *, seed: int, round_number: int) -> None:
+        """Find for each claim those that go before it, and the sites that wait for its verdict."""
+        over: dict[Site, dict[int, Move]] = {}
+        for module, claim in claims.items():
+            for site in claim.action.support:
+                over.setdefault(site, {})[module] = claim
+        self.claims = claims
+        self.before: dict[int, frozenset[int]] = {}
+        """By module those whose claims conflict with its own and outrank it."""
+        self.waiting: dict[int, frozenset[Site]] = {}
+        """By module the sites from which its verdict is waited for."""
+        for module, claim in claims.items():
+            near: dict[int, Move] = {}
+            for site in claim.action.support:
+                near |= over[site]
+            near.pop(module)
+            found = contest(module, claim, near, seed=seed, round_number=round_number)
+            self.before[module] = found.before
+            self.waiting[module] = waiting_for(claim, [near[other] for other in found.after])
+        self._ranked = sorted(
+            claims, key=lambda module: priority(seed, round_number, module), reverse=True
+        )
+
+    def fault(
+        self, verdicts: Mapping[int, bool], reports: Mapping[int, Report], sites: Mapping[int, Site]
+    ) -> tuple[int, str] | None:
+        """Return the first module whose verdict or report does not follow, and a line; or None.
+
+        All verdicts that are waited for must be known, and the reports of all modules; `sites` are
+        those at the beginning of the round. Who was told a false verdict, and kept to it, is not
+        named, but who said it: it ranks before.
+        """
+        for module in self._ranked:
+            due = verdict(self.before[module], verdicts)
+            told = outcome(due)
+            if verdicts.get(module, due) != due:
+                return module, f"verdict of module_{module}: by those before it it is {told}"
+            if reports[module].claim != told:
+                return module, f"report of module_{module}: by those before it it is {told}"
+        made = [self.claims[module] for module in self._ranked if reports[module].move is not None]
+        for module, site in sites.items():
+            due_site = site_after(site, made)
+            if site_from_json(reports[module].site) != due_site:
+                return module, f"report of module_{module}: the moves take it to {due_site!r}"
+        return None
