@@ -55,15 +55,19 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     ),
     f"{_LOCAL}/module.py": ("tests/agents/local/test_module.py", _EXHAUSTIVE),
     f"{_PROCESSES}/dealing.py": ("tests/agents/processes/test_dealing.py",),
+    f"{_PROCESSES}/judge.py": ("tests/agents/processes/test_judge.py",),
     f"{_PROCESSES}/mailbox.py": ("tests/agents/processes/test_mailbox.py", _EXHAUSTIVE),
     f"{_PROCESSES}/node.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
+    f"{_PROCESSES}/refusals.py": ("tests/agents/processes/test_refusals.py",),
+    f"{_PROCESSES}/settling.py": ("tests/coordinator/runs/test_plausibility.py",),
     f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),
     f"{_RUNS}/conductor.py": (
         "tests/coordinator/runs/test_conductor.py",
         "tests/coordinator/runs/test_schedule.py",
         _EXHAUSTIVE,
     ),
+    f"{_RUNS}/plausibility.py": ("tests/coordinator/runs/test_plausibility.py",),
     "coordinator/cubepath/coordinator/normal_form/heap.py": (
         "tests/coordinator/normal_form/test_heap.py",
     ),
@@ -92,11 +96,15 @@ SIMULATED = (
     f"{_LOCAL}/arbitration.py",
     f"{_LOCAL}/module.py",
     f"{_PROCESSES}/dealing.py",
+    f"{_PROCESSES}/judge.py",
     f"{_PROCESSES}/mailbox.py",
     f"{_PROCESSES}/node.py",
     f"{_PROCESSES}/pacer.py",
+    f"{_PROCESSES}/refusals.py",
+    f"{_PROCESSES}/settling.py",
     f"{_RUNS}/gatherer.py",
     f"{_RUNS}/conductor.py",
+    f"{_RUNS}/plausibility.py",
 )
 """The files of a simulated run that are changed with ``--seeds``."""
 FOUND_LEAST = 0.95

@@ -56,6 +56,9 @@ def add_simulate_command(command: AddCommand) -> None:
         "--modules", type=whole(1), metavar="N", help="scenes with about N modules (default 3 to 6)"
     )
     simulate.add_argument(
+        "--liars", action="store_true", help="let module processes lie in most of the runs"
+    )
+    simulate.add_argument(
         "--out",
         type=Path,
         default=Path("logs"),
@@ -77,7 +80,7 @@ def _simulate(options: argparse.Namespace) -> int:
     from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds  # noqa: PLC0415
 
     check_files(options, [])
-    asked = Asked(options.system, options.rule, options.modules)
+    asked = Asked(options.system, options.rule, options.modules, options.liars)
     check(asked)
     check_output_folder(options.out)
     tally, began, interrupted = Tally(), time.monotonic(), False
@@ -124,7 +127,7 @@ def _tell(kept: Kept) -> None:
 def _table(tally: Tally, seconds: float) -> str:
     faults = ", ".join(f"{count} {kind}" for kind, count in tally.faults.items() if count)
     outcomes = tally.outcomes
-    by_fault = sum(outcomes[kind] for kind in ("crash", "return", "stall"))
+    by_fault = sum(outcomes[kind] for kind in ("crash", "return", "stall", "lie"))
     return table(
         [
             ("seeds", tally.seeds),

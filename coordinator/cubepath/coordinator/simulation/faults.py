@@ -7,7 +7,7 @@ are taken away, and a failing run can be shrunk.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 from typing import Protocol
@@ -21,6 +21,26 @@ ON_PROCESSES = ("pause", "slow", "crash", "return", "stall")
 without memory, or does nothing for longer than the patience."""
 ON_ROUTER = ("router",)
 """The router dies, and comes back without what was under way."""
+LIES = (
+    "lie-site",
+    "lie-claim",
+    "lie-verdict",
+    "lie-note",
+    "lie-report",
+    "lie-heard",
+    "lie-count",
+    "lie-other",
+    "lie-part",
+    "lie-double",
+    "lie-old",
+    "lie-withhold",
+    "lie-silence",
+    "lie-flood",
+)
+"""What a liar says is false, of another module or in part missing; it says it twice, or says what
+was said before; says nothing, and counts that or not; or says far too much."""
+SAYS = " says"
+"""What a process puts is counted at its name with this."""
 KINDS = (*ON_HOPS, *ON_PROCESSES, *ON_ROUTER)
 ENDING = frozenset(("crash", "return", "stall"))
 """The kinds that may end a run; all others must be tolerated."""
@@ -53,6 +73,10 @@ _ONCE: Mapping[str, float] = {"crash": 0.08, "return": 0.05, "stall": 0.03}
 """How probable it is that a run has one of an ending kind."""
 _STALL = (1.2, 5.0)
 """How long a stall takes, in units of the patience."""
+_LYING, _SECOND_LIAR = 0.8, 0.2
+"""How probable it is that a run that may have liars has one, and that there is a second."""
+_LIE_RATES = (0.01, 0.3)
+"""The least and the greatest rate of lies: per message that a liar says."""
 _OUTAGE = 0.5
 """The tolerated share of the patience for all outages of a run together."""
 _BRIEF_US = 0.01 * SECOND_US
@@ -81,6 +105,13 @@ class Faults(Protocol):
     def on_router(self, nth: int) -> Fault | None:
         """Return the fault that happens to the router before it routes a message."""
 
+    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
+        """Return the lie that a process tells instead of a message, of these kinds."""
+
+    @property
+    def liars(self) -> frozenset[str]:
+        """Return the names of the processes that may tell lies."""
+
 
 class Listed:
     """The faults of a list, and no others."""
@@ -99,6 +130,18 @@ class Listed:
         """Return the listed fault, if there is one."""
         return self._faults.get((ROUTER, nth))
 
+    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
+        """Return the listed lie, if there is one and it can be told here."""
+        found = self._faults.get((where, nth))
+        return found if found is not None and found.kind in kinds else None
+
+    @property
+    def liars(self) -> frozenset[str]:
+        """Return the names of the processes with a lie on the list."""
+        return frozenset(
+            where.removesuffix(SAYS) for where, _ in self._faults if where.endswith(SAYS)
+        )
+
 
 class Drawn:
     """Faults at random: kinds are switched off and rates drawn for the whole run, then each fault.
@@ -107,9 +150,17 @@ class Drawn:
     """
 
     def __init__(
-        self, random: Random, coordinator: str, processes: Iterable[str], patience_us: int
+        self,
+        random: Random,
+        coordinator: str,
+        processes: Iterable[str],
+        patience_us: int,
+        lies: Random | None = None,
     ) -> None:
-        """Draw the rates, and where the ending faults are; `processes` are those of modules."""
+        """Draw the rates, and where the ending faults are; `processes` are those of modules.
+
+        With `lies` there are liars in most runs, which are drawn from it alone.
+        """
         self._random = random
         self._patience_us = patience_us
         self._left_us = _OUTAGE * patience_us
@@ -127,6 +178,12 @@ class Drawn:
                 who = [*names, coordinator] if kind == "stall" else names
                 at = (random.choice(who), int(_between(random, 1, 300)) - 1)
                 self._ends[at] = Fault(*at, kind, self._long(kind))
+        self._lies = lies
+        self._liars: dict[str, tuple[float, frozenset[str]]] = {}
+        if lies is not None and lies.random() < _LYING:
+            for name in lies.sample(names, min(len(names), 1 + (lies.random() < _SECOND_LIAR))):
+                kinds = frozenset(kind for kind in LIES if lies.random() >= _SWITCHED_OFF)
+                self._liars[name] = _between(lies, *_LIE_RATES), kinds
 
     def _table(self, kinds: Iterable[str]) -> list[tuple[float, str]]:
         """Return the kinds, each with the sum of the rates so far, the largest first."""
@@ -166,6 +223,19 @@ class Drawn:
     def on_router(self, nth: int) -> Fault | None:
         """Draw whether the router dies."""
         return self._drawn([(self.rates["router"], "router")], ROUTER, nth)
+
+    def on_saying(self, where: str, nth: int, kinds: Sequence[str]) -> Fault | None:
+        """Draw whether a liar lies now, and how."""
+        rate, own = self._liars.get(where.removesuffix(SAYS), (0.0, frozenset()))
+        found = [kind for kind in kinds if kind in own]
+        if self._lies is None or not found or self._lies.random() >= rate:
+            return None
+        return Fault(where, nth, self._lies.choice(found))
+
+    @property
+    def liars(self) -> frozenset[str]:
+        """Return the names of the liars."""
+        return frozenset(self._liars)
 
 
 def _between(random: Random, least: float, most: float) -> float:

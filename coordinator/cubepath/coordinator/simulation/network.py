@@ -125,6 +125,11 @@ class Network:
         """Let the first process be told when another has died; those after it count from 0."""
         self._died = died
 
+    def lied(self, name: str, fault: Fault) -> None:
+        """Take note that a process has told a lie."""
+        self.fired.append(fault)
+        self._remark(name, fault.kind.replace("-", "s: ", 1))
+
     def stop(self) -> None:
         """End the run here, whatever its nodes would do next."""
         self._over = True

@@ -95,13 +95,16 @@ class Asked:
     system: str | None = None
     rule: str | None = None
     modules: int | None = None
+    liars: bool = False
+    """Whether processes lie in most runs."""
 
     def arguments(self) -> list[str]:
         """Return the options of the command line that ask for this."""
         named = {"--system": self.system, "--rule": self.rule, "--modules": self.modules}
-        return [
+        words = [
             word for key, value in named.items() if value is not None for word in (key, str(value))
         ]
+        return [*words, "--liars"] if self.liars else words
 
 
 ANYTHING = Asked()

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from random import Random
 
-from cubepath.coordinator.simulation.faults import Drawn, Fault, Faults, Listed
+from cubepath.coordinator.simulation.faults import LIES, Drawn, Fault, Faults, Listed
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import (
     COORDINATOR,
@@ -72,9 +72,11 @@ class _Shrinking:
         yield Listed(fired)
         if not fired:
             return
+        lying = any(fault.kind in LIES for fault in fired)
         for number in range(_DRAWS):
             random = Random(f"{self._fault_seed}/{number}/smaller")  # noqa: S311 - not for secrets
-            yield Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US)
+            lies = Random(f"{self._fault_seed}/{number}/lies") if lying else None  # noqa: S311
+            yield Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US, lies)
 
     def fewer_faults(self) -> None:
         if self.best.fired and self.fails(self.best.scenario, Listed(())):

@@ -7,6 +7,8 @@ beginning of that. The recording of every run must pass `verify`.
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -24,17 +26,18 @@ from cubepath.agents.processes.pacer import PATIENCE_S, Pacer
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.conductor import Conductor, Ending
 from cubepath.coordinator.simulation.coordinator import Coordinator
-from cubepath.coordinator.simulation.faults import ENDING, SECOND_US, Fault, Faults
+from cubepath.coordinator.simulation.faults import ENDING, LIES, SAYS, SECOND_US, Fault, Faults
+from cubepath.coordinator.simulation.liars import Liar
 from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.trace import Trace
-from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recording import Check, verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import Edges, Message, encode
+from cubepath.protocol.wire.messages import Edges, Message, Refused, decode, encode
 from cubepath.protocol.wire.nodes import Node
 
 RUN = "simulated"
@@ -43,12 +46,20 @@ PATIENCE_US = int(PATIENCE_S * SECOND_US)
 _START_US, _NEXT_START_US = 500, 50
 """When the first module process is there, and how much later each other: the coordinator listens
 before it starts them."""
+LIE = "lie"
+"""How a run came out that liars have ended."""
 MakeNode = Callable[[Orders, Scene], Node]
 """Makes the node of a module process; tests give nodes with a bug in them."""
 
 _STEPS_MAX, _STEPS_A_ROUND = 50_000, 3_000
 _TIME_US_MAX, _TIME_US_A_ROUND = 20 * PATIENCE_US, PATIENCE_US // 10
 """A run may take so much, and so much for each round that it has without faults."""
+
+_OF_THE_WIRE = frozenset(("doubled", "stale", "out of place"))
+"""Why a message is refused that was doubled or late on the wire."""
+_OF_MODULES = frozenset(("deliveries", "hearing"))
+"""The checks that may fail of what a liar says that it has heard; all else it is refused for."""
+_MODULE = re.compile(r"module_(\d+)")
 
 _Moves: TypeAlias = "list[tuple[int, str, Site]]"
 """The moves of a round, in increasing order of modules."""
@@ -85,7 +96,9 @@ class Simulated:
             raise AssertionError("no end")
         if self.ending.ended != "failed":
             return self.ending.ended
-        return next((fault.kind for fault in self.fired if fault.kind in ENDING), "gave-up")
+        kinds = [fault.kind for fault in self.fired]
+        lie = LIE if any(kind in LIES for kind in kinds) else "gave-up"
+        return next((kind for kind in kinds if kind in ENDING), lie)
 
 
 def host_node(orders: Orders, scene: Scene) -> Node:
@@ -164,6 +177,8 @@ class _Run:
         self._coordinator = Coordinator(self._pacer, self.conductor, self._record)
         self._modules_of = modules_of
         self._make = make
+        self._faults = faults
+        self._said: Counter[str] = Counter()
 
     def _record(self, data: bytes, message: Message) -> None:
         self._records.append(
@@ -179,7 +194,7 @@ class _Run:
     def _result(self, message: Message) -> None:
         """Record a result of the coordinator; stop at the first round with other moves."""
         self._record(encode(message), message)
-        if isinstance(message, Edges) and self._differs is None:
+        if isinstance(message, Edges) and self._differs is None and not self._lied:
             self._differs = self._compared(message)
             if self._differs is not None:
                 self.network.stop()
@@ -203,7 +218,9 @@ class _Run:
                 self._record(encode(message), message)
         except CubepathError as error:
             return failure or Failure("results", str(error))
-        return failure or self._ended(reference) or self._blamed(reference) or self._verified()
+        if failure is None and not self._lied:
+            failure = self._ended(reference)
+        return failure or self._blamed(reference) or self._accused() or self._verified()
 
     def _reference(self) -> Played:
         scenario = self.scenario
@@ -224,7 +241,7 @@ class _Run:
             network.add(COORDINATOR, lambda: self._coordinator)
             for process, modules in enumerate(self._modules_of):
                 orders = self._orders(process, modules)
-                make = partial(self._make, orders, self.scene)
+                make = partial(self._node, orders)
                 network.add(f"process_{process}", make, _START_US + process * _NEXT_START_US)
             network.on_death(self._coordinator.died)
             network.run(
@@ -237,6 +254,28 @@ class _Run:
         finally:
             self.ending = self._coordinator.ending
         return None
+
+    def _node(self, orders: Orders) -> Node:
+        """Return the node of a process, which may be a liar."""
+        node, name = self._make(orders, self.scene), f"process_{orders.process}"
+        if name not in self._faults.liars:
+            return node
+        return Liar(
+            node,
+            name,
+            run=RUN,
+            scene=self.scene,
+            faults=self._faults,
+            counts=self._said,
+            tell=self.network.lied,
+        )
+
+    @property
+    def _lied(self) -> frozenset[str]:
+        """Return the names of the processes that have lied so far."""
+        return frozenset(
+            fault.where.removesuffix(SAYS) for fault in self.network.fired if fault.kind in LIES
+        )
 
     def _orders(self, process: int, modules: list[int]) -> Orders:
         return Orders(
@@ -281,12 +320,12 @@ class _Run:
         if ending is None or ending.ended != "failed" or ending == _end_of(reference):
             return None
         line = ending.error or ""
-        ends = [fault for fault in self.network.fired if fault.kind in ENDING]
+        ends = [fault for fault in self.network.fired if fault.kind in {*ENDING, *LIES}]
         if not ends:
             return Failure("ended", f"tolerable faults ended it: {line or 'without a line'}")
         if not line or "\n" in line:
             return Failure("line", f"ended without one clear line: {line!r}")
-        blamed = sorted({fault.where for fault in ends})
+        blamed = sorted({fault.where.removesuffix(SAYS) for fault in ends})
         # A process is named by itself, or with its modules by the coordinator.
         names = any(f"{name}:" in line or f"({name.replace('_', ' ')})" in line for name in blamed)
         waits = "waiting for others" in line  # those who said nothing are not known
@@ -294,12 +333,31 @@ class _Run:
             return Failure("blame", f"the fault was of {', '.join(blamed)}, and it says: {line}")
         return None
 
+    def _accused(self) -> Failure | None:
+        """Check that nobody who has not lied is said to have."""
+        for record in self._records:
+            message = decode(record.data) if record.kind == "refused" else None
+            if isinstance(message, Refused) and message.reason not in _OF_THE_WIRE:
+                if message.who not in self._lied:
+                    return Failure("accused", f"{message.who}, which was honest: {message.why}")
+        return None
+
     def _verified(self) -> Failure | None:
         wrong = [check for check in verify(self.recording()).checks if not check.ok]
+        wrong = [check for check in wrong if not self._tells_a_lie(check)]
         if not wrong:
             return None
         names = ", ".join(check.name for check in wrong)
         return Failure(f"verify {wrong[0].name}", f"verify fails {names}: {wrong[0].detail}")
+
+    def _tells_a_lie(self, check: Check) -> bool:
+        """Return whether what fails is of a module of a liar: the first that it names."""
+        found = _MODULE.search(check.detail)
+        if found is None or check.name not in _OF_MODULES:
+            return False
+        module = int(found[1])
+        process = next(n for n, modules in enumerate(self._modules_of) if module in modules)
+        return f"process_{process}" in self._lied
 
     def recording(self) -> Recording:
         """Return what was kept, and the results, as a recording."""

@@ -20,6 +20,7 @@ from cubepath.coordinator.simulation.sequence import sequence_picture
 from cubepath.coordinator.simulation.shrinking import shrunk
 from cubepath.coordinator.simulation.simulated import (
     COORDINATOR,
+    LIE,
     PATIENCE_US,
     MakeNode,
     Simulated,
@@ -32,7 +33,7 @@ from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.wire.messages import Again, Go, Ready, Said, Waiting, decode, kind_of
 
-OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", "failure")
+OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "failure")
 """How a run can come out: it ends as without faults in the first three, or by one, or it fails."""
 _SAME_NAMES_MAX = 1000
 
@@ -100,7 +101,8 @@ def run_of(seed: int, asked: Asked = ANYTHING, *, make: MakeNode = host_node) ->
     """Simulate the run that a seed stands for, with the faults that are drawn from it."""
     scenario = scenario_of(seed, asked)
     random = Random(f"{seed}/faults")  # noqa: S311 - not for secrets
-    faults = Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US)
+    lies = Random(f"{seed}/lies") if asked.liars else None  # noqa: S311 - not for secrets
+    faults = Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US, lies)
     return simulate(scenario, faults, fault_seed=seed, make=make)
 
 
