@@ -65,9 +65,8 @@ class Driven:
             self.scene,
             max_rounds=1000,
             record=lambda message: None,
-            modules_of=modules_of,
-            seed=seed,
         )
+        self.conductor.know(modules_of, seed)
         self.pacer = Pacer(RUN, modules_of, judge=judge, check=self.conductor.check)
         self.put: list[tuple[str, bytes]] = []
         """The last messages that were put."""
@@ -151,7 +150,9 @@ class Driven:
 
 
 def _matches(expression: str, key: str) -> bool:
-    return key.startswith(expression.removesuffix("**")) if "**" in expression else key == expression
+    return (
+        key.startswith(expression.removesuffix("**")) if "**" in expression else key == expression
+    )
 
 
 def fate(driven: Driven, rounds: int, intruder: Intruder) -> str:

@@ -42,7 +42,7 @@ from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.uniform import RANDOM
-from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.coordinator.runs.conductor import Conductor
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
@@ -109,7 +109,7 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
     """Run modules over zenoh, recorded and gathered, and return what was said and what it cost."""
     scene = scene_from_spec(spec)
     found = Recorded(scene, rounds, processes)
-    gatherer = Gatherer(scene)
+    conductor = Conductor(scene, max_rounds=rounds + 1, record=lambda _: None)
     kept: list[tuple[Message, bytes]] = []
     with (
         TemporaryDirectory() as folder,
@@ -118,12 +118,13 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
 
         def sink(message: Message, data: bytes, wall_ns: int) -> None:
             writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
-            if isinstance(message, Reports):
-                for report in message.parts:
-                    gatherer.receive(report)
+            conductor.hear(message)
             kept.append((message, data))
 
-        with Fleet(scene, "random", processes=processes, sink=sink) as fleet:
+        with Fleet(
+            scene, "random", processes=processes, sink=sink, plausible=conductor.check
+        ) as fleet:
+            conductor.know(fleet.modules_of, 0)
             pids = [os.getpid(), fleet.router_pid, *fleet.pids]
             times, walls = [], []
             fleet.play_round()  # whatever is done once is done

@@ -98,7 +98,12 @@ def test_the_coordinator_may_speak_to_one_process_alone(message: Message) -> Non
     ("key", "data", "reason", "why"),
     [
         ("a", b"no", "malformed", "not a cubepath message: "),
-        ("a", b" " * (MESSAGE_BYTES_MAX + 1), "too large", "16777217 bytes, expected at most 16777"),
+        (
+            "a",
+            b" " * (MESSAGE_BYTES_MAX + 1),
+            "too large",
+            "16777217 bytes, expected at most 16777",
+        ),
         (
             "cubepath/run/ready/process_0",
             encode(Ready(4, 1, "sense")),
@@ -159,7 +164,11 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
             "out of place",
             "here of module_1 of round 5, said in phase sense of round 4",
         ),
-        (said(Here(4, 1, 3), phase="claim"), "out of place", "here of module_1 of round 4, said in"),
+        (
+            said(Here(4, 1, 3), phase="claim"),
+            "out of place",
+            "here of module_1 of round 4, said in",
+        ),
         (said(Note(4, 1, 3, []), phase="claim"), "out of place", "note of module_1 of round 4"),
         (said(Claim(4, 1, 3, "edge", [3, 4])), "out of place", "claim of module_1 of round 4"),
         (said(Verdict(4, 1, 3, True, [])), "out of place", "verdict of module_1 of round 4"),

@@ -63,9 +63,12 @@ class Settling:
                 return module, f"verdict of module_{module}: by those before it it is {told}"
             if reports[module].claim != told:
                 return module, f"report of module_{module}: by those before it it is {told}"
-        made = [self.claims[module] for module in self._ranked if reports[module].move is not None]
+        taken: dict[Site, Move] = {}
+        for module in self._ranked:
+            if reports[module].move is not None:
+                taken |= {source: self.claims[module] for source, _ in self.claims[module].motion}
         for module, site in sites.items():
-            due_site = site_after(site, made)
+            due_site = site_after(site, [taken[site]] if site in taken else [])
             if site_from_json(reports[module].site) != due_site:
                 return module, f"report of module_{module}: the moves take it to {due_site!r}"
         return None

@@ -47,17 +47,13 @@ class Conductor:
         record: Callable[[Message], object],
         assignment: Assignment | None = None,
         repair: bool = False,
-        modules_of: Sequence[Sequence[int]] = (),
-        seed: int = 0,
     ) -> None:
         """Begin at the start of the scene; `record` is given the coordinator's own results.
 
-        By the modules of each process and the `seed` of the run it can `check` what is heard.
         With an `assignment` the modules carry out a schedule; with `repair` they go on with a rule
         where it stops.
         """
         self.gatherer = Gatherer(scene, self._step)
-        self.gatherer.plausibility.know(modules_of, seed)
         self.refused = 0
         """How many messages were refused so far."""
         self._scene = scene
@@ -66,6 +62,10 @@ class Conductor:
         self._assignment = assignment
         self._repair = repair
         self._execution = None if assignment is None else ScheduleExecution(assignment)
+
+    def know(self, modules_of: Sequence[Sequence[int]], seed: int) -> None:
+        """Know the modules of each process and the seed of the run, by which it can `check`."""
+        self.gatherer.plausibility.know(modules_of, seed)
 
     def check(self, message: Message) -> None:
         """Check that what modules say or report can be, given where they stand; or RefusedError."""

@@ -17,7 +17,6 @@ from typing import Any
 
 import msgspec
 
-from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.coordinator.runs.conductor import Conductor, Ended, Ending
 from cubepath.coordinator.runs.gatherer import Gatherer
@@ -166,8 +165,6 @@ class _Run:
             record=self._say,
             assignment=task.assignment,
             repair=plan.repair,
-            modules_of=dealt(task.scene, max(1, min(plan.processes, len(task.scene.start)))),
-            seed=plan.seed,
         )
         self._began = self._flushed = time.monotonic()
 
@@ -211,6 +208,7 @@ class _Run:
                 plausible=conductor.check,
             ) as fleet,
         ):
+            conductor.know(fleet.modules_of, plan.seed)
             if plan.wait_for:
                 self._processes = len(fleet.modules_of)
             ending = conductor.between(0, fleet.end_schedule)

@@ -226,7 +226,9 @@ class Liar:
         return random.choice([site, *targets])
 
     def _move(self, site: object, random: Random) -> GeneratorPlacement:
-        moves = [move for move in self._scene.system.moves(site_from_json(site)) if move is not None]
+        moves = [
+            move for move in self._scene.system.moves(site_from_json(site)) if move is not None
+        ]
         if not moves:
             return GeneratorPlacement("none", 0)
         move = random.choice(moves)

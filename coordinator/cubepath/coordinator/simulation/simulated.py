@@ -159,9 +159,8 @@ class _Run:
             self.scene,
             max_rounds=scenario.max_rounds,
             record=self._result,
-            modules_of=modules_of,
-            seed=scenario.seed,
         )
+        self.conductor.know(modules_of, scenario.seed)
         self._records: list[Record] = []
         self._expected: list[_Moves] = []
         self._differs: Failure | None = None
