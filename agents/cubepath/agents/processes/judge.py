@@ -8,12 +8,12 @@ which moves are admissible, the coordinator's gatherer knows.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import lru_cache
 from typing import Any, NoReturn
 
 import msgspec
 
 from cubepath.agents.local.observation import SILENT
+from cubepath.agents.processes.phases import KINDS_IN
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import System
@@ -40,15 +40,11 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     Waiting,
     decode,
+    encode,
     kind_of,
 )
 
-_SAID_IN: dict[type[Part], str] = {
-    Here: "sense",
-    Note: "sense",
-    Claim: "claim",
-    Verdict: "settle",
-}
+_SITES_MAX = 1 << 16
 
 
 class RefusedError(CubepathError):
@@ -87,7 +83,7 @@ class Judge:
             module: process for process, modules in enumerate(modules_of) for module in modules
         }
         self._system = system
-        self._site = lru_cache(maxsize=1 << 14)(self._checked_site)
+        self._sites: dict[bytes, Site] = {}
 
     def read(self, key: str, data: bytes) -> Message:
         """Return the message that was put on a key; RefusedError if it may not be there."""
@@ -112,11 +108,20 @@ class Judge:
 
     def heard(self, said: Said) -> Heard:
         """Return what was said with the sites of its speakers; RefusedError if it cannot be."""
-        speakers: set[tuple[type, int]] = set()
-        senders = tuple(self._sender(said, part) for part in said.parts)
+        process, round_number = said.process, said.round
+        kinds, process_of, sites = KINDS_IN[said.phase], self._process_of, self._sites
+        senders: list[Site] = []
         for part in said.parts:
-            speakers.add((type(part), part.module))
-        if len(speakers) != len(said.parts):
+            in_phase = part.round == round_number and type(part) in kinds
+            if process_of.get(part.module) != process or not in_phase:
+                _refuse_part(said, part)
+            sender = sites.get(encode(part.site))
+            if sender is None:
+                sender = self._read_site(part)
+            if type(part) is not Here:
+                self._check_content(part, sender)
+            senders.append(sender)
+        if len({(type(part), part.module) for part in said.parts}) != len(said.parts):
             refuse("doubled", f"process_{said.process} says something twice in one message")
         if said.number and said.phase != "settle":
             refuse("out of place", f"a second message of phase {said.phase} to {said.region}")
@@ -127,30 +132,20 @@ class Judge:
                 "out of place",
                 f"message {said.number} of {modules} modules to {said.region}, expected one each",
             )
-        return Heard(said, senders)
+        return Heard(said, tuple(senders))
 
-    def _sender(self, said: Said, part: Part) -> Site:
-        name = f"{kind_of(part)} of module_{part.module}"
-        if self._process_of.get(part.module) != said.process:
-            refuse("foreign", f"{name}, who is not in process_{said.process}")
-        due = _SAID_IN[type(part)]
-        if part.round != said.round or due != said.phase:
-            refuse(
-                "out of place",
-                f"{name} of round {part.round}, said in phase {said.phase} of round {said.round}",
-            )
-        sender = self._read_site(name, part.site)
+    def _check_content(self, part: Part, sender: Site) -> None:
         match part:
             case Note(note=note):
-                self._check_note(name, note)
+                self._check_note(_name(part), note)
             case Claim():
-                self._check_claim(name, part, sender)
+                self._check_claim(part, sender)
             case Verdict(to=to):
                 for place in to:
-                    self._read_place(name, place)
+                    # A place without its label is no site of a labelled system, and still a place.
+                    _known(part, place, self._system.check_place)
             case _:
                 pass
-        return sender
 
     def _check_note(self, name: str, note: Sequence[int]) -> None:
         if self.note_length not in (None, len(note)):
@@ -158,28 +153,22 @@ class Judge:
         if SILENT in note:
             refuse("malformed", f"{name}: {SILENT} stands for no note, expected more")
 
-    def _check_claim(self, name: str, claim: Claim, sender: Site) -> None:
+    def _check_claim(self, claim: Claim, sender: Site) -> None:
         try:
             move = self._system.move_named(sender, claim.generator, site_from_json(claim.at))
         except _NO_PLACE:
             move = None
         if move is None:
-            refuse("impossible", f"{name}: {claim.generator} at {claim.at!r} is no move from there")
+            where = f"{claim.generator} at {_short(claim.at)}"
+            refuse("impossible", f"{_name(claim)}: {where} is no move from there")
 
-    def _read_site(self, name: str, value: object) -> Site:
-        return self._known(name, value, self._site)
-
-    def _read_place(self, name: str, value: object) -> Site:
-        # A place without its label is no site of a labelled system, and still a place.
-        return self._known(name, value, self._checked_place)
-
-    def _known(self, name: str, value: object, check: Callable[[Any], None]) -> Site:
-        try:
-            found = site_from_json(value)
-            check(found)
-        except _NO_PLACE:
-            refuse("impossible", f"{name}: {_short(value)} is no place of a module")
-        return found
+    def _read_site(self, part: Part) -> Site:
+        """Return the site of a speaker, and know it by its spelling from now on."""
+        site = _known(part, part.site, self._checked_site)
+        if len(self._sites) >= _SITES_MAX:
+            self._sites.clear()
+        self._sites[encode(part.site)] = site
+        return site
 
     def _checked_site(self, site: Site) -> None:
         system = self._system
@@ -189,9 +178,6 @@ class Judge:
             label = system.label_of(site)
             if label is None or not 0 <= label < system.labels:
                 raise InputError("no such label")
-
-    def _checked_place(self, place: Site) -> None:
-        self._system.check_place(place)
 
     def check_whole(self, message: Reports | Observations | Acts) -> None:
         """Check that a message has a part of this round for each module of its process."""
@@ -220,6 +206,28 @@ class Judge:
 _NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites: their functions take sites only."""
 _SHORT_MAX = 80
+
+
+def _name(part: Part) -> str:
+    return f"{kind_of(part)} of module_{part.module}"
+
+
+def _refuse_part(said: Said, part: Part) -> NoReturn:
+    """Refuse what a process says for a module of another, or at another time."""
+    when = f"round {part.round}, said in phase {said.phase} of round {said.round}"
+    if part.round != said.round or type(part) not in KINDS_IN[said.phase]:
+        refuse("out of place", f"{_name(part)} of {when}")
+    refuse("foreign", f"{_name(part)}, who is not in process_{said.process}")
+
+
+def _known(part: Part, value: object, check: Callable[[Any], None]) -> Site:
+    """Return a site that a part names, if it passes a check."""
+    try:
+        found = site_from_json(value)
+        check(found)
+    except _NO_PLACE:
+        refuse("impossible", f"{_name(part)}: {_short(value)} is no place of a module")
+    return found
 
 
 def _short(value: object) -> str:

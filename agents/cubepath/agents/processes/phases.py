@@ -7,8 +7,16 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
+from cubepath.protocol.wire.messages import Claim, Here, Note, Part, Verdict
+
 Spoken: TypeAlias = Literal["sense", "claim", "settle"]
 """The phases in which modules say something to each other."""
+KINDS_IN: dict[str, tuple[type[Part], ...]] = {
+    "sense": (Here, Note),
+    "claim": (Claim,),
+    "settle": (Verdict,),
+}
+"""What they say in each."""
 ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5}
 """The phases of a round in order; a process joins at the end of the round before the first."""
 BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}

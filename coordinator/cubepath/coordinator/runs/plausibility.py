@@ -1,10 +1,10 @@
 """Whether what modules say and report can be, given where all of them stand.
 
-Room: coordinator. It knows the state at the beginning of the round and all that was said in it. What
-a module says is plausible if it says so from where it is, the same to every region that it goes to;
-a claim is of an admissible move. A process is through with a phase when its modules have said all
-that is due. When all are, verdicts and reports must follow from the claims and the ranks: so who
-has lied is known from those who were lied to. When all have reported, the state goes on.
+Room: coordinator. It knows the state at the beginning of the round and all that was said in it.
+What a module says is plausible if it says so from where it is, the same to every region that it
+goes to; a claim is of an admissible move. A process is through with a phase when its modules have
+said all that is due. When all are, verdicts and reports must follow from the claims and the ranks:
+so who has lied is known from those who were lied to. When all have reported, the state goes on.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from functools import lru_cache
 import msgspec
 
 from cubepath.agents.processes.judge import RefusedError, refuse
+from cubepath.agents.processes.phases import KINDS_IN
 from cubepath.agents.processes.settling import Settling
 from cubepath.protocol.core.actions import apply_in_place, commute
 from cubepath.protocol.core.catalogue import Move
@@ -69,13 +70,14 @@ class Plausibility:
         self._verdicts: dict[int, bool] = {}
         self._reports: dict[int, Report] = {}
         self._moves: dict[tuple[int, bytes], Move | None] = {}
+        self._near: dict[tuple[int, bool], frozenset[str]] = {}
         self._settling: Settling | None = None
         self._begin_phase("join")
 
     def _begin_phase(self, phase: str) -> None:
         self._phase = phase
-        self._said: dict[tuple[str, int], Part] = {}
-        self._to: dict[tuple[str, int], set[str]] = {}
+        self._said: dict[tuple[type[Part], int], Part] = {}
+        self._to: dict[tuple[type[Part], int], set[str]] = {}
         """By kind and module what was said in this phase, and to which regions."""
         self._counts: dict[int, Counter[str]] = {}
         self._through: set[int] = set()
@@ -112,28 +114,33 @@ class Plausibility:
         if not said.parts:
             refuse("out of place", f"nothing is said to {said.region}")
         for part in said.parts:
-            kind = kind_of(part)
-            name = f"{kind} of module_{part.module}"
-            if self._spelled[part.module] != _encode(part.site):
-                refuse("impossible", self._elsewhere(kind, part.module, part.site))
-            known = self._said.get((kind, part.module), part)
-            if known != part:
-                refuse("contradicts", f"{name} to {said.region}: it was another elsewhere")
-            if said.region in self._to.get((kind, part.module), ()):
-                refuse("doubled", f"{name} to {said.region} came before")
+            known = self._said.get((type(part), part.module))
+            if known is None:
+                self._check_part(part)
+            elif known != part:
+                refuse("contradicts", f"{_to(part, said)}: it was another elsewhere")
+            elif said.region in self._to[type(part), part.module]:
+                refuse("doubled", f"{_to(part, said)} came before")
             if said.region not in self._regions(part):
-                refuse("out of place", f"{name} to {said.region}: nobody is there to hear it")
-            match part:
-                case Claim(generator=generator, at=at):
-                    move = self._move(part.module, GeneratorPlacement(generator, at))
-                    if move is None or not move.possible(self._state):
-                        refuse("impossible", f"{name}: {generator} at {at!r} is not admissible")
-                case Verdict():
-                    self._check_verdict(name, part)
-                case _:
-                    pass
+                refuse("out of place", f"{_to(part, said)}: nobody is there to hear it")
 
-    def _check_verdict(self, name: str, verdict: Verdict) -> None:
+    def _check_part(self, part: Part) -> None:
+        """Check what a module says, apart from where it goes."""
+        if self._spelled[part.module] != _encode(part.site):
+            refuse("impossible", self._elsewhere(kind_of(part), part.module, part.site))
+        match part:
+            case Claim(generator=generator, at=at):
+                move = self._move(part.module, GeneratorPlacement(generator, at))
+                if move is None or not move.possible(self._state):
+                    where = f"claim of module_{part.module}: {generator} at {at!r}"
+                    refuse("impossible", f"{where} is not admissible")
+            case Verdict():
+                self._check_verdict(part)
+            case _:
+                pass
+
+    def _check_verdict(self, verdict: Verdict) -> None:
+        name = f"verdict of module_{verdict.module}"
         if verdict.module not in self._claims:
             refuse("impossible", f"{name}, which claims nothing")
         due = self._waiting_for(verdict.module)
@@ -143,9 +150,12 @@ class Plausibility:
     def _take_said(self, said: Said) -> None:
         self._counts.setdefault(said.process, Counter())[said.region] += 1
         for part in said.parts:
-            key = kind_of(part), part.module
+            key = type(part), part.module
+            if key in self._said:
+                self._to[key].add(said.region)
+                continue
             self._said[key] = part
-            self._to.setdefault(key, set()).add(said.region)
+            self._to[key] = {said.region}
             match part:
                 case Claim(generator=generator, at=at):
                     move = self._move(part.module, GeneratorPlacement(generator, at))
@@ -160,7 +170,16 @@ class Plausibility:
         """Return the regions that a part goes to."""
         if isinstance(part, Verdict):
             return frozenset(self._system.region(site_from_json(place)) for place in part.to)
-        return self._regions_of(self._place(part.module), sensed=isinstance(part, Here))
+        return self._regions_from(part.module, sensed=type(part) is Here)
+
+    def _regions_from(self, module: int, *, sensed: bool) -> frozenset[str]:
+        """Return the regions that a module speaks to in this round."""
+        found = self._near.get((module, sensed))
+        if found is None:
+            found = self._near[module, sensed] = self._regions_of(
+                self._place(module), sensed=sensed
+            )
+        return found
 
     def _regions_near(self, place: Site, *, sensed: bool) -> frozenset[str]:
         system = self._system
@@ -178,17 +197,21 @@ class Plausibility:
         if said != Counter(ready.said):  # a count of zero is none
             refuse("contradicts", f"process_{process} counts other messages than it said")
         for module in self._modules_of[process]:
-            for key in [(kind, module) for kind in ("here", "note", "claim", "verdict")]:
-                part = self._said.get(key)
-                missing = set[str]() if part is None else self._regions(part) - self._to[key]
-                if missing:
-                    refuse("contradicts", f"no {key[0]} of module_{module} to {min(missing)}")
-            if ready.phase == "sense" and ("here", module) not in self._said:
-                if self._regions_of(self._place(module), sensed=True):
-                    refuse("contradicts", f"module_{module} does not say that it is here")
-            if ready.phase == "settle" and module not in self._verdicts:
-                if module in self._claims and self._waiting_for(module):
-                    refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
+            for kind in KINDS_IN[ready.phase]:
+                part = self._said.get((kind, module))
+                if part is None:
+                    self._check_silent(kind, module)
+                # It went to no other region than those, and to each once.
+                elif len(self._to[kind, module]) < len(self._regions(part)):
+                    missing = min(self._regions(part) - self._to[kind, module])
+                    refuse("contradicts", f"no {kind_of(part)} of module_{module} to {missing}")
+
+    def _check_silent(self, kind: type[Part], module: int) -> None:
+        """Check that nobody waits for what a module does not say."""
+        if kind is Here and self._regions_from(module, sensed=True):
+            refuse("contradicts", f"module_{module} does not say that it is here")
+        if kind is Verdict and module in self._claims and self._waiting_for(module):
+            refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
 
     def _waiting_for(self, module: int) -> set[Site]:
         if self._settling is None:
@@ -320,3 +343,7 @@ class Plausibility:
             for source, target in move.motion:
                 if source in standing:
                     after[standing[source]] = target
+
+
+def _to(part: Part, said: Said) -> str:
+    return f"{kind_of(part)} of module_{part.module} to {said.region}"
