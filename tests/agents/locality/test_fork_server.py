@@ -23,7 +23,7 @@ def task(rule: str, folder: Path, **conditions: bool) -> Task:
 
 
 def running(group: int) -> list[str]:
-    """Return the processes of a group; those that have ended and were not waited for do not count."""
+    """Return the processes of a group that have not ended."""
     found: list[str] = []
     for path in Path("/proc").glob("[0-9]*/stat"):
         with contextlib.suppress(OSError):
