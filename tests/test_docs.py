@@ -110,7 +110,7 @@ def test_the_readme_names_every_system_and_command(capsys: pytest.CaptureFixture
     """The README's table has all systems, and all of its commands are there."""
     text = (ROOT / "README.md").read_text()
     assert set(all_families()) <= set(re.findall(r"^\| `([\w-]+)` \|", text, re.MULTILINE))
-    for name in sorted(set(re.findall(r"^cubepath (\w+)", text, re.MULTILINE))):
+    for name in sorted(set(re.findall(r"^cubepath ([\w-]+)", text, re.MULTILINE))):
         with pytest.raises(SystemExit) as stopped:
             main([name, "--help"])
         assert stopped.value.code == 0

@@ -213,12 +213,21 @@ def _replayed(play: Replay, rule: RuleType, traps: Traps) -> dict[int, Life]:
     if not life.choices:
         for round_number, seen in enumerate(recorded.observations, 1):
             # As in a run, the world is where a rule that looks through its callers would find it.
-            for world in others.asking(round_number, seen):  # noqa: B007
+            for world, index in others.asking(round_number):
+                if world is not None:
+                    _check_the_same(life.module, seen, world.observe(index))
                 with traps.asking(life.module, round_number):
                     life.choices.append(_ask(actor, seen))
             if life.choices[-1].error is not None:
                 break
     return {life.module: life}
+
+
+def _check_the_same(module: int, seen: Observation, here: Observation) -> None:
+    """Raise AssertionError if a module sees something else in surroundings that look the same."""
+    for key in ("observation", "action_mask"):
+        if here[key].tolist() != seen[key].tolist():
+            raise AssertionError(f"module_{module} sees {key} from beyond its reach")
 
 
 class _Others:
@@ -255,25 +264,21 @@ class _Others:
                 except (RuleError, InputError):
                     continue  # not for a rule that wants more of a scene
 
-    def asking(self, round_number: int, seen: Observation) -> Iterator[World | None]:
-        """Ask the others, in the order of numbers; yield the world at the module's own turn.
+    def asking(self, round_number: int) -> Iterator[tuple[World | None, int]]:
+        """Ask the others, in the order of numbers.
 
-        AssertionError if the module sees anything else here than it saw.
+        Yield the world, and which one the module is there, when it is the module's own turn.
         """
         if self._around is None:
-            yield None
+            yield None, 0
             return
         setting = self._around.settings[round_number]
         scene = surrounding_scene(self._scene, setting, self._around.goals)
         note_length = self._rule.note_length(self._life.modules)
         world = World(scene, seed=self._around.seed, note_length=note_length)
         for index, number in enumerate(sorted(setting)):
-            here = world.observe(index)
             if number == self._life.module:
-                for key in ("observation", "action_mask"):
-                    if here[key].tolist() != seen[key].tolist():
-                        raise AssertionError(f"module_{number} sees {key} from beyond its reach")
-                yield world
+                yield world, index
             elif number in self._actors:
                 with self._traps.asking(number, round_number):
-                    _ask(self._actors[number], here)
+                    _ask(self._actors[number], world.observe(index))

@@ -141,7 +141,7 @@ class Traps:
 
     def _where(self, kind: str) -> str | None:
         """Return the line of the rule's code that is being run; None if it is not to blame."""
-        frame = sys._getframe(2)  # noqa: SLF001 - as `inspect` does
+        frame = inspect.currentframe()
         between: set[str] = set()
         while frame is not None:
             file = frame.f_code.co_filename
@@ -154,7 +154,7 @@ class Traps:
                 return f"{Path(file).name}:{frame.f_lineno}" if blamed else None
             if file != __file__:
                 between.add(file)
-            frame = frame.f_back  # type: ignore[assignment]
+            frame = frame.f_back
         return None
 
     def _heard(self, event: str, arguments: tuple[Any, ...]) -> None:

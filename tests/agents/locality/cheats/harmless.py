@@ -1,8 +1,8 @@
 """A rule that is local: a cache that saves work, a generator of its own, time in a library."""
 
 import logging
-from collections import namedtuple
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,13 +19,16 @@ def square(number: int) -> int:
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
-    Pair = namedtuple("Pair", "one other")  # which looks at its caller's frame
+    class Pair(NamedTuple):  # which looks at its caller's frame
+        one: int
+        other: int
+
     own = np.random.default_rng(knowledge.module)
     known: list[int] = []
 
     def choose(view: View) -> int:
         known.append(square(len(view.occupied)))
-        pair = Pair(int(own.integers(5)), knowledge.random.integers(5))
+        pair = Pair(int(own.integers(5)), int(knowledge.random.integers(5)))
         logging.getLogger("harmless").debug("asked %s", pair)
         legal = view.mask.nonzero()[0]
         return int(legal[(sum(known) + pair.one + pair.other) % len(legal)])

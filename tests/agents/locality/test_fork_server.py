@@ -1,0 +1,84 @@
+"""The server that forks a process for each play: what comes of it, and that nothing is left."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from pathlib import Path
+
+import pytest
+
+from cubepath.agents.locality import fork_server
+from cubepath.agents.locality.fork_server import ForkServer
+from cubepath.agents.locality.plays import Conditions, Fit, Task, Together
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+CHEATS = Path(__file__).parent / "cheats"
+pytestmark = pytest.mark.slow
+
+
+def task(rule: str, folder: Path, **conditions: bool) -> Task:
+    play = Together(scene_from_spec("hex:n=3"), seed=1, hesitate=0.0, rounds=4)
+    return Task(rule, play, Conditions(**conditions), str(folder))
+
+
+def running(group: int) -> list[str]:
+    """Return the processes of a group that have not ended."""
+    found: list[str] = []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, _, pgrp = path.read_text().rpartition(")")[2].split()[:3]
+            if int(pgrp) == group and state != "Z":
+                found.append(path.parent.name)
+    return found
+
+
+def test_each_play_is_new(tmp_path: Path) -> None:
+    """What a rule has left in the memory of one is not there in the next, nor what it has wrong."""
+    rule = f"{CHEATS / 'module_globals'}.py:RULE"
+    with ForkServer(1) as server:
+        one = server.play(task(rule, tmp_path))
+        ended = server.play(task(f"{CHEATS / 'vanishes'}.py:RULE", tmp_path))
+        other = server.play(task(rule, tmp_path))
+    assert one.changed == other.changed == ("WHERE",)
+    assert one.lives[2].choices == other.lives[2].choices
+    assert ended.broken == "ended its process"
+
+
+def test_hash_seeds_are_those_of_the_servers(tmp_path: Path) -> None:
+    """Two servers with one seed have the same order of sets; among several seeds it differs."""
+    rule = f"{CHEATS / 'set_order'}.py:RULE"
+    found = []
+    for hash_seed in (1, 1, 2, 3, 4, 5):
+        with ForkServer(hash_seed) as server:
+            lives = server.play(task(rule, tmp_path)).lives
+            found.append([life.choices for life in lives.values()])
+    assert found[0] == found[1]
+    assert any(each != found[0] for each in found)
+
+
+def test_who_never_answers_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The play is broken after the patience; with the server all its processes end."""
+    monkeypatch.setattr(fork_server, "PATIENCE_S", 1.0)
+    with ForkServer(1) as server:
+        found = server.play(task(f"{CHEATS / 'sleeps'}.py:RULE", tmp_path))
+        group = server._server.pid
+        assert len(running(group)) == 2
+    assert found.broken == "gave no answer for 1 s"
+    until = time.monotonic() + 30
+    while running(group) and time.monotonic() < until:
+        time.sleep(0.01)
+    assert not running(group)
+
+
+def test_a_rule_is_asked_what_it_is_for(tmp_path: Path) -> None:
+    """Of many scenes those that fit; what is wrong with its file is told."""
+    specs = ("hex:n=3", "agv:graph=K3,n=2", "arm:n=3", "hex-connected")
+    with ForkServer(1) as server:
+        fit = server.play(Task("tswap", Fit(specs), Conditions(), str(tmp_path)))
+        all_fit = server.play(Task("random", Fit(specs), Conditions(), str(tmp_path)))
+        wrong = server.play(Task("nonesuch", Fit(specs), Conditions(), str(tmp_path)))
+    assert fit.specs == ("agv:graph=K3,n=2",)
+    assert all_fit.specs == specs[:3]
+    assert wrong.unfit is not None
+    assert wrong.unfit.startswith("unknown rule 'nonesuch'")
