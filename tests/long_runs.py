@@ -16,6 +16,7 @@ from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.wire.keys import addressees, topic_of
 from cubepath.protocol.wire.messages import (
@@ -83,7 +84,8 @@ def write(path: Path, scene: Scene, most_parts: int, *, batched: bool, seed: int
     gatherer = Gatherer(scene)
     parameters = {"system": scene.spec, "rule": "random", "seed": str(seed), "hesitate": "0.0"}
     processes = PROCESSES if batched else 1
-    with RecordingWriter(path, scene, parameters) as writer:
+    written_as = FORMATS[batched]
+    with RecordingWriter(path, scene, parameters, written_as=written_as) as writer:
 
         def say(message: Message) -> None:
             writer.write(

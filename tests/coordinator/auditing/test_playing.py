@@ -48,6 +48,7 @@ def test_golden_recordings_are_what_their_rules_say(path: Path) -> None:
     assert choices(found).checked
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "rule"),
     [
@@ -73,6 +74,7 @@ def test_a_schedule_is_asked_again(spec: tuple[str, str, int]) -> None:
     assert choices(audit(recording)) == Check("choices", ok=True, detail="")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [stopped, not_begun, lambda: stopped(repair=True)])
 def test_where_a_schedule_stops_its_reason_and_the_rule_after_it_are_asked_again(
     make: Callable[[], Recording],
@@ -98,6 +100,7 @@ def test_a_reason_to_give_up_is_that_of_the_schedule() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "where"),
     [

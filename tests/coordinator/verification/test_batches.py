@@ -30,7 +30,7 @@ from cubepath.protocol.wire.messages import (
     encode,
     kind_of,
 )
-from recordings import first, recorded, with_records
+from recordings import edited, first, recorded, with_records
 from tamperings import TAMPERINGS, Tampering, crowd, failing
 
 MODULES_OF_RESULTS = (
@@ -237,3 +237,13 @@ def test_a_report_by_itself_counts_in_a_recording_of_batches_but_is_named() -> N
     assert all(isinstance(part, Report) for part in batch.parts)
     assert failing(verify(with_message(recording, place, batch, *batch.parts))) == {"batches"}
     assert decode(recording.records[place].data) == batch
+
+
+@pytest.mark.parametrize("site", [[3, "edge", 1], [0], {"x": 1}, "edge", None, [0, 0, [1]]])
+def test_a_site_that_is_none_of_the_system_is_no_crash(site: Any) -> None:
+    """Of whatever form it is: where it was to go is not asked, and that it is wrong is said."""
+    recording = recorded("arm:n=6", "word", rounds=20)
+    here = first(recording, "here")
+    assert "said" in failing(verify(edited(recording, here, replace(here, site=site))))
+    verdict = first(recording, "verdict")
+    assert "claims" in failing(verify(edited(recording, verdict, replace(verdict, to=[site]))))

@@ -79,6 +79,7 @@ def obviously_the_same(path: Sequence[Action], cubes: Cubes) -> bool:
     )
 
 
+@pytest.mark.slow
 @given(path=words() | crowded_words())
 def test_what_is_undone_is_what_can_be_brought_together(path: Sequence[Action]) -> None:
     """The moves that are left, by taking out pairs in the obvious way until there are none."""
@@ -88,6 +89,7 @@ def test_what_is_undone_is_what_can_be_brought_together(path: Sequence[Action]) 
     assert len(left) == len(obviously_left(path))
 
 
+@pytest.mark.slow
 @given(data=st.data(), path=words() | crowded_words())
 def test_cubes_agree_iff_all_that_conflicts_has_one_order(
     data: st.DataObject, path: Sequence[Action]

@@ -75,26 +75,22 @@ class Batches:
 
     def _due(self, part: Part) -> frozenset[str] | None:
         """Return the regions that a part is for; None if one of its sites is malformed."""
-        if isinstance(part, Verdict):
-            places = [site_in(place) for place in part.to]
-            if not all(self._is_place(place) for place in places):
-                return None
-            return frozenset(self._system.region(place) for place in places)
-        site = site_in(part.site)
-        place = None if site is None else self._place(site)
-        return self._regions(place, kind_of(part) == "here") if self._is_place(place) else None
-
-    def _place(self, site: Site) -> Site | None:
         try:
-            return self._system.place_of(site)
-        except (TypeError, IndexError, ValueError):
-            return None  # it is no site of this system
+            if isinstance(part, Verdict):
+                places = [site_in(place) for place in part.to]
+                if all(self._is_place(place) for place in places):
+                    return frozenset(self._system.region(place) for place in places)
+                return None
+            site = site_in(part.site)
+            place = None if site is None else self._system.place_of(site)
+            if self._is_place(place):
+                return self._regions(place, kind_of(part) == "here")
+        except (TypeError, IndexError, ValueError, InputError):
+            pass  # it is no site of this system
+        return None
 
     def _is_place(self, place: Site | None) -> bool:
-        try:
-            return place is not None and self._system.has_place(place)
-        except (TypeError, IndexError, ValueError, InputError):
-            return False
+        return place is not None and self._system.has_place(place)
 
     def _regions_near(self, place: Site, here: bool) -> frozenset[str]:  # noqa: FBT001 - a cache key
         system = self._system

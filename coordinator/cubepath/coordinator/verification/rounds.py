@@ -40,7 +40,7 @@ def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
     Definition: in the fixed part of the support exactly one of the two local states is on, and
     wherever a guarded site is on, so is its neighbour.
     """
-    on = frozenset(site for site in action.support if site in state)
+    on = action.support & state
     if on - action.free not in action.ends:
         return f"{action.label}: {list(in_order(on))} of its support are on, which is neither end"
     for site, neighbour in action.guards:
