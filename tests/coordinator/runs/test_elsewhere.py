@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Iterator
@@ -186,6 +187,46 @@ def test_a_joined_process_ends_when_its_coordinator_is_killed(commands: Commands
     code, answer, errors = joined.end()
     assert (code, answer) == (1, "")
     assert errors[-1].endswith("is gone")
+
+
+def test_a_joined_process_that_hears_nothing_ends_when_its_patience_is_over(
+    commands: Commands,
+) -> None:
+    """The coordinator stands still; that may be for ever."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
+    joined = joins(commands, listens(runs), "0-3", "--patience=3")
+    goes_on(commands.folder)
+    runs.child.send_signal(signal.SIGSTOP)
+    code, answer, errors = joined.end()
+    assert (code, answer) == (1, "")
+    assert re.search(r"nothing was heard of run \w+ for 3 s$", errors[-1])
+
+
+def test_a_joined_process_that_is_paused_is_waited_for(commands: Commands) -> None:
+    """It is alive, as far as anyone knows, and goes on where it was."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
+    joined = joins(commands, listens(runs), "0-3")
+    goes_on(commands.folder)
+    joined.child.send_signal(signal.SIGSTOP)
+    time.sleep(3)
+    joined.child.send_signal(signal.SIGCONT)
+    goes_on(commands.folder)
+    runs.child.send_signal(signal.SIGINT)
+    assert (runs.end()[0], joined.end()[0]) == (130, 0)
+    assert verify(read_recording(commands.folder / "run.mcap")).ok
+
+
+def test_a_process_that_waits_to_join_can_be_interrupted(commands: Commands) -> None:
+    """Exit code 130; the run goes on waiting, and can be interrupted too."""
+    runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=2")
+    joined = joins(commands, listens(runs), "0-3")
+    runs.says("waiting for 1 process")
+    joined.child.send_signal(signal.SIGINT)
+    code, answer, errors = joined.end()
+    assert (code, answer, errors[-1]) == (130, "", "cubepath: interrupted")
+    runs.says("waiting for 2 processes: modules 0-5")
+    runs.child.send_signal(signal.SIGTERM)
+    assert runs.end()[0] == 130
 
 
 def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:

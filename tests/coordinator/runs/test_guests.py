@@ -54,6 +54,20 @@ FAKE = """
 token = session.liveliness().declare_token(f"cubepath/{run}/alive/process_0")
 orders = session.declare_queryable(f"cubepath/{run}/orders/*", print)
 """
+DISGUISED = """
+import zenoh
+from cubepath.protocol.wire import sessions
+from cubepath.protocol.wire.credentials import GUEST, settings_for
+for mode in ("peer", "router"):
+    settings = {
+        "listen/endpoints": ["tcp/127.0.0.1:0"],
+        "connect/endpoints": [sys.argv[1]],
+        **settings_for(sys.argv[1], GUEST),
+    }
+    session = zenoh.open(sessions._config(mode, **settings))
+    for topic in ("go/coordinator", "hello/me"):
+        session.put(f"cubepath/{run}/{topic}", b"not json")
+"""
 
 
 @contextmanager
@@ -134,10 +148,12 @@ def quiet() -> list[Reports]:
 
 
 @pytest.mark.parametrize(
-    "do", [NONSENSE, FLOOD, HUGE, FAKE], ids=["nonsense", "flood", "huge", "fake"]
+    "do",
+    [NONSENSE, FLOOD, HUGE, FAKE, DISGUISED],
+    ids=["nonsense", "flood", "huge", "fake", "disguised"],
 )
 def test_what_a_guest_says_is_not_heard(do: str, quiet: list[Reports]) -> None:
-    """Neither nonsense, 100,000 orders to stop, 100 MB at a time, nor who it claims to be."""
+    """Nonsense, 100,000 orders to stop, 100 MB at a time; as another, or as a router."""
     assert by_process(played(do)) == quiet
 
 

@@ -59,6 +59,7 @@ class Routing(msgspec.Struct, frozen=True):
     passwords: dict[str, str] = {}
     folder: str = ""
     """Of the certificates, for an endpoint over TLS."""
+    message_bytes_max: int = 0
 
 
 class Router:
@@ -122,8 +123,11 @@ class Router:
         )
         if self._child.stdin is None:
             raise AssertionError("no pipe to the router")  # it was requested above
+        # The router's process starts faster without the messages themselves.
+        from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX  # noqa: PLC0415
+
         folder = "" if self._secure is None else str(self._secure)
-        told = msgspec.json.encode(Routing(endpoint, self._passwords, folder))
+        told = msgspec.json.encode(Routing(endpoint, self._passwords, folder, MESSAGE_BYTES_MAX))
         with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when listening
             self._child.stdin.write(told + b"\n")
             self._child.stdin.flush()
@@ -233,7 +237,7 @@ def main() -> int:
         return 0  # the coordinator has ended already
     routing = msgspec.json.decode(line, type=Routing)
     try:
-        session, found = open_router(routing.endpoint, _guard(routing))
+        session, found = open_router(routing.endpoint, _guard(routing), routing.message_bytes_max)
     except InputError as error:
         print(error, file=sys.stderr)
         return _REFUSED

@@ -21,7 +21,6 @@ import zenoh
 
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.wire.credentials import GUEST, TLS, Credentials, settings_for
-from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX
 from cubepath.protocol.wire.sockets import SCHEME
 
 _BLOCKED = "transport/link/tx/queue/congestion_control/block/wait_before_close"
@@ -93,10 +92,13 @@ def check_endpoint(endpoint: str, *, connect: bool = False) -> None:
         )
 
 
-def open_router(endpoint: str, guard: Mapping[str, Any] | None = None) -> tuple[zenoh.Session, str]:
+def open_router(
+    endpoint: str, guard: Mapping[str, Any], message_bytes_max: int
+) -> tuple[zenoh.Session, str]:
     """Open a router at an endpoint, port 0 for a free one; return it with where it listens.
 
-    `guard` has the settings by which it lets clients in and lets them speak. Raises InputError if
+    `guard` has the settings by which it lets clients in and lets them speak. A message of more
+    bytes, its key beside it, is dropped before it is put together. Raises InputError if
     the router cannot listen there. It should have a process of its own, as `Router` gives it: the
     receiving threads of zenoh are shared by all sessions of a process, and under a flood they would
     wait for each other.
@@ -105,8 +107,8 @@ def open_router(endpoint: str, guard: Mapping[str, Any] | None = None) -> tuple[
         "listen/endpoints": [endpoint],
         "connect/endpoints": [],
         _BLOCKED: _STALL_US_AT_ROUTER,
-        "transport/link/rx/max_message_size": MESSAGE_BYTES_MAX + _KEY_BYTES_MAX,
-        **(guard or {}),
+        "transport/link/rx/max_message_size": message_bytes_max + _KEY_BYTES_MAX,
+        **guard,
     }
     try:
         session = zenoh.open(_config("router", **settings))

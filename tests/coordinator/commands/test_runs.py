@@ -1,0 +1,61 @@
+"""The options of `router` and `join`: what is meant, and what is refused in one line."""
+
+from __future__ import annotations
+
+import argparse
+
+import pytest
+
+from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.commands.runs import _modules
+
+
+@pytest.mark.parametrize(
+    ("text", "modules"),
+    [("0", (0,)), ("0-7,9", (*range(8), 9)), ("9,3-4,1", (1, 3, 4, 9)), ("5-5", (5,))],
+)
+def test_modules_are_numbers_and_spans(text: str, modules: tuple[int, ...]) -> None:
+    """In any order; the answer is in increasing order."""
+    assert _modules(text) == modules
+
+
+@pytest.mark.parametrize(
+    "text", ["", "a", "1-", "-1", "3-1", "1,,2", "1-3,2", "0-9999999", "1 2", "\u0661"]
+)
+def test_what_names_no_modules_is_refused(text: str) -> None:
+    """Also where one is named twice, or a million are."""
+    with pytest.raises(argparse.ArgumentTypeError, match="expected numbers as 0-7,9, each once"):
+        _modules(text)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("join", "--modules=0"), "the following arguments are required: --connect"),
+        (("join", "--connect=tcp/h:1"), "the following arguments are required: --modules"),
+        (("join", "--connect=tcp/h:1", "--modules=x"), "expected numbers as 0-7,9"),
+        (("join", "--connect=h:1", "--modules=0"), "endpoint=h:1: expected tcp/HOST:PORT or tls/"),
+        (("join", "--connect=tcp/h:1", "--modules=0", "--as=3"), "expected process_N, found '3'"),
+        (("join", "--connect=tcp/h:1", "--modules=0", "--as=process_03"), "expected process_N"),
+        (("join", "--connect=tcp/h:1", "--modules=0", "--run=*"), "expected the twelve digits"),
+        (("join", "--connect=tls/h:1", "--modules=0"), "expected a folder of certificates"),
+        (("router",), "the following arguments are required: --listen"),
+        (("router", "--listen=tcp/h"), "endpoint=tcp/h: expected tcp/HOST:PORT or tls/HOST:PORT"),
+        (("router", "--listen=tls/h:1"), "expected a folder of certificates (--secure DIR)"),
+        (("router", "--listen=tls/h:1", "--secure=none"), "none/authority.crt: No such file"),
+        (("run", "--wait-for=2"), "wait-for=2: nobody can join a private run"),
+        (("run", "--listen=tcp/h:1", "--secure=none"), "expected tls/HOST:PORT with certificates"),
+    ],
+)
+def test_what_cannot_be_meant_is_one_line(
+    arguments: tuple[str, ...], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With exit code 2, before anything is started."""
+    try:
+        code = main(arguments)
+    except SystemExit as error:
+        code = int(error.code or 0)
+    captured = capsys.readouterr()
+    assert (code, captured.out) == (2, "")
+    assert line in captured.err
+    assert captured.err.count("\n") == 1
