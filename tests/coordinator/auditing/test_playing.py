@@ -18,12 +18,14 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import Check, Verification, verify
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording
 from recordings import edited, first, new_path, recorded, with_records
 from schedules import CHAIN, LABELLED, VEHICLES, carry_out, original
 from tamperings import crowd, failing
 from tamperings_of_choices import LIAR, LIE_IN
-from tamperings_of_schedules import not_begun, stopped
+from tamperings_of_schedules import carried_out, not_begun, stopped
 
 GOLDEN = sorted((Path(__file__).parents[3] / "logs" / "golden").glob("*.mcap"))
 
@@ -244,3 +246,13 @@ def test_the_rules_are_asked_anew_where_a_recording_is_read_again() -> None:
     path = new_path()
     copy_recording(with_records(crowd(), [*reversed(crowd().records)]), path)
     assert choices(audit(read_recording(path))) == Check("choices", ok=True, detail="")
+
+
+@pytest.mark.parametrize("at", ["x", [], [["a", "b"], ["c"]], [0.5, 1], True])
+def test_a_move_of_the_schedule_at_no_place_is_no_crash(at: object) -> None:
+    """Whatever its form: nobody had to make it, so that those who moved did not as it says."""
+    whole = carried_out()
+    first_cube, *rest = schedule_from_jsonl(whole.schedule or b"")
+    odd = [GeneratorPlacement("edge", at), *first_cube[1:]]
+    found = audit(with_fields(whole, schedule=schedule_to_jsonl([odd, *rest])))
+    assert {"choices", "schedule"} <= failing(found)

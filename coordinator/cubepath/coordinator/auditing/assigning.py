@@ -20,6 +20,8 @@ from cubepath.protocol.path_files.schedules import Cubes
 
 Part: TypeAlias = GeneratorPlacement
 """What one module has to do in a round."""
+_NO_MOVE = (InputError, TypeError, IndexError, ValueError)
+"""What a system says of a place of whatever form, which no file was checked for."""
 
 
 class Parts:
@@ -31,7 +33,7 @@ class Parts:
         placed = ((move.generator, site_in(move.at)) for cube in cubes for move in cube)
         try:
             self._system = system.with_moves((name, at) for name, at in placed if at is not None)
-        except InputError:
+        except _NO_MOVE:
             self._system = system
 
     def of_round(
@@ -60,7 +62,7 @@ class Parts:
             return None
         try:
             action = self._system.action(placed.generator, at)
-        except InputError:
+        except _NO_MOVE:
             return None
         on = {site for site in action.trace if site in where}
         for move in self._system.moves_of(action):
