@@ -9,6 +9,7 @@ from contextlib import contextmanager
 import pytest
 import zenoh
 
+import cubepath.protocol.wire.shell as shell_module
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Timer
 from cubepath.protocol.wire.router import Router
@@ -120,6 +121,30 @@ def test_what_had_arrived_is_taken_before_the_tick(endpoint: str, guest: zenoh.S
         while not shell.ended:
             assert shell.step(ENOUGH_S)
     assert (node.heard, node.heard_at_tick) == ([b"a", b"b", b"c"], 3)
+
+
+def test_a_flood_takes_bounded_memory_and_what_comes_later_is_heard(
+    endpoint: str, guest: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More than so many messages or bytes do not wait; those that do are taken, and new ones."""
+    for most, name in ((10, "_QUEUE_MAX"), (10 * len(b"more"), "_QUEUE_BYTES_MAX")):
+        monkeypatch.setattr(shell_module, name, most)
+        node = Listener(ENOUGH_S)
+        with Shell(node, endpoint) as shell:
+            shell.start()
+            say(guest, shell, *[b"more"] * 10)
+            for _ in range(1000):
+                put(guest, KEY, b"lost")
+            begun = time.monotonic()
+            while shell.dropped < 1000:
+                assert time.monotonic() - begun < ENOUGH_S
+                time.sleep(0.001)
+            for _ in range(10):
+                assert shell.step(ENOUGH_S)
+            say(guest, shell, b"late")
+            assert shell.step(ENOUGH_S)
+        assert node.heard == [b"more"] * 10 + [b"late"]
+        monkeypatch.undo()
 
 
 def test_a_timer_that_is_set_anew_begins_anew(endpoint: str, guest: zenoh.Session) -> None:

@@ -21,5 +21,5 @@ ORDER = {"sense": 0, "observe": 1, "claim": 2, "settle": 3, "join": 4, "over": 5
 """The phases of a round in order; a process joins at the end of the round before the first."""
 BEFORE: dict[str, Spoken] = {"observe": "sense", "claim": "sense", "settle": "claim"}
 """What must have been heard before a phase begins."""
-ASK_S_MIN, ASK_S_MAX = 1.0, 8.0
+ASK_S_MIN, ASK_S_MAX = 1.0, 4.0
 """What is missing is asked for after so many seconds, then after twice as many, up to the most."""

@@ -7,6 +7,7 @@ are put on often have a declared publisher, which costs less than a put on the s
 from __future__ import annotations
 
 import contextlib
+import threading
 import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
@@ -20,6 +21,9 @@ from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node
 from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
 
 _CONNECT_S_MAX = 10.0
+_QUEUE_MAX, _QUEUE_BYTES_MAX = 1 << 16, 1 << 28
+"""So many messages and bytes wait for a node at most: a flood takes no more memory, and what is
+dropped of what the node waits for is asked for again."""
 _PUBLISHERS_MAX = 512
 """Publishers declared at one time; modules that wander come to ever new regions."""
 
@@ -42,6 +46,10 @@ class Shell:
         self._node = node
         self._keep = keep
         self._queue: SimpleQueue[tuple[zenoh.Sample, int]] = SimpleQueue()
+        self._queued_bytes = 0
+        self._lock = threading.Lock()
+        self.dropped = 0
+        """How many messages came while too many waited."""
         self._subscribers: dict[str, zenoh.Subscriber[None]] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._due: float | None = None
@@ -92,6 +100,8 @@ class Shell:
         except Empty:
             return self._due is not None and time.monotonic() >= self._due and self._tick()
         data = sample.payload.to_bytes()
+        with self._lock:
+            self._queued_bytes -= len(data)
         effects = self._node.receive(str(sample.key_expr), data)
         self._received = data, wall_ns
         self.carry_out(effects)
@@ -149,4 +159,11 @@ class Shell:
         found.put(data)
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
+        size = len(sample.payload)
+        with self._lock:
+            full = self._queue.qsize() >= _QUEUE_MAX or self._queued_bytes + size > _QUEUE_BYTES_MAX
+            if full:
+                self.dropped += 1
+                return
+            self._queued_bytes += size
         self._queue.put((sample, time.time_ns()))
