@@ -15,6 +15,8 @@ from batched import singles
 from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Refused, encode
 from recordings import all_edited, first, recorded, with_records
 
 
@@ -40,6 +42,25 @@ def test_info_says_what_was_run_and_what_came_of_it() -> None:
     assert document["bytes"] == crowd().path.stat().st_size
     assert document["seconds"] > 0
     assert document["problems"] == []
+
+
+def test_info_says_who_was_refused_and_why() -> None:
+    """By sender and reason, how often in the whole run, with the first line."""
+    told = [
+        Refused(2, "x/guest", "guest", "malformed", "no JSON", 1, "x"),
+        Refused(2, "x/guest", "guest", "malformed", "no JSON", 41),
+        Refused(3, "y/guest", "guest", "malformed", "no message", 1, "y"),
+        Refused(3, "go/coordinator", "coordinator", "foreign", "go", 1, "z"),
+    ]
+    whole = crowd()
+    records = [Record(topic_of(each), encode(each), each.round, 0, 0) for each in told]
+    document = info(with_records(whole, [*records, *whole.records]))
+    assert [(each["who"], each["count"], each["why"]) for each in document["refused"]] == [
+        ("coordinator", 1, "go"),
+        ("guest", 43, "no JSON"),
+    ]
+    assert re.search(r"refused +43 of guest, malformed: no JSON", render(document))
+    assert info(whole)["refused"] == []
 
 
 def test_info_says_which_format_a_recording_has() -> None:
@@ -102,8 +123,10 @@ def test_what_a_file_says_of_itself_is_what_is_in_it(tmp_path: Path) -> None:
         assert document == counted
         assert document["complete"] is True
         heard = sum(len([*each.parts()]) for each in recording.of_kind("report"))
-        assert document["parts"]["report"] == heard
-        assert set(document["parts"]) >= {"here", "note", "claim", "verdict", "report"}
+        parts = {kind: told["messages"] for kind, told in document["kinds"].items()}
+        parts |= document.get("parts", {})  # in format 1 each is a message of its own
+        assert parts["report"] == heard
+        assert parts.keys() >= {"here", "note", "claim", "verdict", "report"}
 
 
 def test_only_the_end_of_a_whole_file_is_read(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.description import FORMATS
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Certified, Edges, Message, Summary, decode
+from cubepath.protocol.wire.messages import Certified, Edges, Message, Refused, Summary, decode
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
 _NUMBERS = ("reduced_moves", "cubes", "max_cube_dimension", "goal_reached", "path_digest")
@@ -62,6 +62,7 @@ def info(recording: Recording) -> dict[str, Any]:
         **{key: getattr(summary, key, None) for key in _NUMBERS},
         **_schedule(summary),
         **_certificate(recording),
+        "refused": _refused(recording),
         "ended": None if summary is None else summary.ended,
         "complete": summary is not None and not recording.problems,
         "error": None if summary is None else summary.error,
@@ -126,6 +127,20 @@ def _certificate(recording: Recording) -> dict[str, Any]:
     return {}
 
 
+def _refused(recording: Recording) -> list[dict[str, Any]]:
+    """Return what was refused by sender and reason, with the first key and line, and how often."""
+    found: dict[tuple[str, str], dict[str, Any]] = {}
+    for message in _decoded(recording, "refused"):
+        if isinstance(message, Refused):
+            told = found.setdefault(
+                (message.who, message.reason),
+                {"who": message.who, "reason": message.reason, "count": 0}
+                | {"round": message.round, "key": message.key, "why": message.why},
+            )
+            told["count"] += message.count
+    return [found[key] for key in sorted(found)]
+
+
 def _kinds(counts: Counts) -> dict[str, dict[str, int]]:
     return {
         name: {"messages": kind.messages, "bytes": kind.bytes}
@@ -183,6 +198,10 @@ def render(document: Mapping[str, Any]) -> str:
         ("began", document["began"] or "unknown"),
         ("took", f"{document['seconds']:.3f} s"),
         ("messages", f"{document['messages']} on {document['topics']} topics"),
+    ]
+    rows += [
+        ("refused", f"{each['count']} of {each['who']}, {each['reason']}: {each['why']}")
+        for each in document["refused"]
     ]
     rows += [
         (f"  {kind}", f"{found['messages']:>7}  {found['bytes']:>10} bytes")
