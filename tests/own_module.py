@@ -15,6 +15,7 @@ class Vehicle:
     def __init__(self, session: zenoh.Session, root: str, reply: bytes) -> None:
         self.session, self.root, self.orders = session, root, json.loads(reply)["orders"]
         self.name, (self.module,) = f"process_{self.orders['process']}", self.orders["modules"]
+        self.token = session.liveliness().declare_token(f"{root}/alive/{self.name}")
         scene = tomllib.loads(self.orders["scene"])
         self.edges = [{(*one,), (*other,)} for one, other in scene["graph"]["edges"]]
         (place, self.label), (self.goal,) = scene["start"][self.module], scene["goals"][self.module]
@@ -29,7 +30,6 @@ class Vehicle:
         for kind in ("go", "again", "to"):
             enqueue = zenoh.handlers.Callback(self.came.put, indirect=False)
             session.declare_subscriber(f"{root}/{kind}/**", enqueue)
-        self.token = session.liveliness().declare_token(f"{root}/alive/{self.name}")
 
     def put(self, kind: str, to: str = "", **fields: Any) -> None:
         message = {"kind": kind, "round": self.round, "process": self.orders["process"], **fields}

@@ -11,15 +11,15 @@ import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Generator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 from threading import Thread, Timer
-from typing import Any
 
 import pytest
 import zenoh
 
+from bridge import Bridge, What
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.network import Network
 from cubepath.coordinator.auditing.playing import Playing
@@ -42,10 +42,12 @@ LINES_MAX = 150
 END_S = 60.0
 
 
-def played(log: Path, meddle: Callable[[str], Any] | None = None) -> Outcome:
+def played(
+    log: Path, meddle: Callable[[str], AbstractContextManager[str]] | None = None
+) -> Outcome:
     """Run the own process with others in two processes of cubepath, to the end of both.
 
-    `meddle` is given the endpoint, and returns a context in which the run is.
+    `meddle` is given the endpoint, and returns a context for the run: of where the process joins.
     """
     with ExitStack() as around:
 
@@ -53,9 +55,10 @@ def played(log: Path, meddle: Callable[[str], Any] | None = None) -> Outcome:
             found = re.search(r"listening on (\S+)", line)
             if found is None:
                 return
+            endpoint = found[1]
             if meddle is not None:
-                around.enter_context(meddle(found[1]))
-            around.enter_context(own_process(found[1]))
+                endpoint = around.enter_context(meddle(endpoint))
+            around.enter_context(own_process(endpoint))
 
         return run(
             Plan(
@@ -133,7 +136,7 @@ def test_verify_accepts_its_recording(outcome: Outcome) -> None:
 
 
 @contextmanager
-def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[None]:
+def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[str]:
     """Double every message to a region, and ask the own process again for each of its own."""
     came: SimpleQueue[tuple[str, bytes] | None] = SimpleQueue()
 
@@ -164,7 +167,7 @@ def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[None]
         thread = Thread(target=meddle, daemon=True)
         thread.start()
         try:
-            yield
+            yield endpoint
         finally:
             came.put(None)
             thread.join()
@@ -219,6 +222,28 @@ def test_it_goes_on_after_what_goes_wrong(what: str, outcome: Outcome) -> None:
     assert sorted(told, key=lambda each: (each.round, each.module)) == sorted(
         due, key=lambda each: (each.round, each.module)
     )
+
+
+LOST: frozenset[What] = frozenset(
+    {
+        (2, "said", "sense", 1),
+        (3, "go", "claim", -1),
+        (4, "said", "claim", 2),
+        (5, "said", "sense", 0),
+        (6, "ready", "claim", 0),
+        (7, "reports", "", 0),
+        (8, "go", "settle", -1),
+    }
+)
+
+
+@pytest.mark.slow
+def test_what_is_lost_on_the_way_is_said_again(outcome: Outcome, tmp_path: Path) -> None:
+    """In both directions, while all else comes twice; the path is the same."""
+    bridge = Bridge(LOST)
+    found = played(tmp_path / "run.mcap", bridge.across)
+    assert found.path_digest == outcome.path_digest
+    assert bridge.done == LOST
 
 
 def test_it_knows_the_page_alone() -> None:
