@@ -6,7 +6,6 @@ serves as any module process does. It ends when it is told to, or when the coord
 
 from __future__ import annotations
 
-import contextlib
 import time
 import uuid
 from collections.abc import Callable
@@ -29,6 +28,7 @@ from cubepath.agents.processes.join_messages import (
 from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
+from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.processes.roster import ASK_S
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR, GUEST, Credentials, process_name
@@ -58,7 +58,7 @@ class Joining:
     """``process_N``, to have that number."""
     secure: Path | None = None
     """The folder of certificates, one of them of that name."""
-    patience_s: float = 60.0
+    patience_s: float = PATIENCE_S
 
     def check(self) -> None:
         """InputError if it cannot be tried at all."""
@@ -151,15 +151,18 @@ def _check_there(liveness: Liveness, run: str) -> None:
 
 def _serve(session: zenoh.Session, orders: Orders, liveness: Liveness, patience_s: float) -> None:
     """Serve until the run stops, its coordinator is gone, or nothing is heard for so long."""
-    heard = [time.monotonic()]
+    begun = time.monotonic()
+    heard: list[float] = []
 
     def note(_: zenoh.Sample) -> None:
-        heard[0] = time.monotonic()
+        heard[:] = [time.monotonic()]
 
     # The coordinator says `go`, to whom it may, as long as it waits for anyone.
-    subscribe(session, topic_key(orders.run, "go"), note)
-    shell = Shell(HostNode(orders), orders.endpoint, credentials=orders.credentials)
-    with contextlib.closing(shell):
+    key, node = topic_key(orders.run, "go"), HostNode(orders)
+    with (
+        subscribe(session, key, note),
+        Shell(node, orders.endpoint, credentials=orders.credentials) as shell,
+    ):
         shell.start()
         looked = time.monotonic()
         while not shell.ended:
@@ -169,5 +172,7 @@ def _serve(session: zenoh.Session, orders: Orders, liveness: Liveness, patience_
                 continue
             looked = now
             _check_there(liveness, orders.run)
-            if now - heard[0] > patience_s:
+            # Before the first round others are still being started.
+            due = heard[0] + patience_s if heard else begun + max(patience_s, PATIENCE_S)
+            if now > due:
                 raise CheckError(f"nothing was heard of run {orders.run} for {patience_s:g} s")
