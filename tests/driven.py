@@ -64,7 +64,7 @@ class Driven:
         self.conductor = Conductor(
             self.scene,
             max_rounds=1000,
-            record=lambda message: None,
+            record=lambda _: None,
             modules_of=modules_of,
             seed=seed,
         )
@@ -77,6 +77,8 @@ class Driven:
         self._listening: list[set[str]] = [set() for _ in self.nodes]
         self._observed: dict[int, Act] = {}
         self._timers: set[int] = set()
+        self.say_nothing = False
+        """Whether what is put gets nowhere."""
 
     def start(self) -> None:
         """Let all begin."""
@@ -143,6 +145,8 @@ class Driven:
                     pass
 
     def _spread(self, sender: int, key: str, data: bytes) -> None:
+        if self.say_nothing:
+            return
         if sender != COORDINATOR:
             self._queue.append((COORDINATOR, key, data))
         for number, keys in enumerate(self._listening):
@@ -151,7 +155,9 @@ class Driven:
 
 
 def _matches(expression: str, key: str) -> bool:
-    return key.startswith(expression.removesuffix("**")) if "**" in expression else key == expression
+    return (
+        key.startswith(expression.removesuffix("**")) if "**" in expression else key == expression
+    )
 
 
 def fate(driven: Driven, rounds: int, intruder: Intruder) -> str:

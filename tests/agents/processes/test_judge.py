@@ -98,7 +98,12 @@ def test_the_coordinator_may_speak_to_one_process_alone(message: Message) -> Non
     ("key", "data", "reason", "why"),
     [
         ("a", b"no", "malformed", "not a cubepath message: "),
-        ("a", b" " * (MESSAGE_BYTES_MAX + 1), "too large", "16777217 bytes, expected at most 16777"),
+        (
+            "a",
+            b" " * (MESSAGE_BYTES_MAX + 1),
+            "too large",
+            "16777217 bytes, expected at most 16777",
+        ),
         (
             "cubepath/run/ready/process_0",
             encode(Ready(4, 1, "sense")),
@@ -137,7 +142,7 @@ def test_the_largest_message_is_read() -> None:
 @pytest.mark.parametrize("message", [Here(4, 1, 3), Cube(4, 1, []), Act(4, 1, 0, [])])
 def test_parts_and_results_are_not_on_the_wire(message: Message) -> None:
     """Parts travel in a message of their process."""
-    with pytest.raises(RefusedError, match="is on record, and never on the wire$"):
+    with pytest.raises(RefusedError, match=r"is on record, and never on the wire$"):
         read(message)
 
 
@@ -159,7 +164,11 @@ def test_what_is_heard_has_the_sites_of_its_speakers() -> None:
             "out of place",
             "here of module_1 of round 5, said in phase sense of round 4",
         ),
-        (said(Here(4, 1, 3), phase="claim"), "out of place", "here of module_1 of round 4, said in"),
+        (
+            said(Here(4, 1, 3), phase="claim"),
+            "out of place",
+            "here of module_1 of round 4, said in",
+        ),
         (said(Note(4, 1, 3, []), phase="claim"), "out of place", "note of module_1 of round 4"),
         (said(Claim(4, 1, 3, "edge", [3, 4])), "out of place", "claim of module_1 of round 4"),
         (said(Verdict(4, 1, 3, True, [])), "out of place", "verdict of module_1 of round 4"),
@@ -234,7 +243,9 @@ def test_a_label_of_the_scene_belongs_to_a_site(site: object) -> None:
     assert judge(spec).heard(said(Verdict(4, 1, site, True, [[0, 1]]), phase="settle"))
 
 
-@pytest.mark.parametrize("site", [[0, 0], [[0, 0], 3], [[0, 0], -1], [[9, 0], 0], [[0, 0], "a"]])
+@pytest.mark.parametrize(
+    "site", [[0, 0], [[0, 0], 3], [[0, 0], -1], [[9, 0], 0], [[0, 0], "a"], [[0, 0], None]]
+)
 def test_another_label_is_none(site: object) -> None:
     """Nor is a place that is not there."""
     found = why_not(said(Here(4, 1, site)), spec="agv-labelled:graph=grid3x3,n=3")
@@ -295,6 +306,6 @@ def test_what_is_not_whole_is_refused(message: Message, reason: str, why: str) -
 
 def test_a_refusal_has_its_reason() -> None:
     """And the line."""
-    with pytest.raises(RefusedError, match="^so it is$") as caught:
+    with pytest.raises(RefusedError, match=r"^so it is$") as caught:
         refuse("stale", "so it is")
     assert caught.value.reason == "stale"

@@ -11,20 +11,22 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
-    from cubepath.agents.processes.judge import Judge, refuse
+    from cubepath.agents.processes.judge import Judge, RefusedError, refuse
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
     from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
+    from cubepath.agents.processes.settling import Settling
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "dealing": "dealt",
             "fleet": "Fleet",
-            "judge": "Judge refuse",
+            "judge": "Judge RefusedError refuse",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
             "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
+            "settling": "Settling",
         },
     )
 
@@ -37,6 +39,8 @@ __all__ = [
     "Judge",
     "Orders",
     "Pacer",
+    "RefusedError",
+    "Settling",
     "dealt",
     "refuse",
 ]

@@ -293,7 +293,9 @@ class Pacer:
             if self._check is not None and self._hears_all:
                 self._check(self._ready[process])
         except RefusedError as error:
-            return [*self._refuse_answer(process if error.process is None else error.process, error)]
+            return [
+                *self._refuse_answer(process if error.process is None else error.process, error)
+            ]
         found: list[Effect] = [*self._held.pop(process)]
         if len(self._through) == len(self._modules_of):
             return [*found, *self._next()]

@@ -1,10 +1,10 @@
 """Whether what modules say and report can be, given where all of them stand.
 
-Room: coordinator. It knows the state at the beginning of the round and all that was said in it. What
-a module says is plausible if it says so from where it is, the same to every region that it goes to;
-a claim is of an admissible move. A process is through with a phase when its modules have said all
-that is due. When all are, verdicts and reports must follow from the claims and the ranks: so who
-has lied is known from those who were lied to. When all have reported, the state goes on.
+Room: coordinator. It knows the state at the beginning of the round and all that was said in it.
+What a module says is plausible if it says so from where it is, the same to every region that it
+goes to; a claim is of an admissible move. A process is through with a phase when its modules have
+said all that is due. When all are, verdicts and reports must follow from the claims and the ranks:
+so who has lied is told from those who were lied to. When all have reported, the state goes on.
 """
 
 from __future__ import annotations
@@ -123,15 +123,15 @@ class Plausibility:
                 refuse("doubled", f"{name} to {said.region} came before")
             if said.region not in self._regions(part):
                 refuse("out of place", f"{name} to {said.region}: nobody is there to hear it")
-            match part:
-                case Claim(generator=generator, at=at):
-                    move = self._move(part.module, GeneratorPlacement(generator, at))
-                    if move is None or not move.possible(self._state):
-                        refuse("impossible", f"{name}: {generator} at {at!r} is not admissible")
-                case Verdict():
-                    self._check_verdict(name, part)
-                case _:
-                    pass
+            if isinstance(part, Claim):
+                self._check_claim(name, part)
+            elif isinstance(part, Verdict):
+                self._check_verdict(name, part)
+
+    def _check_claim(self, name: str, claim: Claim) -> None:
+        move = self._move(claim.module, GeneratorPlacement(claim.generator, claim.at))
+        if move is None or not move.possible(self._state):
+            refuse("impossible", f"{name}: {claim.generator} at {claim.at!r} is not admissible")
 
     def _check_verdict(self, name: str, verdict: Verdict) -> None:
         if verdict.module not in self._claims:
@@ -183,12 +183,19 @@ class Plausibility:
                 missing = set[str]() if part is None else self._regions(part) - self._to[key]
                 if missing:
                     refuse("contradicts", f"no {key[0]} of module_{module} to {min(missing)}")
-            if ready.phase == "sense" and ("here", module) not in self._said:
-                if self._regions_of(self._place(module), sensed=True):
-                    refuse("contradicts", f"module_{module} does not say that it is here")
-            if ready.phase == "settle" and module not in self._verdicts:
-                if module in self._claims and self._waiting_for(module):
-                    refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
+            if ready.phase == "sense" and self._is_missing_here(module):
+                refuse("contradicts", f"module_{module} does not say that it is here")
+            if ready.phase == "settle" and self._is_missing_verdict(module):
+                refuse("contradicts", f"no verdict of module_{module}, and others wait for it")
+
+    def _is_missing_here(self, module: int) -> bool:
+        heard = bool(self._regions_of(self._place(module), sensed=True))
+        return heard and ("here", module) not in self._said
+
+    def _is_missing_verdict(self, module: int) -> bool:
+        if module in self._verdicts or module not in self._claims:
+            return False
+        return bool(self._waiting_for(module))
 
     def _waiting_for(self, module: int) -> set[Site]:
         if self._settling is None:
@@ -259,9 +266,9 @@ class Plausibility:
         """Return where a module that made no move may be: it stays, or another takes it along."""
         return {self._spelled[module]} | {
             _encode(target)
-            for other, move in self._claims.items()
+            for move in self._claims.values()
             for source, target in move.motion[1:]
-            if source == self.sites[module] and other != module
+            if source == self.sites[module]
         }
 
     def _is_heard(self, module: int) -> bool:
