@@ -10,10 +10,12 @@ raised and should not be ends it: libFuzzer keeps the input as a file, which is 
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from random import Random
+from typing import Any
 
 try:
-    import atheris
+    atheris: Any = import_module("atheris")
 except ModuleNotFoundError:
     sys.exit("fuzz.py: needs atheris: pip install atheris")
 

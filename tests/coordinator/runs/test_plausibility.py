@@ -342,14 +342,18 @@ def test_ranks_are_those_of_the_seed_and_round() -> None:
     found = plausibility(other)
     told(found, *ROUND[:7])
     assert refused(found, said(0, "settle", VERDICT))[0] == "impossible"
-    told(found, said(0, "settle", Verdict(1, 1, 2, True, [0])))
+    told(found, said(0, "settle", Verdict(1, 1, 2, False, [0])))
+    told(found, Reports(1, 0, [moves(0, RIGHT, 1), moves(1, LEFT, 1)]), ready(0, "settle"))
+    told(found, Reports(1, 1, [stays(2), stays(3)]))
+    line = "verdict of module_1: by those before it it is granted"
+    assert refused(found, ready(1, "settle", 0)) == ("impossible", line, 0)
 
 
 def test_who_is_heard_by_nobody_claims_nothing_aloud() -> None:
     """Its move is known by its report alone, and must be one from where it stands."""
     scene = scene_from_spec("agv:graph=P2,n=1")
     found = Plausibility(scene_with(scene, start=(0,), goal=None, goals=()))
-    found._system.reach = lambda place: ()  # type: ignore[method-assign, assignment]
+    found._system.reach = lambda _place: ()  # type: ignore[method-assign, assignment]
     found.know([[0]], SEED)
     report = Report(1, 0, 0, 1, "granted", edge(0), {})
     told(found, Reports(1, 0, [report]), Ready(1, 0, "settle"))

@@ -179,7 +179,7 @@ class Liar:
         other = self._other_part(kind, parts[place], random)
         return [replace(said, parts=_with(parts, place, other))]
 
-    def _other_part(self, kind: str, part: Part, random: Random) -> Part:
+    def _other_part(self, kind: str, part: Part, random: Random) -> Part:  # noqa: PLR0911 - by kind
         match part, kind:
             case _, "lie-site":
                 return replace(part, site=self._site(random))
