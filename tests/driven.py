@@ -64,7 +64,7 @@ class Driven:
         self.conductor = Conductor(
             self.scene,
             max_rounds=1000,
-            record=lambda message: None,
+            record=lambda _: None,
         )
         self.conductor.know(modules_of, seed)
         self.pacer = Pacer(RUN, modules_of, judge=judge, check=self.conductor.check)
@@ -76,6 +76,8 @@ class Driven:
         self._listening: list[set[str]] = [set() for _ in self.nodes]
         self._observed: dict[int, Act] = {}
         self._timers: set[int] = set()
+        self.say_nothing = False
+        """Whether what is put gets nowhere."""
 
     def start(self) -> None:
         """Let all begin."""
@@ -142,6 +144,8 @@ class Driven:
                     pass
 
     def _spread(self, sender: int, key: str, data: bytes) -> None:
+        if self.say_nothing:
+            return
         if sender != COORDINATOR:
             self._queue.append((COORDINATOR, key, data))
         for number, keys in enumerate(self._listening):

@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import json
 import math
+import tomllib
 from collections.abc import Sequence
 from copy import deepcopy
 from random import Random
 from typing import Any
+
+import tomli_w
 
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import KINDS, NoMessageError, decode
@@ -29,7 +32,7 @@ WORDS = ("sense", "claim", "settle", "join", "over", "stop", "observe", "granted
 _DEEP = (40, 70, 2000)
 
 
-def any_value(random: Random, deep: int = 2) -> Any:
+def any_value(random: Random, deep: int = 2) -> Any:  # noqa: PLR0911 - one for each kind
     """Return some JSON value; now and then one that is huge, or nested very deeply."""
     kind = random.randrange(12)
     if kind < 4:
@@ -149,7 +152,7 @@ class Junk:
         else:
             self._heard.append((key, data))
 
-    def one(self) -> Put:
+    def one(self) -> Put:  # noqa: PLR0911 - one for each kind
         """Return some junk: any bytes, any JSON, or a real message again or changed."""
         random = self._random
         kind = random.randrange(10)
@@ -190,3 +193,47 @@ class Junk:
             steps[random.randrange(len(steps))] = random.choice((*WORDS, "process_1", "**", ""))
             return "/".join(steps)
         return random.choice(("", "/", "cubepath", "x" * 999, "cubepath/run/go/coordinator"))
+
+
+def changed_json(random: Random, text: bytes) -> bytes:
+    """Return JSON with some values changed; its bytes damaged now and then."""
+    if not random.randrange(4):
+        return _flipped(random, text)
+    value = json.loads(text)
+    for _ in range(random.choice((1, 1, 2, 5))):
+        value = _changed(random, value, [value]) if isinstance(value, dict | list) else value
+    return spelled(value)
+
+
+def changed_lines(random: Random, text: bytes) -> bytes:
+    """Return lines of JSON with one of them changed, doubled, gone or moved."""
+    lines = text.splitlines()
+    place = random.randrange(len(lines))
+    match random.randrange(6):
+        case 0:
+            lines[place : place + 1] = [lines[place]] * 2
+        case 1:
+            del lines[place]
+        case 2:
+            lines[place] = spelled(any_value(random))
+        case 3:
+            other = random.randrange(len(lines))
+            lines[place], lines[other] = lines[other], lines[place]
+        case _:
+            lines[place] = changed_json(random, lines[place])
+    return b"\n".join(lines) + b"\n"
+
+
+def changed_toml(random: Random, text: str) -> str:
+    """Return TOML with some values changed; its letters damaged now and then."""
+    if not random.randrange(3):
+        return _flipped(random, text.encode()).decode(errors="replace")
+    value = tomllib.loads(text)
+    for _ in range(random.choice((1, 1, 2, 5))):
+        value = _changed(random, value, [value])
+        if not isinstance(value, dict):
+            return str(value)
+    try:
+        return tomli_w.dumps(value)
+    except (TypeError, ValueError, RecursionError):  # what has no form in TOML
+        return text.replace(random.choice('0123456789[]={}"'), random.choice(WORDS))

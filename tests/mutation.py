@@ -60,7 +60,7 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_PROCESSES}/node.py": ("tests/agents/processes/test_node.py", _EXHAUSTIVE),
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
     f"{_PROCESSES}/refusals.py": ("tests/agents/processes/test_refusals.py",),
-    f"{_PROCESSES}/settling.py": ("tests/coordinator/runs/test_plausibility.py",),
+    f"{_PROCESSES}/settling.py": ("tests/agents/processes/test_settling.py",),
     f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),
     f"{_RUNS}/conductor.py": (
         "tests/coordinator/runs/test_conductor.py",

@@ -142,7 +142,7 @@ def test_the_largest_message_is_read() -> None:
 @pytest.mark.parametrize("message", [Here(4, 1, 3), Cube(4, 1, []), Act(4, 1, 0, [])])
 def test_parts_and_results_are_not_on_the_wire(message: Message) -> None:
     """Parts travel in a message of their process."""
-    with pytest.raises(RefusedError, match="is on record, and never on the wire$"):
+    with pytest.raises(RefusedError, match=r"is on record, and never on the wire$"):
         read(message)
 
 
@@ -243,7 +243,9 @@ def test_a_label_of_the_scene_belongs_to_a_site(site: object) -> None:
     assert judge(spec).heard(said(Verdict(4, 1, site, True, [[0, 1]]), phase="settle"))
 
 
-@pytest.mark.parametrize("site", [[0, 0], [[0, 0], 3], [[0, 0], -1], [[9, 0], 0], [[0, 0], "a"]])
+@pytest.mark.parametrize(
+    "site", [[0, 0], [[0, 0], 3], [[0, 0], -1], [[9, 0], 0], [[0, 0], "a"], [[0, 0], None]]
+)
 def test_another_label_is_none(site: object) -> None:
     """Nor is a place that is not there."""
     found = why_not(said(Here(4, 1, site)), spec="agv-labelled:graph=grid3x3,n=3")
@@ -304,6 +306,6 @@ def test_what_is_not_whole_is_refused(message: Message, reason: str, why: str) -
 
 def test_a_refusal_has_its_reason() -> None:
     """And the line."""
-    with pytest.raises(RefusedError, match="^so it is$") as caught:
+    with pytest.raises(RefusedError, match=r"^so it is$") as caught:
         refuse("stale", "so it is")
     assert caught.value.reason == "stale"

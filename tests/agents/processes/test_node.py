@@ -309,6 +309,38 @@ def test_who_has_answered_and_is_asked_again_repeats_all() -> None:
         assert begun(one) == first
 
 
+def test_a_flood_of_asking_is_answered_a_thousand_times_for_each_process() -> None:
+    """Who floods gets no more in that round, and others still do."""
+    one, _, _ = hosts(0, 1, 2)
+    begun(one)
+    answered = [bool(hear(one, Again(1, 1, "sense", "0"))) for _ in range(1001)]
+    assert answered == [True] * 1000 + [False]
+    assert hear(one, Again(1, 2, "sense", "0"))
+
+
+def test_what_is_said_to_a_region_without_own_modules_is_not_kept() -> None:
+    """Whatever it is called: nothing grows."""
+    one, _ = hosts(0, 1)
+    for region in ("1", "x" * 99):
+        assert hear(one, Said(1, "sense", 1, region, 0, [Here(1, 1, 1)])) == []
+    assert one._inbox._heard == {}
+
+
+def test_actions_for_another_process_or_with_a_note_of_another_length_are_not_taken() -> None:
+    """Nor are they kept; what is not in the mask counts as to stay."""
+    one, _ = hosts(0, 1, rule=OUTSIDE)
+    begun(one)
+    hear(one, Said(1, "sense", 1, "0", 0, [Here(1, 1, 1)]))
+    begun(one, "observe", r0=2)
+    hear(one, Acts(1, 1, [Act(1, 1, 0, [])]), Acts(1, 0, [Act(1, 0, 0, [5])]))
+    assert one._given == {}
+    hear(one, Acts(1, 0, [Act(1, 0, 99, [])]))
+    effects = begun(one, "claim")
+    assert said(effects) == []
+    assert ready(effects)
+    assert report(begun(one, "settle")).claim == "none"
+
+
 def test_reports_are_repeated_as_they_were() -> None:
     """Asked again after it has moved, it says the same."""
     winner, _ = contest()

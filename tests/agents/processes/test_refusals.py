@@ -1,4 +1,4 @@
-"""What is refused: counted, told of once for each sender and reason, and how many more there were."""
+"""What is refused: counted, told of once by sender and reason, and how many more there were."""
 
 from __future__ import annotations
 

@@ -134,6 +134,7 @@ def test_an_honest_round_is_taken() -> None:
     assert found.sites == [1, 2, 9, 11]
     here_now = [Here(2, 0, 1), Here(2, 1, 2)]
     told(found, Said(2, "sense", 0, "0", 0, [*here_now]), Ready(2, 0, "sense", {"0": 1}))
+    told(found, Reports(2, 0, [Report(2, n, n + 1, n + 1, "none", None, {}) for n in (0, 1)]))
 
 
 def test_the_coordinator_may_say_what_it_likes() -> None:
@@ -280,6 +281,10 @@ def test_what_goes_to_two_regions_is_the_same_in_both() -> None:
             "report of module_1: it ends at 3, where nothing takes it",
         ),
         (
+            Report(1, 1, 2, 1, "lost", None, {}),
+            "report of module_1: it ends at 1, where nothing takes it",
+        ),
+        (
             moves(1, edge(4), 5),
             "report of module_1: edge at [4, 5] is no move from 2",
         ),
@@ -337,7 +342,23 @@ def test_ranks_are_those_of_the_seed_and_round() -> None:
     found = plausibility(other)
     told(found, *ROUND[:7])
     assert refused(found, said(0, "settle", VERDICT))[0] == "impossible"
-    told(found, said(0, "settle", Verdict(1, 1, 2, True, [0])))
+    told(found, said(0, "settle", Verdict(1, 1, 2, False, [0])))
+    told(found, Reports(1, 0, [moves(0, RIGHT, 1), moves(1, LEFT, 1)]), ready(0, "settle"))
+    told(found, Reports(1, 1, [stays(2), stays(3)]))
+    line = "verdict of module_1: by those before it it is granted"
+    assert refused(found, ready(1, "settle", 0)) == ("impossible", line, 0)
+
+
+def test_who_is_heard_by_nobody_claims_nothing_aloud() -> None:
+    """Its move is known by its report alone, and must be one from where it stands."""
+    scene = scene_from_spec("agv:graph=P2,n=1")
+    found = Plausibility(scene_with(scene, start=(0,), goal=None, goals=()))
+    found._system.reach = lambda _place: ()  # type: ignore[method-assign, assignment]
+    found.know([[0]], SEED)
+    report = Report(1, 0, 0, 1, "granted", edge(0), {})
+    told(found, Reports(1, 0, [report]), Ready(1, 0, "settle"))
+    found.carry_out({0: report})
+    assert found.sites == [1]
 
 
 def ended(*reports: Report) -> str:

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.local.arbitration import contest, site_after, verdict
+    from cubepath.agents.local.arbitration import (
+        contest,
+        outcome,
+        priority,
+        site_after,
+        verdict,
+        waiting_for,
+    )
     from cubepath.agents.local.module import ModuleCore, ProtocolError
     from cubepath.agents.local.notes import LastNote, nothing_said
     from cubepath.agents.local.observation import (
@@ -32,7 +39,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "arbitration": "contest site_after verdict",
+            "arbitration": "contest outcome priority site_after verdict waiting_for",
             "module": "ModuleCore ProtocolError",
             "notes": "LastNote nothing_said",
             "observation": (
@@ -60,7 +67,10 @@ __all__ = [
     "nothing_said",
     "observation_length",
     "observe",
+    "outcome",
+    "priority",
     "site_after",
     "verdict",
     "view_of",
+    "waiting_for",
 ]

@@ -12,11 +12,12 @@ if TYPE_CHECKING:
     from cubepath.agents.processes.dealing import dealt
     from cubepath.agents.processes.fleet import Fleet
     from cubepath.agents.processes.joining import Joining, join
-    from cubepath.agents.processes.judge import Judge, refuse
+    from cubepath.agents.processes.judge import Judge, RefusedError, refuse
     from cubepath.agents.processes.network import Network
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
     from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
+    from cubepath.agents.processes.settling import Settling
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -24,11 +25,12 @@ else:
             "dealing": "dealt",
             "fleet": "Fleet",
             "joining": "Joining join",
-            "judge": "Judge refuse",
+            "judge": "Judge RefusedError refuse",
             "network": "Network",
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
             "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
+            "settling": "Settling",
         },
     )
 
@@ -43,6 +45,8 @@ __all__ = [
     "Network",
     "Orders",
     "Pacer",
+    "RefusedError",
+    "Settling",
     "dealt",
     "join",
     "refuse",

@@ -44,7 +44,7 @@ from cubepath.protocol.wire.messages import (
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Put, Timer
 
 _REPEATS_MAX = 1000
-"""So often a process repeats in a round what another asks for: a flood of asking ends there."""
+"""So often a process repeats in a round what another asks for again; a flood ends there."""
 
 
 class HostNode:

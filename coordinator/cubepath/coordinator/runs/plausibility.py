@@ -4,7 +4,7 @@ Room: coordinator. It knows the state at the beginning of the round and all that
 What a module says is plausible if it says so from where it is, the same to every region that it
 goes to; a claim is of an admissible move. A process is through with a phase when its modules have
 said all that is due. When all are, verdicts and reports must follow from the claims and the ranks:
-so who has lied is known from those who were lied to. When all have reported, the state goes on.
+so who has lied is told from those who were lied to. When all have reported, the state goes on.
 """
 
 from __future__ import annotations
@@ -282,9 +282,9 @@ class Plausibility:
         """Return where a module that made no move may be: it stays, or another takes it along."""
         return {self._spelled[module]} | {
             _encode(target)
-            for other, move in self._claims.items()
+            for move in self._claims.values()
             for source, target in move.motion[1:]
-            if source == self.sites[module] and other != module
+            if source == self.sites[module]
         }
 
     def _is_heard(self, module: int) -> bool:

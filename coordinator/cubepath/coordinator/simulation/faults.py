@@ -111,6 +111,7 @@ class Faults(Protocol):
     @property
     def liars(self) -> frozenset[str]:
         """Return the names of the processes that may tell lies."""
+        ...
 
 
 class Listed:

@@ -33,6 +33,7 @@ from cubepath.protocol.wire.messages import (
     Verdict,
     decode,
     encode,
+    kind_of,
 )
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 
@@ -69,7 +70,7 @@ class Liar:
         self._told: dict[bytes, list[Put]] = {}
         self._old: list[Put] = []
         self._silent: Counter[tuple[int, str, str]] = Counter()
-        """By round, phase and region the messages that it has kept to itself, and does not count."""
+        """By round, phase and region how many messages it keeps to itself, and does not count."""
 
     def start(self) -> list[Effect]:
         """Begin."""
@@ -178,7 +179,7 @@ class Liar:
         other = self._other_part(kind, parts[place], random)
         return [replace(said, parts=_with(parts, place, other))]
 
-    def _other_part(self, kind: str, part: Part, random: Random) -> Part:
+    def _other_part(self, kind: str, part: Part, random: Random) -> Part:  # noqa: PLR0911 - by kind
         match part, kind:
             case _, "lie-site":
                 return replace(part, site=self._site(random))
@@ -187,31 +188,37 @@ class Liar:
             case Claim(), "lie-claim":
                 move = self._move(part.site, random)
                 return replace(part, generator=move.generator, at=move.at)
+            case Here(), "lie-claim":  # before its time
+                move = self._move(part.site, random)
+                return Claim(part.round, part.module, part.site, move.generator, move.at)
             case Verdict(granted=granted, to=to), "lie-verdict":
-                if random.randrange(3):
-                    return replace(part, granted=not granted)
-                return replace(part, to=[self._scene.system.place_of(self._site(random)), *to[1:]])
+                other = self._scene.system.place_of(site_from_json(self._site(random)))
+                turned = random.randrange(3) > 0
+                return replace(
+                    part, granted=granted ^ turned, to=to if turned else [other, *to[1:]]
+                )
             case Note(note=note), "lie-note" if note:
                 place = random.randrange(len(note))
                 return replace(part, note=_with(note, place, random.randrange(-5, 50)))
-            case Here(), "lie-claim":
-                # Before its time.
-                move = self._move(part.site, random)
-                return Claim(part.round, part.module, part.site, move.generator, move.at)
             case _:
                 return part
 
     def _other_report(self, kind: str, report: Report, random: Random) -> Report:
-        if kind == "lie-site":
-            return replace(report, site=self._site(random))
-        if kind == "lie-other":
-            return replace(report, module=random.randrange(len(self._scene.start)))
-        if kind == "lie-heard" and isinstance(report.heard, dict):
-            kinds = [*report.heard, "here", "claim"]
-            heard = {**report.heard, random.choice(kinds): [random.randrange(3)]}
-            return replace(report, heard=heard)
-        if kind != "lie-report":
-            return report
+        match kind:
+            case "lie-site":
+                return replace(report, site=self._site(random))
+            case "lie-other":
+                return replace(report, module=random.randrange(len(self._scene.start)))
+            case "lie-heard" if isinstance(report.heard, dict):
+                kinds = [*report.heard, "here", "claim"]
+                heard = {**report.heard, random.choice(kinds): [random.randrange(3)]}
+                return replace(report, heard=heard)
+            case "lie-report":
+                return self._other_move(report, random)
+            case _:
+                return report
+
+    def _other_move(self, report: Report, random: Random) -> Report:
         if report.move is not None and random.randrange(2):
             claim = random.choice(("none", "lost"))
             return replace(report, move=None, claim=claim, site=report.before)
@@ -240,14 +247,22 @@ class Liar:
         return next((move.target for move in named if move.at == placed.at), site)
 
 
+_ABOUT = {
+    "here": "lie-claim",
+    "note": "lie-note",
+    "claim": "lie-claim",
+    "verdict": "lie-verdict",
+}
+"""The lie that there is about a kind of part alone; instead of where it is a module may claim."""
+
+
 def possible_lies(message: Message) -> Sequence[str]:
     """Return the kinds of lies that there are about a message."""
     anything = ("lie-withhold", "lie-double", "lie-old", "lie-flood")
     match message:
         case Said(parts=parts):
             about = ["lie-site", "lie-other", "lie-part", "lie-silence"]
-            kinds = {Here: "lie-claim", Claim: "lie-claim", Verdict: "lie-verdict"}
-            about += sorted({kinds.get(type(part), "lie-note") for part in parts})
+            about += sorted({_ABOUT[kind_of(part)] for part in parts})
             return (*anything, *about)
         case Reports():
             return (*anything, "lie-site", "lie-other", "lie-report", "lie-heard")

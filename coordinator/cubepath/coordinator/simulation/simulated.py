@@ -31,7 +31,7 @@ from cubepath.coordinator.simulation.liars import Liar
 from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.trace import Trace
-from cubepath.coordinator.verification.recording import Check, verify
+from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
@@ -336,23 +336,24 @@ class _Run:
         """Check that nobody who has not lied is said to have."""
         for record in self._records:
             message = decode(record.data) if record.kind == "refused" else None
-            if isinstance(message, Refused) and message.reason not in _OF_THE_WIRE:
-                if message.who not in self._lied:
-                    return Failure("accused", f"{message.who}, which was honest: {message.why}")
+            if not isinstance(message, Refused) or message.reason in _OF_THE_WIRE:
+                continue
+            if message.who not in self._lied:
+                return Failure("accused", f"{message.who}, which was honest: {message.why}")
         return None
 
     def _verified(self) -> Failure | None:
         wrong = [check for check in verify(self.recording()).checks if not check.ok]
-        wrong = [check for check in wrong if not self._tells_a_lie(check)]
+        wrong = [check for check in wrong if not self._tells_a_lie(check.name, check.detail)]
         if not wrong:
             return None
         names = ", ".join(check.name for check in wrong)
         return Failure(f"verify {wrong[0].name}", f"verify fails {names}: {wrong[0].detail}")
 
-    def _tells_a_lie(self, check: Check) -> bool:
+    def _tells_a_lie(self, check: str, detail: str) -> bool:
         """Return whether what fails is of a module of a liar: the first that it names."""
-        found = _MODULE.search(check.detail)
-        if found is None or check.name not in _OF_MODULES:
+        found = _MODULE.search(detail)
+        if found is None or check not in _OF_MODULES:
             return False
         module = int(found[1])
         process = next(n for n, modules in enumerate(self._modules_of) if module in modules)

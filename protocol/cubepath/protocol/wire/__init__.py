@@ -93,8 +93,8 @@ else:
             "messages": (
                 "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Cube Edges "
                 "Executed Go Here Message Note Observations Observed Part Ready Reason Refused "
-                "Report Reports Reset Said Stopped Summary Verdict Waiting "
-                "decode encode kind_of parts_of schema_of"
+                "Report Reports Reset Said Stopped Summary Verdict Waiting decode encode kind_of "
+                "parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
             "router": "Router check_secure without_tls",
