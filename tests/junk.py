@@ -195,13 +195,20 @@ class Junk:
         return random.choice(("", "/", "cubepath", "x" * 999, "cubepath/run/go/coordinator"))
 
 
+def _is_nested(value: Any) -> bool:
+    return isinstance(value, dict | list)
+
+
 def changed_json(random: Random, text: bytes) -> bytes:
     """Return JSON with some values changed; its bytes damaged now and then."""
     if not random.randrange(4):
         return _flipped(random, text)
-    value = json.loads(text)
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError):  # it was changed before
+        return _flipped(random, text)
     for _ in range(random.choice((1, 1, 2, 5))):
-        value = _changed(random, value, [value]) if isinstance(value, dict | list) else value
+        value = _changed(random, value, [deepcopy(value)]) if _is_nested(value) else value
     return spelled(value)
 
 

@@ -14,6 +14,7 @@ import fuzzed_files
 from fuzzed_files import FILES, refusal
 
 
+@pytest.mark.slow
 @given(read=st.sampled_from(FILES), seed=st.integers(0, 1 << 32))
 def test_a_changed_file_is_read_or_refused_in_one_line(
     read: Callable[[Random], object], seed: int

@@ -109,6 +109,7 @@ def test_who_says_that_it_heard_something_else_is_told_by_verify() -> None:
     assert all("module_" in check.detail and ": report" in check.detail for check in wrong)
 
 
+@pytest.mark.slow
 def test_a_verdict_turned_round_is_told_of_who_said_it() -> None:
     """Whoever believed it is not refused, though its report cannot be."""
     for seed in range(40):
@@ -149,6 +150,7 @@ def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
     assert found.failure.kind in ("accused", "ended")
 
 
+@pytest.mark.slow
 def test_lies_are_listed_and_shown() -> None:
     """The list of faults gives the same run; the picture has a remark."""
     first = run_of(4, LYING)
@@ -159,6 +161,7 @@ def test_lies_are_listed_and_shown() -> None:
     assert any(remark.text.startswith("lies: ") for remark in trace.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 7, 11])
 def test_without_lies_a_seed_is_what_it_was(seed: int) -> None:
     """Liars are drawn apart: until the first lie both runs are the same."""
