@@ -113,6 +113,8 @@ def told(value: Any, known: dict[int, Hashable]) -> Hashable:
         return type(value).__name__
     if isinstance(value, msgspec.Struct):
         return encode(value)
+    if isinstance(value, Keep):
+        return value.data
     if _is_constant(value) and not isinstance(value, FunctionType):
         return value  # type: ignore[no-any-return]
     if isinstance(value, np.random.Generator):

@@ -74,7 +74,7 @@ def a_note_of_another_length() -> Recording:
     return with_note(1, 2)
 
 
-@tampers("said")
+@tampers("messages")
 def a_note_that_is_no_int32() -> Recording:
     return with_note(1, 2, 3, 4, 5, 1 << 31)
 

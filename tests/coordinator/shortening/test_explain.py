@@ -182,7 +182,7 @@ def test_a_certificate_of_a_recording_is_verified(folder: Path, capsys: Output) 
     certificate = certify(capsys, str(log))
     assert answer_of(capsys, "verify", str(certificate), "--of", str(log))["ok"]
     found = answer_of(capsys, "verify", str(log))
-    assert {"name": "certificate", "ok": True, "detail": ""} in found["checks"]
+    assert {"name": "certificate", "ok": True, "checked": True, "detail": ""} in found["checks"]
     inside = answer_of(capsys, "info", str(log))["certificate"]
     proof = read_certificate(certificate)
     assert inside == {"cancelled": len(proof.cancelled), "chain": len(proof.chain)}

@@ -394,8 +394,8 @@ BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     "no module": ([report(1, 2, [0, 0])], CheckError, "no such module in this run"),
     "unknown edge": (
         [report(1, 0, [0, 0], [2, 0]), RUN[1]],
-        InputError,
-        "report 1 (report/1): generator edge",
+        CheckError,
+        "report of module_0: edge at [[0, 0], [2, 0]] is no move from (0, 0)",
     ),
     "a gap": (
         [*RUN[:2], *RUN[4:], report(4, 0, [0, 0])],
@@ -404,8 +404,8 @@ BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     ),
     "inadmissible": (
         [report(1, 0, [0, 0], [0, 1]), RUN[1]],
-        InputError,
-        "round 1, module_0: edge at",
+        CheckError,
+        "report of module_0: edge at [[0, 0], [0, 1]] is not admissible",
     ),
 }
 

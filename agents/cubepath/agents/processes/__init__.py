@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.orders import OUTSIDE, Orders
     from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
+    from cubepath.agents.processes.phases import KINDS_IN
     from cubepath.agents.processes.settling import Settling
 else:
     __getattr__, __dir__ = lazy_face(
@@ -30,11 +31,13 @@ else:
             "node": "HostNode",
             "orders": "OUTSIDE Orders",
             "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
+            "phases": "KINDS_IN",
             "settling": "Settling",
         },
     )
 
 __all__ = [
+    "KINDS_IN",
     "OUTSIDE",
     "PATIENCE_S",
     "PATIENCE_S_MAX",

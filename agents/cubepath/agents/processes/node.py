@@ -78,7 +78,7 @@ class HostNode:
         self._outbox = Outbox(scene.system, orders.run, orders.process, round_number)
         self._answers: list[Put] = []
         self._delivered = False
-        self._repeats: Counter[int] = Counter()
+        self._repeats: dict[int, int] = {}
         self._wait_s: float | None = None
         rule, note_length = self._rule, orders.note_length
         if orders.schedule is not None:
@@ -201,9 +201,10 @@ class HostNode:
         return Put(key_of(self._orders.run, message), encode(message))
 
     def _repeated(self, again: Again) -> Iterable[Put]:
-        if again.round != self._round or self._repeats[again.process] >= _REPEATS_MAX:
+        repeats = self._repeats.get(again.process, 0)
+        if again.round != self._round or repeats >= _REPEATS_MAX:
             return ()
-        self._repeats[again.process] += 1
+        self._repeats[again.process] = repeats + 1
         return self._outbox.said_to(again.phase, again.region)
 
     def _answer(self, *messages: Message) -> list[Put]:
