@@ -74,17 +74,17 @@ class Vehicle:
             self.receive(str(sample.key_expr).removeprefix(self.root), message)
         except Empty:
             lead = self.session.liveliness().get(f"{self.root}/alive/coordinator")
-            if self.wait_s == 8.0 and not list(lead):
+            if self.wait_s == 4.0 and not list(lead):
                 sys.exit("the coordinator is gone")
             if self.phase == "join" and not self.asked:
                 self.repeat(self.told)
             elif missing and (self.asked or not self.due[0]):
                 self.put("again", phase=missing, region=self.here)
-            self.wait_s = min(2 * self.wait_s, 8.0)
+            self.wait_s = min(2 * self.wait_s, 4.0)
 
     def begin(self, phase: str, before: str = "") -> None:
         regions = [to for phase, to, *_ in self.told if phase == self.phase and to != "reports"]
-        self.put("ready", phase=self.phase, said=dict.fromkeys(regions, 1))
+        self.put("ready", phase=self.phase, said=dict.fromkeys(regions, 1), rule="own")
         self.asked, self.due = None, (self.round + (phase == "sense"), phase)
         self.here = f"{self.place[0] // 8},{self.place[1] // 8}"
         heard = self.inbox.setdefault((self.round, before, self.here), set())  # itself, too

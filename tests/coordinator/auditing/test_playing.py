@@ -198,6 +198,7 @@ def test_a_rule_that_raises_is_a_failed_check_in_one_line() -> None:
 
 def test_a_rule_that_cannot_be_made_is_a_failed_check() -> None:
     """In one line; no choice is compared."""
+    recording = crowd()
 
     def make(_: InitialKnowledge) -> Rule:
         raise KeyError("goal")
@@ -205,7 +206,7 @@ def test_a_rule_that_cannot_be_made_is_a_failed_check() -> None:
     honest = BUILT_IN["tswap"]
     BUILT_IN["tswap"] = with_fields(honest, make=make)
     try:
-        found = choices(audit(crowd()))
+        found = choices(audit(recording))
     finally:
         BUILT_IN["tswap"] = honest
     assert (found.ok, found.detail) == (False, "rule 'tswap', module_0: KeyError: 'goal'")

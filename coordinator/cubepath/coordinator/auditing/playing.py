@@ -113,6 +113,10 @@ class Playing:
 
     def round(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
         """Ask the rules in a round, and call `fail` for each choice that is another on record."""
+        for module in sorted(transcript.own_rules.keys() & self._actors.keys()):
+            del self._actors[module]
+            rule = transcript.own_rules[module]
+            self._unchecked = f"module_{module}, whose process names a rule of its own: {rule!r}"
         over = transcript.schedule_over
         if self._parts is not None and over is not None and moment.round > over:
             self._take_over(moment)

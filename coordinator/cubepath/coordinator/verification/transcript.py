@@ -31,6 +31,7 @@ from cubepath.protocol.wire.messages import (
     Note,
     Observations,
     Observed,
+    Ready,
     Refused,
     Report,
     Reports,
@@ -99,6 +100,8 @@ class Transcript:
     """The rounds of the coordinator's edges that not every module has reported."""
     refused: int = 0
     """How many messages were refused, as far as the record tells."""
+    own_rules: dict[int, str] = field(default_factory=dict)
+    """By module the rule that its process named, if that is not the rule of the run."""
     schedule_over: int | None = None
     """The last round of the schedule if the rule took over after it."""
     carried: dict[int, Carried] = field(default_factory=dict)
@@ -133,6 +136,7 @@ class Sorting:
         self._undamaged = not recording.problems
         self._cut_off = RECOVERED in recording.parameters
         self._scheduled = recording.schedule is not None
+        self._own_rules: dict[int, str] = {}
         self._rounds: dict[int, Round] = {}
         self._count, self._highest = 0, -1
         self._closed = -inf
@@ -152,6 +156,10 @@ class Sorting:
             self._check_form(record, message)
             if isinstance(message, Said | Reports):
                 self._round(message.round).batches.append(message)
+                own_rule = self._own_rules.get(message.process)
+                if own_rule is not None:
+                    modules = (part.module for part in message.parts)
+                    self.found.own_rules |= dict.fromkeys(modules, own_rule)
             if self._watch is not None:
                 self._watch(message)
             for part in _parts(record, message, self._fail):
@@ -208,6 +216,8 @@ class Sorting:
                     self._fail("edges", f"round {number}: its edges come twice, and differ")
             case Go(phase="over", round=number) if self.found.schedule_over is None:
                 self.found.schedule_over = number
+            case Ready(phase="join", process=process, rule=str(rule)):
+                self._own_rules[process] = rule
             case Refused(count=count):
                 self.found.refused += count
             case Cube() | Certified() | Summary():

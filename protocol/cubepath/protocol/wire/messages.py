@@ -175,13 +175,15 @@ class Ready(
 ):
     """A process has finished a phase of a round (join: it is connected).
 
-    `said` counts by region the messages that it said in this phase.
+    `said` counts by region the messages that it said in this phase. A process whose modules follow
+    a `rule` of their own, and not that of the run, names it when it joins.
     """
 
     round: Count
     process: Count
     phase: Literal["join", "sense", "observe", "claim", "settle", "over"]
     said: dict[Name, Count] = {}
+    rule: Name | None = None
 
 
 class Again(msgspec.Struct, frozen=True, tag_field="kind", tag="again"):
