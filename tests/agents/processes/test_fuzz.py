@@ -81,7 +81,10 @@ def test_an_honest_run_comes_to_the_same_path(case: tuple[str, str], seed: int) 
     assert found == honest(*case, 2)
 
 
-@pytest.mark.parametrize("case", [CASES[1], CASES[3], ("hex:n=4", "random")])
+@pytest.mark.parametrize(
+    "case",
+    [CASES[1], pytest.param(CASES[3], marks=pytest.mark.thorough), ("hex:n=4", "random")],
+)
 @pytest.mark.slow
 def test_memory_does_not_grow_with_junk(case: tuple[str, str]) -> None:
     """In the middle of a round, that waits for somebody who is silent: forged messages too."""

@@ -115,6 +115,7 @@ def test_whoever_is_refused_is_told_why_and_the_run_goes_on_waiting(
     assert (first.end()[0], second.end()[0]) == (0, 0)
 
 
+@pytest.mark.thorough
 def test_two_runs_at_one_router_do_not_meet(commands: Commands, digest: str) -> None:
     """Who joins has to say which run; each has the path that it has alone."""
     endpoint = listens(commands.start("router", f"--listen={LOOPBACK}"))
@@ -142,6 +143,7 @@ def test_a_run_that_waits_can_be_interrupted(commands: Commands) -> None:
     assert (code, errors[-1]) == (1, "cubepath: the run has ended")
 
 
+@pytest.mark.thorough
 def test_who_leaves_before_the_beginning_is_waited_for_again(
     commands: Commands, digest: str
 ) -> None:
@@ -178,6 +180,7 @@ def test_a_joined_process_that_ends_ends_the_run(
     assert verify(read_recording(commands.folder / "run.mcap")).ok
 
 
+@pytest.mark.thorough
 def test_a_joined_process_ends_when_its_coordinator_is_killed(commands: Commands) -> None:
     """With one line, within seconds; the router is gone too."""
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
@@ -189,6 +192,7 @@ def test_a_joined_process_ends_when_its_coordinator_is_killed(commands: Commands
     assert errors[-1].endswith("is gone")
 
 
+@pytest.mark.thorough
 def test_a_joined_process_that_hears_nothing_ends_when_its_patience_is_over(
     commands: Commands,
 ) -> None:
@@ -202,6 +206,7 @@ def test_a_joined_process_that_hears_nothing_ends_when_its_patience_is_over(
     assert re.search(r"nothing was heard of run \w+ for 3 s$", errors[-1])
 
 
+@pytest.mark.thorough
 def test_a_joined_process_that_is_paused_is_waited_for(commands: Commands) -> None:
     """It is alive, as far as anyone knows, and goes on where it was."""
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
@@ -216,6 +221,7 @@ def test_a_joined_process_that_is_paused_is_waited_for(commands: Commands) -> No
     assert verify(read_recording(commands.folder / "run.mcap")).ok
 
 
+@pytest.mark.thorough
 def test_a_process_that_waits_to_join_can_be_interrupted(commands: Commands) -> None:
     """Exit code 130; the run goes on waiting, and can be interrupted too."""
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=2")
@@ -229,6 +235,7 @@ def test_a_process_that_waits_to_join_can_be_interrupted(commands: Commands) -> 
     assert runs.end()[0] == 130
 
 
+@pytest.mark.thorough
 def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     """Its command starts it again, and the run goes on with those that joined."""
     router = commands.start("router", f"--listen={LOOPBACK}")

@@ -164,7 +164,7 @@ def end_of_run(gatherer: Gatherer) -> None:
     encode(Certified(gatherer.rounds, proof))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_move_takes_some_bytes_until_the_end_of_the_run() -> None:
     """At most 200 bytes for each of 30,000 further moves, with cubes and certificate."""
     scene = circle()

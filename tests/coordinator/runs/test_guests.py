@@ -149,7 +149,13 @@ def quiet() -> list[Reports]:
 
 @pytest.mark.parametrize(
     "do",
-    [NONSENSE, FLOOD, HUGE, FAKE, DISGUISED],
+    [
+        NONSENSE,
+        FLOOD,
+        HUGE,
+        pytest.param(FAKE, marks=pytest.mark.thorough),
+        pytest.param(DISGUISED, marks=pytest.mark.thorough),
+    ],
     ids=["nonsense", "flood", "huge", "fake", "disguised"],
 )
 def test_what_a_guest_says_is_not_heard(do: str, quiet: list[Reports]) -> None:

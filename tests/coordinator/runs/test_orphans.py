@@ -42,9 +42,9 @@ def children_of(command: Command) -> dict[str, list[int]]:
     [
         ("coordinator",),
         ("router", "coordinator"),
-        ("coordinator", "host"),
+        pytest.param(("coordinator", "host"), marks=pytest.mark.thorough),
         ("host",),
-        ("stopped router", "coordinator"),
+        pytest.param(("stopped router", "coordinator"), marks=pytest.mark.thorough),
         ("interrupted coordinator",),
     ],
     ids=" ".join,

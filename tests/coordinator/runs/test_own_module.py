@@ -217,7 +217,7 @@ LOST: frozenset[What] = frozenset(
 )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_lost_on_the_way_is_said_again(outcome: Outcome, tmp_path: Path) -> None:
     """In both directions, while all else comes twice; the path is the same."""
     bridge = Bridge(LOST)
