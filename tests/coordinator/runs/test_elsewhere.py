@@ -160,7 +160,11 @@ def test_who_leaves_before_the_beginning_is_waited_for_again(
 
 
 @pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
+    ("number", "code"),
+    [
+        (signal.SIGKILL, -signal.SIGKILL),
+        pytest.param(signal.SIGINT, 130, marks=pytest.mark.thorough),
+    ],
 )
 def test_a_joined_process_that_ends_ends_the_run(
     commands: Commands, number: signal.Signals, code: int

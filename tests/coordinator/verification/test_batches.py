@@ -76,6 +76,7 @@ def test_a_recording_in_batches_passes_with_the_same_result() -> None:
     assert len(whole().records) < len(singles(whole()).records)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("make", "checks"), OF_BATCHES)
 def test_what_is_tampered_with_is_found_in_batches(
     make: Tampering, checks: tuple[str, ...]

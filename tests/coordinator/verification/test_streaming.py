@@ -36,7 +36,12 @@ MODULES_OF_RESULTS = (
 """Imported for the tamperings that they add."""
 
 FORMS = [
-    pytest.param(make, form, id=f"{make.__name__}-{form}")
+    pytest.param(
+        make,
+        form,
+        id=f"{make.__name__}-{form}",
+        marks=[pytest.mark.thorough] if form == "single messages" else [],
+    )
     for make, checks in (each.values for each in TAMPERINGS)
     for form in ("as recorded", "single messages")
     if form == "as recorded" or checks[0] != "messages"
