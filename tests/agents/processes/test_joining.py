@@ -22,9 +22,10 @@ from cubepath.agents.processes.join_messages import (
 from cubepath.agents.processes.joining import Joining, join
 from cubepath.agents.processes.liveness import Liveness
 from cubepath.agents.processes.network import Network
+from cubepath.agents.processes.recruits import LOOK_MAX, QUESTIONS_MAX, Recruits
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client
 from elsewhere import soon
@@ -39,6 +40,17 @@ def endpoint() -> Iterator[str]:
     """Return where an open router listens."""
     with Router("tcp/127.0.0.1:0") as router:
         yield router.endpoint
+
+
+HOSTILE = (
+    b'{"modules": [0], "joiner": "\xff\xfe", "protocol": 2}',
+    b'{"modules": [0], "joiner": "me", "more": ' + b"[" * 100_000 + b"]" * 100_000 + b"}",
+    b'{"modules": [0], "joiner": "' + b"x" * 1000 + b'", "protocol": 2}',
+    b'{"modules": [-1], "joiner": "me", "protocol": 2}',
+    b'{"modules": [1180591620717411303424], "joiner": "me", "protocol": 2}',
+    b'{"modules": [' + b"0," * 70_000 + b'0], "joiner": "me", "protocol": 2}',
+)
+"""No UTF-8, nested without end, and texts, numbers and lists beyond their bounds."""
 
 
 def answers(endpoint: str, run: str, who: str, request: bytes | None) -> list[str]:
@@ -78,6 +90,7 @@ def test_a_request_that_is_none_or_of_another_version_is_refused(endpoint: str) 
         ("any", older, expected),
         ("any", b'{"modules": [0], "joiner": "me"}', "speaks protocol 0 of cubepath"),
         ("any", b"not json", "not a request to join: "),
+        *(("any", data, "not a request to join: ") for data in HOSTILE),
         ("any", None, "not a request to join: "),
         ("somebody", own, "somebody: expected process_N, or any"),
         ("process_1x", own, "process_1x: expected process_N, or any"),
@@ -108,9 +121,32 @@ def test_a_coordinator_of_another_version_is_refused(endpoint: str) -> None:
         token.undeclare()
 
 
+def test_a_flood_of_questions_can_be_interrupted_and_is_bounded(endpoint: str) -> None:
+    """Each look takes a number of them, and what is too many is dropped: who asks asks again."""
+    recruits = Recruits(endpoint, "flooded", 4, 1, Credentials(COORDINATOR, "", ""))
+    with open_client(endpoint) as session:
+        came: list[int] = []
+
+        def answered(_: zenoh.Reply) -> None:
+            came.append(1)
+
+        for _ in range(3 * QUESTIONS_MAX):
+            session.get(
+                orders_key("flooded", "any"),
+                zenoh.handlers.Callback(answered, indirect=False),
+                payload=b"x",
+                timeout=60.0,
+            )
+        soon(lambda: recruits.dropped > 0)
+        recruits.look()
+        soon(lambda: len(came) > 0)
+        assert len(came) <= LOOK_MAX
+    recruits.close()
+
+
 def test_orders_that_are_none_are_told_of() -> None:
     """CheckError: somebody else has answered."""
-    for data in (b"", b"{}", msgspec.json.encode(Offer(PROTOCOL, msgspec.Raw(b"{}")))):
+    for data in (b"", b"{}", *HOSTILE, msgspec.json.encode(Offer(PROTOCOL, msgspec.Raw(b"{}")))):
         with pytest.raises(CheckError, match="not the orders of a process"):
             read_offer(data)
 

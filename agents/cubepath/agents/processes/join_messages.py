@@ -6,16 +6,20 @@ answer is an `Offer`, or an error of one line. Neither is on record.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import msgspec
 
 from cubepath.agents.processes.orders import Orders
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.keys import topic_key
+from cubepath.protocol.wire.messages import Count, Name
 
 PROTOCOL = 2
 """Changes with whatever must be the same in all processes of a run: messages, keys, phases."""
 ANY = "any"
 """In place of a name: whatever number is free."""
+_NOT_DECODED = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 ENDED = "the run has ended"
 """The error that those are answered who wait for a run that will not begin."""
 
@@ -23,16 +27,16 @@ ENDED = "the run has ended"
 class Request(msgspec.Struct, frozen=True):
     """A process asks to join with these modules."""
 
-    modules: list[int]
-    joiner: str
+    modules: Annotated[list[Count], msgspec.Meta(max_length=1 << 16)]
+    joiner: Name
     """Who asks: made up once, and the same when it asks again."""
-    protocol: int = 0
+    protocol: Count = 0
 
 
 class Offer(msgspec.Struct, frozen=True):
     """The orders of a process, to be read if the protocol is the reader's."""
 
-    protocol: int
+    protocol: Count
     orders: msgspec.Raw
 
 
@@ -50,7 +54,7 @@ def read_request(data: bytes) -> Request:
     """Return a request; InputError if it is none, or of another protocol."""
     try:
         found = msgspec.json.decode(data, type=Request)
-    except msgspec.MsgspecError as error:
+    except _NOT_DECODED as error:
         raise InputError(f"not a request to join: {error}") from None
     if found.protocol != PROTOCOL:
         raise InputError(_other(found.protocol, PROTOCOL))
@@ -64,7 +68,7 @@ def read_offer(data: bytes) -> Orders:
         if found.protocol != PROTOCOL:
             raise InputError(_other(PROTOCOL, found.protocol))
         return msgspec.json.decode(found.orders, type=Orders)
-    except msgspec.MsgspecError as error:
+    except _NOT_DECODED as error:
         raise CheckError(f"not the orders of a process: {error}") from None
 
 

@@ -31,6 +31,9 @@ from cubepath.protocol.wire.sessions import open_client
 _CONNECT_S_MAX = 10.0
 _POLL_S = 0.05
 _SAY_S = 1.0
+QUESTIONS_MAX, LOOK_MAX = 1024, 64
+"""So many questions wait at most, and so many are answered at a time. Who is not answered asks
+again; and between two looks the run goes on, or is interrupted."""
 
 
 class Recruits:
@@ -43,12 +46,14 @@ class Recruits:
         self._run = run
         self._roster = Roster(modules, expected)
         self._queue: SimpleQueue[zenoh.Query] = SimpleQueue()
+        self.dropped = 0
+        """How many questions came while too many waited."""
         self._waiting: dict[str, zenoh.Query] = {}
         self._offers: Mapping[int, bytes] = {}
         self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
         self._liveness = Liveness(self._session, alive_key(run))
         self._queryable = self._session.declare_queryable(
-            orders_key(run), zenoh.handlers.Callback(self._queue.put, indirect=False)
+            orders_key(run), zenoh.handlers.Callback(self._enqueue, indirect=False)
         )
         self._token = self._session.liveliness().declare_token(alive_key(run, COORDINATOR))
 
@@ -83,19 +88,30 @@ class Recruits:
         """Answer all with their orders, now and when they ask again."""
         self._offers = {process: offer(each) for process, each in orders.items()}
         for joiner in list(self._waiting):
-            self._answer(joiner)
+            with contextlib.suppress(zenoh.ZError):
+                self._answer(joiner)
 
     def look(self, timeout_s: float = 0.0) -> None:
         """Take the questions that have come, waiting so long for the first."""
         try:
             query = self._queue.get(timeout=timeout_s) if timeout_s else self._queue.get_nowait()
-            while True:
-                self._take(query)
-                query = self._queue.get_nowait()
+            self._take(query)
+            for _ in range(LOOK_MAX - 1):
+                self._take(self._queue.get_nowait())
         except Empty:
             return
 
+    def _enqueue(self, query: zenoh.Query) -> None:
+        if self._queue.qsize() < QUESTIONS_MAX:
+            self._queue.put(query)
+        else:
+            self.dropped += 1
+
     def _take(self, query: zenoh.Query) -> None:
+        with contextlib.suppress(zenoh.ZError):  # who asked, or the router, may be gone
+            self._reply(query)
+
+    def _reply(self, query: zenoh.Query) -> None:
         who = str(query.key_expr).rpartition("/")[2]
         data = b"" if query.payload is None else query.payload.to_bytes()
         try:

@@ -38,12 +38,14 @@ if TYPE_CHECKING:
         Again,
         Certified,
         Claim,
+        Count,
         Cube,
         Edges,
         Executed,
         Go,
         Here,
         Message,
+        Name,
         NoMessageError,
         Note,
         Observations,
@@ -91,8 +93,8 @@ else:
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
             "messages": (
-                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Cube Edges "
-                "Executed Go Here Message Note Observations Observed Part Ready Reason Refused "
+                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Count Cube Edges "
+                "Executed Go Here Message Name Note Observations Observed Part Ready Reason Refused "
                 "Report Reports Reset Said Stopped Summary Verdict Waiting decode encode kind_of "
                 "parts_of schema_of"
             ),
@@ -118,6 +120,7 @@ __all__ = [
     "Again",
     "Certified",
     "Claim",
+    "Count",
     "Credentials",
     "Cube",
     "Edges",
@@ -130,6 +133,7 @@ __all__ = [
     "Keep",
     "Listen",
     "Message",
+    "Name",
     "NoMessageError",
     "Node",
     "Note",
