@@ -94,9 +94,9 @@ else:
             ),
             "messages": (
                 "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Count Cube Edges "
-                "Executed Go Here Message Name Note Observations Observed Part Ready Reason Refused "
-                "Report Reports Reset Said Stopped Summary Verdict Waiting decode encode kind_of "
-                "parts_of schema_of"
+                "Executed Go Here Message Name Note Observations Observed Part Ready Reason "
+                "Refused Report Reports Reset Said Stopped Summary Verdict Waiting decode encode "
+                "kind_of parts_of schema_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
             "router": "Router check_secure without_tls",
