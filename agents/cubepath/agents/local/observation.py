@@ -83,6 +83,7 @@ def observe(
     goals: frozenset[Site],
     notes: Mapping[Site, Note] | None = None,
     note_length: int = 0,
+    register: Note | None = None,
 ) -> Observation:
     """Return the PettingZoo observation of a module at `site`.
 
@@ -95,7 +96,9 @@ def observe(
       is on there, is one of its goals;
     - ``action_mask``, int8, shape ``(move_slots + 1,)``: which actions are legal, stay first;
     - ``notes`` when `note_length` is positive, int32, shape ``(reach_slots, note_length)``:
-      the note heard from each place within reach; `SILENT` if none was, and for unused slots.
+      the note heard from each place within reach; `SILENT` if none was, and for unused slots;
+    - ``register`` under the free clock, if it is given: int32, shape ``(note_length,)``, the
+      module's own note, which others may exchange; `SILENT` if it is empty.
     """
     place = system.place_of(site)
     numbers = [*system.encode_site(site), int(place in goals or site in goals)]
@@ -123,6 +126,8 @@ def observe(
             if note is not None:
                 heard[slot] = note
         found["notes"] = heard
+        if register is not None:
+            found["register"] = np.array(register or (SILENT,) * note_length, np.int32)
     return found
 
 
@@ -140,6 +145,8 @@ class View:
     """The moves by slot, admissible or not; action ``i`` is ``moves[i - 1]``."""
     notes: Mapping[Site, Note]
     """The notes heard from places within reach."""
+    register: Note | None = None
+    """Under the free clock the module's own note, None if it is empty."""
 
     def legal(self) -> list[tuple[int, Move]]:
         """Return the admissible moves with their actions, in slot order."""
@@ -172,6 +179,7 @@ def view_of(system: System, observation: Observation, label: int | None = None) 
         for slot, near in enumerate(system.reach(place)):
             if heard[slot, 0] != SILENT:
                 notes[near] = tuple(heard[slot].tolist())
+    own = observation.get("register")
     mask = observation["action_mask"].astype(np.int8, copy=False)
     return View(
         system=system,
@@ -181,4 +189,5 @@ def view_of(system: System, observation: Observation, label: int | None = None) 
         mask=mask,
         moves=system.moves(site),
         notes=notes,
+        register=None if own is None or own[0] == SILENT else tuple(own.tolist()),
     )

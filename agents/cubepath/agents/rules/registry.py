@@ -85,9 +85,17 @@ def unknown_rule(name: str) -> InputError:
     return InputError(f"unknown rule {name!r}{near}, expected one of {', '.join(rules())}")
 
 
-def rule_named(name: str, system: System) -> RuleType:
-    """Return the rule that `find_rule` finds; InputError if none, or it does not fit the system."""
+def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
+    """Return the rule that `find_rule` finds; InputError if none, or it does not fit the system.
+
+    It must hold under the clock, too.
+    """
     found = find_rule(name)
+    if found is not None and clock not in found.clocks:
+        fitting = ", ".join(
+            rule.name for rule in rules().values() if clock in rule.clocks and rule.fits(system)
+        )
+        raise InputError(f"not for the {clock} clock: rule {name!r}, expected one of {fitting}")
     if found is None or not found.fits(system):
         fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
         what = "unknown rule" if found is None else "not for this system: rule"

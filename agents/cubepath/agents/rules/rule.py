@@ -6,8 +6,8 @@ names a `RuleType`.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -46,11 +46,20 @@ class Choice:
 
     They hear the note when they sense the next round, whether or not the move was granted. A rule
     that finds that it cannot reach its goal says so in `failed`, in one line.
+
+    The rest is for the free clock, under which a note is a register at the module's place, and all
+    of a choice happens at one instant or not at all: only if the support of the move, the `guards`
+    (sensed places), the registers of the places that it `heeds` and `exchanges`, and the module's
+    own if it writes that, are still as they were sensed. `exchanges` has new contents for the
+    registers of modules at places within reach.
     """
 
     action: int = STAY
     note: Note | None = None
     failed: str | None = None
+    guards: tuple[Site, ...] = ()
+    heeds: tuple[Site, ...] = ()
+    exchanges: Mapping[Site, Note] = field(default_factory=dict)
 
 
 def _silent(_modules: int) -> int:
@@ -62,8 +71,23 @@ Rule: TypeAlias = Callable[[View], "int | Choice"]
 
 
 @dataclass(frozen=True, slots=True)
+class FreeRule:
+    """How a rule holds without rounds: `why` it does, and what it is made by there.
+
+    Without a `make` of its own it is made as under the lockstep clock.
+    """
+
+    why: str
+    make: Callable[[InitialKnowledge], Rule] | None = None
+    note_length: Callable[[int], int] = _silent
+
+
+@dataclass(frozen=True, slots=True)
 class RuleType:
-    """A rule by name: its source, the systems that it fits, and how to make one for a module."""
+    """A rule by name: its source, the systems that it fits, and how to make one for a module.
+
+    Without `free`, the rule is for the lockstep clock alone.
+    """
 
     name: str
     summary: str
@@ -72,6 +96,23 @@ class RuleType:
     make: Callable[[InitialKnowledge], Rule]
     note_length: Callable[[int], int] = _silent
     """Length of the notes, from the number of modules; 0 for a rule that is silent."""
+    free: FreeRule | None = None
+
+    @property
+    def clocks(self) -> tuple[str, ...]:
+        """Return the clocks under which the rule holds."""
+        return ("lockstep",) if self.free is None else ("lockstep", "free")
+
+    def made(self, knowledge: InitialKnowledge, clock: str = "lockstep") -> Rule:
+        """Return the rule of one module under a clock that it holds for."""
+        own = None if clock == "lockstep" or self.free is None else self.free.make
+        return (own or self.make)(knowledge)
+
+    def length(self, modules: int, clock: str = "lockstep") -> int:
+        """Return the length of the notes under a clock, from the number of modules."""
+        if clock == "lockstep" or self.free is None:
+            return self.note_length(modules)
+        return self.free.note_length(modules)
 
 
 def as_choice(found: int | Choice) -> Choice:

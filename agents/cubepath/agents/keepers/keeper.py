@@ -1,0 +1,624 @@
+"""A keeper as a pure machine: parts of messages and ticks in, parts of messages out.
+
+Room: agents. Attempts pass through the keepers concerned in increasing order, each of which checks
+what was sensed, locks, logs and passes on; the last one commits, and that is the move. An attempt
+that is in the way of another waits for it, first come, first served: whoever waits at a keeper
+holds locks at lower ones only, so nobody waits in a circle. docs/free-clock.md has the argument.
+
+A keeper says the same again whenever it is asked again, and decides nothing: it only compares what
+was sensed with what holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import TypeAlias
+
+from msgspec.structs import replace
+
+from cubepath.agents.keepers.attempts import Lock, NotAnAttempt, Planned, planned
+from cubepath.agents.keepers.journal import (
+    Acknowledged,
+    Born,
+    Committed,
+    Decided,
+    Journal,
+    Prepared,
+)
+from cubepath.agents.keepers.units import Units, sites_in, start_of
+from cubepath.protocol.core.sites import Site, to_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Decision,
+    Enter,
+    Entered,
+    FreeMessage,
+    Inquiry,
+    Look,
+    Moved,
+    Occupant,
+    Passed,
+    Passes,
+    Register,
+    Settled,
+    Shows,
+    Tail,
+    Tells,
+)
+from cubepath.protocol.wire.tiles import Tiles
+
+LEASE_TICKS, LEASE_TICKS_MAX = 6, 200
+"""After so many ticks a keeper asks what became of an attempt, and then ever more rarely. It waits
+longer from the start for a module whose last attempt was aborted so: links may be slow."""
+ABORTED = "aborted: it did not come through in time"
+REMIND_TICKS = 40
+"""After so many ticks a keeper tells a commit again to those who have not acknowledged it."""
+SETTLE_TICKS = 10
+"""After so many ticks at most a keeper acknowledges commits."""
+FETCH_MAX = 200
+"""Commits in one answer to `Fetch`."""
+WAITING_MAX = 4096
+"""Attempts that wait at a keeper at most; each module has one."""
+
+Name: TypeAlias = tuple[int, int, int]
+"""Which attempt: module, epoch, number."""
+
+
+@dataclass(slots=True)
+class _Pending:
+    """An attempt that is prepared here, or waits to be."""
+
+    passed: Passed
+    plan: Planned
+    age: int = 0
+    due: int = LEASE_TICKS
+
+
+@dataclass(slots=True)
+class _Unsettled:
+    """A commit of this keeper, and who has not acknowledged it."""
+
+    decision: Decision
+    owing: dict[int, None]
+    age: int = 0
+
+
+@dataclass(slots=True)
+class _Last:
+    """The last attempt of a module that was seen here; without a decision it is under way."""
+
+    epoch: int
+    number: int
+    decision: Decision | None = None
+
+    @property
+    def id(self) -> tuple[int, int]:
+        return self.epoch, self.number
+
+
+@dataclass(slots=True)
+class _Out:
+    """What is to be said, by receiver."""
+
+    passes: dict[int, list[Passed | Decision | Inquiry | Settled]] = field(default_factory=dict)
+    tells: dict[int, list[Decision | Entered]] = field(default_factory=dict)
+    rest: list[FreeMessage] = field(default_factory=list)
+
+
+def name_of(attempt: Attempt | Decision | Inquiry | Settled) -> Name:
+    """Return which attempt this is, or is about."""
+    return attempt.module, attempt.epoch, attempt.number
+
+
+class Keeper:
+    """The keeper of some tiles."""
+
+    def __init__(
+        self, me: int, scene: Scene, tiles: Tiles, journal: Journal, *, tell_reads: bool = False
+    ) -> None:
+        """Begin at the start of the scene, and go through the journal if there is anything in it."""
+        self.me = me
+        self._system = scene.system
+        self._tiles = tiles
+        self._journal = journal
+        self.units = Units(
+            scene.system,
+            tiles,
+            start_of(scene.system, tiles, me, scene.start),
+            tell_reads=tell_reads,
+        )
+        self._out = _Out()
+        self._last: dict[int, _Last] = {}
+        self._prepared: dict[int, _Pending] = {}
+        self._waiting: dict[int, _Pending] = {}
+        """By module, in the order in which they came."""
+        self._exclusive: dict[Lock, int] = {}
+        self._shared: dict[Lock, dict[int, None]] = {}
+        self._leases: dict[int, int] = {}
+        """Of modules whose last attempt was aborted."""
+        self._unsettled: dict[Name, _Unsettled] = {}
+        self._owed: dict[int, list[Settled]] = {}
+        self._owed_age = 0
+        self.commits = 0
+        self.refused = 0
+        """Messages that were none."""
+        self._come_back()
+
+    # What comes in.
+
+    def ask(self, process: int, part: Attempt | Enter | Look) -> None:
+        """Take what a process asks."""
+        match part:
+            case Attempt():
+                self._attempt(Passed(part, process, 0, [], [], [], [], []), None)
+            case Enter():
+                self._enter(process, part)
+            case Look():
+                self._look(part)
+
+    def hear(self, keeper: int, part: Passed | Decision | Inquiry | Settled) -> None:
+        """Take what another keeper says."""
+        match part:
+            case Passed():
+                self._attempt(part, keeper)
+            case Decision():
+                self._learn(keeper, part)
+            case Inquiry():
+                self._answer(keeper, part)
+            case Settled():
+                self._acknowledged(keeper, part)
+
+    def fetch(self, serial: int) -> None:
+        """Tell the coordinator the commits after a serial number."""
+        last = min(self.commits, serial + FETCH_MAX)
+        parts = [self._journal.commit(number) for number in range(serial + 1, last + 1)]
+        units = self.units.touched() if last == self.commits else []
+        self._out.rest.append(
+            Tail(self.me, self.commits, parts, units, self.refused, len(self._prepared))
+        )
+
+    def tick(self) -> None:
+        """Take note that some time has gone by: ask what is due."""
+        for pending in self._prepared.values():
+            pending.age += 1
+            if pending.age >= pending.due:
+                self._inquire(pending)
+        for unsettled in self._unsettled.values():
+            unsettled.age += 1
+            if unsettled.age % REMIND_TICKS == 0:
+                for keeper in unsettled.owing:
+                    self._pass(keeper, unsettled.decision)
+        if self._owed:
+            self._owed_age += 1
+            if self._owed_age >= SETTLE_TICKS:
+                for keeper in list(self._owed):
+                    self._settle(keeper)
+
+    @property
+    def busy(self) -> bool:
+        """Return whether anything is due at some time."""
+        return bool(self._prepared or self._unsettled or self._owed)
+
+    def said(self) -> list[FreeMessage]:
+        """Return what is to be said since this was last asked."""
+        out, self._out = self._out, _Out()
+        for keeper in list(out.passes):
+            if keeper in self._owed:
+                out.passes[keeper] += self._owed.pop(keeper)
+        if not self._owed:
+            self._owed_age = 0
+        return [
+            *(Passes(self.me, keeper, parts) for keeper, parts in out.passes.items()),
+            *(Tells(self.me, process, parts) for process, parts in out.tells.items()),
+            *out.rest,
+        ]
+
+    # Attempts.
+
+    def _attempt(self, passed: Passed, sender: int | None) -> None:
+        attempt = passed.attempt
+        last = self._last.get(attempt.module)
+        mine = attempt.epoch, attempt.number
+        if last is not None and mine <= last.id:
+            self._again(passed, last, sender)
+            return
+        waiting = self._waiting.get(attempt.module)
+        if waiting is not None and mine <= name_of(waiting.passed.attempt)[1:]:
+            self._go_on()  # whoever was waited for may have been replaced meanwhile
+            return
+        try:
+            plan = planned(self._system, self._tiles, attempt)
+        except NotAnAttempt:
+            self.refused += 1
+            return
+        before = plan.chain.index(self.me) if self.me in plan.chain else -1
+        if before < 0 or (plan.chain[before - 1] if before else None) != sender:
+            self.refused += 1
+            return
+        pending = _Pending(passed, plan)
+        if attempt.module in self._prepared:
+            # The module knows what became of its attempt before, and this keeper does not yet.
+            self._inquire(self._prepared[attempt.module])
+        if self._must_wait(pending):
+            if len(self._waiting) < WAITING_MAX:
+                self._waiting.pop(attempt.module, None)
+                self._waiting[attempt.module] = pending
+            return
+        self._waiting.pop(attempt.module, None)
+        self._take(pending)
+
+    def _again(self, passed: Passed, last: _Last, sender: int | None) -> None:
+        """Say again what came of an attempt that was seen before, or pass it on again."""
+        attempt = passed.attempt
+        if attempt.epoch < last.epoch:
+            if sender is None:
+                self._tell(passed.process, _refusal(attempt, "fenced off: a later epoch has begun"))
+            return
+        if (attempt.epoch, attempt.number) != last.id:
+            return
+        if last.decision is None:
+            pending = self._prepared.get(attempt.module)
+            if pending is not None:
+                self._pass_on(pending)
+        elif sender is None:
+            self._tell(passed.process, last.decision)
+        else:
+            self._pass(sender, last.decision)
+
+    def _must_wait(self, pending: _Pending) -> bool:
+        """Return whether an attempt conflicts with one that is prepared, or came before it."""
+        module, share = pending.passed.attempt.module, pending.plan.shares[self.me]
+        if module in self._prepared:
+            return True
+        for lock in share.exclusive:
+            if lock in self._exclusive or self._shared.get(lock):
+                return True
+        if any(lock in self._exclusive for lock in share.shared):
+            return True
+        for other, earlier in self._waiting.items():
+            if other == module:
+                return False
+            if share.conflicts(earlier.plan.shares[self.me]):
+                return True
+        return False
+
+    def _take(self, pending: _Pending) -> None:
+        """Check an attempt that nothing is in the way of; refuse, prepare or commit it."""
+        passed, plan = pending.passed, pending.plan
+        share = plan.shares[self.me]
+        why = self._fenced_off(plan) or self.units.why_not(share)
+        if why is not None:
+            self._refuse(pending, why)
+            return
+        occupants = self._gathered(passed, plan)
+        passed = replace(
+            passed,
+            level=max(passed.level, self.units.level(share)),
+            read=[*passed.read, *self._versions(share.reads)],
+            written=[
+                *passed.written,
+                *(
+                    (to_json(unit), known.version, known.reads)
+                    for unit in share.writes
+                    for known in (self.units.unit(unit),)
+                ),
+            ],
+            guarded=[*passed.guarded, *self._versions(share.guards)],
+            occupants=occupants,
+            noted=[*passed.noted, *self._noted(plan)],
+        )
+        if plan.chain[-1] == self.me:
+            self._commit(passed, plan)
+            return
+        pending = _Pending(passed, plan)
+        self._journal.append(Prepared(passed))
+        self._prepare(pending)
+        self._pass_on(pending)
+
+    def _versions(self, units: Iterable[Site]) -> list[tuple[object, int]]:
+        return [(to_json(unit), self.units.unit(unit).version) for unit in units]
+
+    def _fenced_off(self, plan: Planned) -> str | None:
+        """Return why the module may not act, if its place is here and its fence says so."""
+        attempt, place = plan.attempt, self._system.place_of(plan.site)
+        if self._tiles.keeper_of(place) != self.me:
+            return None
+        occupant = self.units.occupant(place)
+        if occupant is None or occupant.module != attempt.module:
+            return f"module_{attempt.module} is not at {place!r}"
+        if occupant.epoch != attempt.epoch:
+            return f"fenced off: module_{attempt.module} is in epoch {occupant.epoch}"
+        return None
+
+    def _gathered(self, passed: Passed, plan: Planned) -> list[Occupant | None]:
+        found = list(passed.occupants) or [None] * len(plan.motion)
+        for number, (source, _) in enumerate(plan.motion):
+            place = self._system.place_of(source)
+            if self._tiles.keeper_of(place) == self.me:
+                found[number] = self.units.occupant(place)
+        return found
+
+    def _noted(self, plan: Planned) -> list[tuple[object, Occupant]]:
+        found = []
+        for place, _, _ in plan.shares[self.me].notes:
+            occupant = self.units.occupant(place)
+            if occupant is not None:
+                found.append((to_json(self.units.site_of(occupant.module)), occupant))
+        return found
+
+    def _prepare(self, pending: _Pending) -> None:
+        attempt, share = pending.passed.attempt, pending.plan.shares[self.me]
+        pending.due = self._leases.get(attempt.module, LEASE_TICKS)
+        self._prepared[attempt.module] = pending
+        self._last[attempt.module] = _Last(attempt.epoch, attempt.number)
+        for lock in share.exclusive:
+            self._exclusive[lock] = attempt.module
+        for lock in share.shared:
+            self._shared.setdefault(lock, {})[attempt.module] = None
+
+    def _pass_on(self, pending: _Pending) -> None:
+        chain = pending.plan.chain
+        self._pass(chain[chain.index(self.me) + 1], pending.passed)
+
+    def _refuse(self, pending: _Pending, why: str) -> None:
+        """Refuse an attempt for good: it is remembered, so that no late double is granted."""
+        passed, chain = pending.passed, pending.plan.chain
+        decision = _refusal(passed.attempt, why)
+        self._journal.append(Decided(decision))
+        self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
+        self._tell(passed.process, decision)
+        for keeper in chain[: chain.index(self.me)]:
+            self._pass(keeper, decision)
+
+    def _commit(self, passed: Passed, plan: Planned) -> None:
+        attempt = passed.attempt
+        moved, occupants = self._outcome(passed, plan)
+        decision = Decision(
+            attempt.module,
+            attempt.epoch,
+            attempt.number,
+            moved=moved,
+            occupants=[(to_json(site), occupant) for site, occupant in occupants],
+        )
+        self._journal.append(Committed(passed, decision))
+        self._carry_out_commit(passed, decision, plan)
+        self._tell(passed.process, decision)
+        for keeper in plan.chain[:-1]:
+            self._pass(keeper, decision)
+        self._out.rest.append(moved)
+        self._show_changes()
+
+    def _carry_out_commit(self, passed: Passed, decision: Decision, plan: Planned) -> None:
+        self.commits += 1
+        if len(plan.chain) > 1:
+            owing = dict.fromkeys(plan.chain[:-1])
+            self._unsettled[name_of(passed.attempt)] = _Unsettled(decision, owing)
+        self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
+        self._apply(decision, plan)
+
+    def _apply(self, decision: Decision, plan: Planned) -> None:
+        if decision.moved is not None:
+            self.units.apply(decision.moved, plan.shares[self.me], sites_in(decision.occupants))
+
+    def _outcome(self, passed: Passed, plan: Planned) -> tuple[Moved, list[tuple[Site, Occupant]]]:
+        """Return what is committed, and the modules that it changes as they are from now on."""
+        attempt = passed.attempt
+        notes: dict[int, Register | None] = {}
+        modules: dict[int, tuple[Site, Occupant]] = {}
+        written = {
+            place: None if new is None else list(new)
+            for share in plan.shares.values()
+            for place, _, new in share.notes
+        }
+        for site, occupant in sites_in(passed.noted):
+            notes[occupant.module] = written[self._system.place_of(site)]
+            modules[occupant.module] = site, occupant
+        motion: list[tuple[int, object, object, int]] = []
+        for (source, target), occupant in zip(plan.motion, passed.occupants, strict=True):
+            if occupant is None:
+                raise AssertionError(f"nobody is taken along from {source!r}")
+            motion.append((occupant.module, to_json(source), to_json(target), occupant.version + 1))
+            modules[occupant.module] = target, occupant
+        moved_along = {module for module, *_ in motion}
+        changed: list[tuple[Site, Occupant]] = []
+        listed: list[tuple[object, int, int, Register | None]] = []
+        for module, (at, occupant) in modules.items():
+            note = notes.get(module)
+            counts = module in moved_along or note is not None
+            new = replace(
+                occupant,
+                number=attempt.number if module == attempt.module else occupant.number,
+                note=occupant.note if note is None else note,
+                version=occupant.version + counts,
+            )
+            if module in notes:
+                listed.append((to_json(self._system.place_of(at)), module, new.version, note))
+            if counts:
+                changed.append((at, new))
+        return (
+            Moved(
+                keeper=self.me,
+                serial=self.commits + 1,
+                module=attempt.module,
+                epoch=attempt.epoch,
+                number=attempt.number,
+                turn=attempt.turn,
+                level=0 if plan.move is None else passed.level + 1,
+                generator=attempt.generator,
+                at=attempt.at,
+                read=passed.read,
+                written=passed.written,
+                guarded=passed.guarded,
+                motion=motion,
+                notes=listed,
+            ),
+            changed,
+        )
+
+    def _show_changes(self) -> None:
+        for tile, places in sorted(self.units.last_change.items()):
+            parts = [self.units.shown(place) for place in places]
+            self._out.rest.append(Shows(self.me, tile, self.units.serials[tile], parts))
+
+    # Decisions of other keepers.
+
+    def _learn(self, keeper: int, decision: Decision) -> None:
+        pending = self._prepared.get(decision.module)
+        if pending is not None and name_of(pending.passed.attempt) == name_of(decision):
+            self._journal.append(Decided(decision))
+            self._decide(pending, decision)
+            if decision.moved is not None:
+                self._show_changes()
+            elif pending.plan.chain[0] == self.me:
+                self._tell(pending.passed.process, decision)
+        if decision.moved is not None and decision.moved.keeper == keeper:
+            self._owed.setdefault(keeper, []).append(Settled(*name_of(decision)))
+        self._go_on()
+
+    def _decide(self, pending: _Pending, decision: Decision) -> None:
+        """Carry out a decision, and free what was locked for it."""
+        module, share = decision.module, pending.plan.shares[self.me]
+        if decision.why == ABORTED:
+            self._leases[module] = min(2 * pending.due, LEASE_TICKS_MAX)
+        else:
+            self._leases.pop(module, None)
+        self._last[module] = _Last(decision.epoch, decision.number, decision)
+        del self._prepared[module]
+        for lock in share.exclusive:
+            del self._exclusive[lock]
+        for lock in share.shared:
+            self._shared[lock].pop(module)
+            if not self._shared[lock]:
+                del self._shared[lock]
+        self._apply(decision, pending.plan)
+
+    def _go_on(self) -> None:
+        """Take up those who waited, in the order in which they came."""
+        for module, pending in list(self._waiting.items()):
+            if module in self._waiting and not self._must_wait(pending):
+                del self._waiting[module]
+                last = self._last.get(module)
+                if last is None or name_of(pending.passed.attempt)[1:] > last.id:
+                    self._take(pending)
+
+    def _inquire(self, pending: _Pending) -> None:
+        pending.age, pending.due = 0, min(2 * pending.due, LEASE_TICKS_MAX)
+        self._pass(pending.plan.chain[-1], Inquiry(*name_of(pending.passed.attempt)))
+
+    def _answer(self, keeper: int, inquiry: Inquiry) -> None:
+        """Say what came of an attempt that another keeper has prepared; if nothing yet, forbid it.
+
+        From then on it is refused here, and so everywhere: an expired lease.
+        """
+        name = name_of(inquiry)
+        unsettled = self._unsettled.get(name)
+        if unsettled is not None:
+            self._pass(keeper, unsettled.decision)
+            return
+        waiting = self._waiting.get(inquiry.module)
+        if waiting is not None and name_of(waiting.passed.attempt) == name:
+            return
+        last = self._last.get(inquiry.module)
+        if last is not None and last.id == name[1:] and last.decision is not None:
+            self._pass(keeper, last.decision)
+            return
+        decision = Decision(*name, why=ABORTED)
+        if last is None or last.id < name[1:]:
+            self._journal.append(Decided(decision))
+            self._last[inquiry.module] = _Last(inquiry.epoch, inquiry.number, decision)
+        self._pass(keeper, decision)
+
+    def _acknowledged(self, keeper: int, settled: Settled) -> None:
+        unsettled = self._unsettled.get(name_of(settled))
+        if unsettled is not None and keeper in unsettled.owing:
+            self._journal.append(Acknowledged(keeper, *name_of(settled)))
+            self._forget(keeper, name_of(settled))
+
+    def _forget(self, keeper: int, name: Name) -> None:
+        owing = self._unsettled[name].owing
+        owing.pop(keeper, None)
+        if not owing:
+            del self._unsettled[name]
+
+    def _settle(self, keeper: int) -> None:
+        for settled in self._owed.pop(keeper):
+            self._pass(keeper, settled)
+        if not self._owed:
+            self._owed_age = 0
+
+    # Modules that enter, and processes that look.
+
+    def _enter(self, process: int, enter: Enter) -> None:
+        place = self.units.place_of.get(enter.module)
+        if place is None:
+            return
+        occupant = self.units.occupant(place)
+        lock = True, place
+        if occupant is None or enter.birth < occupant.birth:
+            return
+        holders = [self._exclusive.get(lock), *self._shared.get(lock, ())]
+        for module in holders:
+            if module is not None:
+                # It may be about to move: what became of that comes first.
+                self._inquire(self._prepared[module])
+                return
+        if enter.birth > occupant.birth:
+            self._journal.append(Born(enter))
+            self._be_born(enter)
+        site = self.units.site_of(enter.module)
+        known = self.units.occupant(place)
+        if known is not None:
+            self._tell(process, Entered(enter.birth, to_json(site), known))
+
+    def _be_born(self, enter: Enter) -> None:
+        occupant = self.units.occupant(self.units.place_of[enter.module])
+        if occupant is not None:
+            self.units.replace(
+                replace(occupant, birth=enter.birth, epoch=occupant.epoch + 1, number=0)
+            )
+
+    def _look(self, look: Look) -> None:
+        if self._tiles.keeper_of_tile(look.tile) != self.me:
+            self.refused += 1
+            return
+        serial = self.units.serials.get(look.tile, 0)
+        if look.serial != serial:
+            parts = self.units.tile(look.tile)
+            self._out.rest.append(Shows(self.me, look.tile, serial, parts, whole=True))
+
+    # Coming back.
+
+    def _come_back(self) -> None:
+        for record in self._journal.records():
+            match record:
+                case Prepared(passed=passed):
+                    plan = planned(self._system, self._tiles, passed.attempt)
+                    self._prepare(_Pending(passed, plan))
+                case Committed(passed=passed, decision=decision):
+                    plan = planned(self._system, self._tiles, passed.attempt)
+                    self._carry_out_commit(passed, decision, plan)
+                case Decided(decision=decision):
+                    self._decided_before(decision)
+                case Born(enter=enter):
+                    self._be_born(enter)
+                case Acknowledged():
+                    self._forget(record.keeper, (record.module, record.epoch, record.number))
+
+    def _decided_before(self, decision: Decision) -> None:
+        pending = self._prepared.get(decision.module)
+        if pending is not None and name_of(pending.passed.attempt) == name_of(decision):
+            self._decide(pending, decision)
+        else:
+            self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
+
+    def _tell(self, process: int, part: Decision | Entered) -> None:
+        self._out.tells.setdefault(process, []).append(part)
+
+    def _pass(self, keeper: int, part: Passed | Decision | Inquiry | Settled) -> None:
+        self._out.passes.setdefault(keeper, []).append(part)
+
+
+def _refusal(attempt: Attempt, why: str) -> Decision:
+    return Decision(attempt.module, attempt.epoch, attempt.number, why=why)

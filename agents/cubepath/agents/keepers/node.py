@@ -1,0 +1,92 @@
+"""A keeper as a node: strict decoding, keys, and ticks.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from cubepath.agents.keepers.keeper import Keeper
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Attempt,
+    Enter,
+    Fetch,
+    Passes,
+    decode_free,
+    encode,
+    free_key,
+    heard_by_keeper,
+)
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError
+from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
+
+TICK_S = 0.05
+
+
+class KeeperNode(Node):
+    """A keeper between the wire and its own machine; it serves until `Go` says "stop"."""
+
+    def __init__(self, keeper: Keeper, run: str, modules_of: Sequence[Sequence[int]] = ()) -> None:
+        """Know which modules each process may speak for."""
+        self.keeper = keeper
+        self._run = run
+        self._process_of = {
+            module: process for process, modules in enumerate(modules_of) for module in modules
+        }
+        self._ticking = False
+
+    def start(self) -> list[Effect]:
+        """Listen, and show what came of anything that was under way before."""
+        return [Listen(heard_by_keeper(self._run, self.keeper.me)), *self._said()]
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message; what is none has no effect but that it is counted."""
+        keeper = self.keeper
+        message = None
+        if len(data) <= MESSAGE_BYTES_MAX:
+            try:
+                message = decode_free(data)
+            except NoMessageError:
+                message = None
+        if message is None or key != free_key(self._run, message):
+            keeper.refused += 1
+            return []
+        match message:
+            case Asks(process=process, keeper=keeper.me, parts=parts):
+                for part in parts:
+                    if self._may_speak(process, part):
+                        keeper.ask(process, part)
+                    else:
+                        keeper.refused += 1
+            case Passes(keeper=other, to=keeper.me, parts=parts):
+                for said in parts:
+                    keeper.hear(other, said)
+            case Fetch(keeper=keeper.me, serial=serial):
+                keeper.fetch(serial)
+            case Go(phase="stop"):
+                return [Timer(None), End()]
+            case _:
+                keeper.refused += 1
+        return self._said()
+
+    def tick(self) -> list[Effect]:
+        """Ask for what is due."""
+        self._ticking = False
+        self.keeper.tick()
+        return self._said()
+
+    def _may_speak(self, process: int, part: object) -> bool:
+        if not isinstance(part, Attempt | Enter):
+            return True
+        return self._process_of.get(part.module) == process
+
+    def _said(self) -> list[Effect]:
+        effects: list[Effect] = [
+            Put(free_key(self._run, message), encode(message)) for message in self.keeper.said()
+        ]
+        if self.keeper.busy and not self._ticking:
+            self._ticking = True
+            effects.append(Timer(TICK_S))
+        return effects
