@@ -5,7 +5,7 @@ Room: agents. Everyone who handles an attempt derives the same from it, so nothi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -174,7 +174,7 @@ def _notes(
     return found
 
 
-def _unit_place(system: System):  # noqa: ANN202 - a function of one site
+def _unit_place(system: System) -> Callable[[Site], Site]:
     return (lambda unit: unit) if system.labels is not None else system.place_of
 
 

@@ -416,11 +416,11 @@ class Keeper:
             notes[occupant.module] = written[self._system.place_of(site)]
             modules[occupant.module] = site, occupant
         motion: list[tuple[int, object, object, int]] = []
-        for (source, target), occupant in zip(plan.motion, passed.occupants, strict=True):
-            if occupant is None:
+        for (source, target), taken in zip(plan.motion, passed.occupants, strict=True):
+            if taken is None:
                 raise AssertionError(f"nobody is taken along from {source!r}")
-            motion.append((occupant.module, to_json(source), to_json(target), occupant.version + 1))
-            modules[occupant.module] = target, occupant
+            motion.append((taken.module, to_json(source), to_json(target), taken.version + 1))
+            modules[taken.module] = target, taken
         moved_along = {module for module, *_ in motion}
         changed: list[tuple[Site, Occupant]] = []
         listed: list[tuple[object, int, int, Register | None]] = []

@@ -15,11 +15,10 @@ from cubepath.protocol.wire.free_messages import (
     Fetch,
     Passes,
     decode_free,
-    encode,
     free_key,
     heard_by_keeper,
 )
-from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError, encode
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
 
 TICK_S = 0.05

@@ -12,7 +12,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
     from cubepath.agents.rules.registry import find_rule, rule_named, rules, unknown_rule
-    from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
+    from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import is_in_file
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
     from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
@@ -22,7 +22,7 @@ else:
         {
             "actor": "Actor actors_for",
             "registry": "find_rule rule_named rules unknown_rule",
-            "rule": "Choice InitialKnowledge Rule RuleType",
+            "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "is_in_file",
             "schedule": "SCHEDULE scheduled",
             "streams": "HESITATE NoSeed RULE stream stream_at",
@@ -35,6 +35,7 @@ __all__ = [
     "SCHEDULE",
     "Actor",
     "Choice",
+    "FreeRule",
     "InitialKnowledge",
     "NoSeed",
     "Rule",

@@ -27,7 +27,6 @@ from cubepath.protocol.wire.messages import (
     NoteNumber,
     Refused,
     Summary,
-    encode,
 )
 
 Register: TypeAlias = list[NoteNumber]
@@ -239,7 +238,8 @@ class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
 
     It stood at `site`; `version` is that of the module. `sensed` has for each slot of the module's
     sensed places the version that was shown, -1 for an empty slot; `heard`, if the rule has notes,
-    for each place within reach the version of the place and that of its module. `action` and `note` are the rule's; `number` is the attempt that follows, if one does.
+    for each place within reach the version of the place and that of its module. `action` and `note`
+    are the rule's; `number` is the attempt that follows, if one does.
     """
 
     module: Count
@@ -252,7 +252,8 @@ class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
     heard: list[tuple[int, int]] = []
     note: Register | None = None
     guards: list[Json] = []
-    exchange: list[tuple[Json, Register]] = []
+    heeds: list[Json] = []
+    exchanges: list[tuple[Json, Register]] = []
     number: Count | None = None
     failed: _Line | None = None
 

@@ -33,7 +33,6 @@ class Tiles:
 
     def _tile_of(self, place: Site) -> str:
         """Return the name of the tile that a place lies in, one chunk of a key expression."""
-        system = self._system
         numbers = self._numbers(place)
         return _square(numbers[:2]) if len(numbers) > 1 else str(numbers[0] // _ROW)
 
