@@ -13,7 +13,6 @@ from cubepath.agents.free.orders import FreeOrders
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
-from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.free_messages import (
@@ -50,8 +49,10 @@ class FreeHostNode(Node):
         self._scene = scene_from_toml(orders.scene, "the orders") if scene is None else scene
         self._tiles = Tiles(self._scene.system, orders.keepers)
         schedule = orders.schedule
-        rule = scheduled({}) if schedule is not None else rule_named(
-            orders.rule, self._scene.system, "free"
+        rule = (
+            scheduled({})
+            if schedule is not None
+            else rule_named(orders.rule, self._scene.system, "free")
         )
         self.movers = {
             module: Mover(
@@ -193,8 +194,3 @@ class FreeHostNode(Node):
             return []
         self._ends_s = self._now_s + wait
         return [Timer(wait)]
-
-
-def site_in(value: object) -> object:
-    """Return the site that a JSON value stands for."""
-    return site_from_json(value)

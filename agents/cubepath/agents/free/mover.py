@@ -11,8 +11,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-import numpy as np
-
 from cubepath.agents.free.orders import OwnMove
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.keepers.attempts import planned
@@ -173,7 +171,7 @@ class Mover:
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
             self._rests(now_s, self._retry_s * self._random.random())
             return
-        self._retry_s = self._rest_s = REST_S
+        self._rest_s, self._retry_s = REST_S, RETRY_S
         self._executed(decision.moved)
         self._rests(now_s, 0.0)
 
@@ -398,7 +396,11 @@ class Mover:
         if attempt is None:
             return None
         return Attempt(
-            **{name: getattr(attempt, name) for name in attempt.__struct_fields__ if name != "after"},
+            **{
+                name: getattr(attempt, name)
+                for name in attempt.__struct_fields__
+                if name != "after"
+            },
             after=due.after,
         )
 
@@ -420,8 +422,3 @@ def paces(speeds: dict[int, float], jitter: float, module: int) -> Pace:
     """Return the pace of a module; without a speed of its own it does not think at all."""
     factor = speeds.get(module, 0.0)
     return Pace(factor, jitter if factor else 0.0)
-
-
-def random_of(seed: int, module: int) -> np.random.Generator:
-    """Return the stream from which a module draws its pace."""
-    return stream(seed, module, PACE)

@@ -1,4 +1,4 @@
-"""What a module process and a keeper are told at their birth, in a run without rounds.
+"""What a module process is told at its birth, in a run without rounds.
 
 Room: agents. The fleet and the simulator give the same orders.
 """
@@ -39,20 +39,4 @@ class FreeOrders(msgspec.Struct, frozen=True):
     """By which share at most its thinking takes longer, at random."""
     schedule: dict[int, list[OwnMove]] | None = None
     """By module its own moves of a schedule, in their order, instead of the rule."""
-    credentials: Credentials = GUEST
-
-
-class KeeperOrders(msgspec.Struct, frozen=True):
-    """What a keeper is told."""
-
-    endpoint: str
-    run: str
-    keeper: int
-    keepers: int
-    modules_of: list[list[int]]
-    """The modules of every process: who speaks for whom."""
-    scene: str
-    log: str
-    """The path of the keeper's log."""
-    tell_reads: bool = False
     credentials: Credentials = GUEST
