@@ -101,6 +101,10 @@ class FreeHostNode(Node):
                     self._told(part)
             case Go(phase="stop"):
                 return [Timer(None), End()]
+            case Go(phase="over" | "sense" as phase):
+                for module, mover in self.movers.items():
+                    mover.halted = phase == "over"
+                    self._due[module] = None
             case _:
                 self.refused += 1
         return self._go_on()

@@ -97,6 +97,8 @@ class Mover:
         self._rest_s, self._retry_s = REST_S, RETRY_S
         self._epoch = self._number = self._turn = 0
         self._version = 0
+        self.halted = False
+        """Whether it begins nothing new."""
         self._actor: Actor | None = None
         self._attempt: Attempt | None = None
         self._first = 0
@@ -257,6 +259,9 @@ class Mover:
 
     def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
         """Let the rule choose, if it is due and everything that it senses is known."""
+        if self.halted:
+            self.due_s = now_s + REST_S_MAX
+            return []
         if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):
             return []
         here = sensing.place(self._system.place_of(self.site))
@@ -409,7 +414,8 @@ class Mover:
             at = site_from_json(unit)
             place = at if self._system.labels is not None else self._system.place_of(at)
             known = {site: (v, r) for site, v, r in sensing.place(place).reads}
-            if known.get(at, (0, 0)) != (version, reads):
+            found, times = known.get(at, (0, 0))
+            if found != version or reads not in (None, times):
                 return False
         return True
 

@@ -15,7 +15,7 @@ class OwnMove(msgspec.Struct, frozen=True):
     """A module's own move of a schedule, and at what versions, read how often, it finds its units."""
 
     placed: GeneratorPlacement
-    after: list[tuple[Json, int, int]]
+    after: list[tuple[Json, int, int | None]]
 
 
 class FreeOrders(msgspec.Struct, frozen=True):
