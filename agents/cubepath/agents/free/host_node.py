@@ -6,8 +6,6 @@ ticks, each of which comes a while after it was asked for; that is enough to ask
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from cubepath.agents.free.mover import Mover, paces
 from cubepath.agents.free.orders import FreeOrders
 from cubepath.agents.free.sensing import Sensing
@@ -75,6 +73,7 @@ class FreeHostNode(Node):
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
         self._swept_s = 0.0
+        self._needed: frozenset[str] = frozenset()
         self._due: dict[int, None] = dict.fromkeys(self.movers)
 
     def start(self) -> list[Effect]:
@@ -129,17 +128,9 @@ class FreeHostNode(Node):
                 self.movers[known.module].taken_to(known.site, known.module_version)
         if changed or now_whole:
             for module, mover in self.movers.items():
-                if now_whole or self._senses(mover, changed):
+                if now_whole or not mover.near.isdisjoint(changed):
                     mover.dirty = True
                     self._due[module] = None
-
-    def _senses(self, mover: Mover, places: Iterable[object]) -> bool:
-        system = self._scene.system
-        own = system.place_of(mover.site)
-        return any(
-            place == own or place in system.sensed(own) or place in system.reach(own)
-            for place in places
-        )
 
     def _told(self, part: Decision | Entered) -> None:
         module = part.occupant.module if isinstance(part, Entered) else part.module
@@ -179,7 +170,10 @@ class FreeHostNode(Node):
         return effects + self._timer()
 
     def _need(self) -> list[Effect]:
-        tiles = {tile for mover in self.movers.values() for tile in mover.needs}
+        tiles = frozenset[str]().union(*(mover.needs for mover in self.movers.values()))
+        if tiles == self._needed and self._now_s < self._swept_s + _SWEEP_S:
+            return []
+        self._needed, self._swept_s = tiles, self._now_s
         new, old = self.sensing.need(tiles, self._now_s)
         run = self._orders.run
         effects: list[Effect] = []

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from cubepath.agents.free.orders import OwnMove
 from cubepath.agents.free.sensing import Sensing
@@ -103,19 +103,27 @@ class Mover:
         self._attempt: Attempt | None = None
         self._first = 0
         self._random = stream(seed, module, PACE)
+        nothing: frozenset[Any] = frozenset()
+        self._near: tuple[Site | None, frozenset[Site], frozenset[str]] = None, nothing, nothing
         self._goals = frozenset(scene.goals[module] if scene.goals else ())
         self._note_length = 0 if own is not None else rule.length(len(scene.start), "free")
 
     @property
-    def needs(self) -> set[str]:
+    def near(self) -> frozenset[Site]:
+        """Return its place, those that it senses, and those within its reach."""
+        if self._near[0] != self.site:
+            system, place = self._system, self._system.place_of(self.site)
+            near = {place, *system.sensed(place), *system.reach(place)}
+            near.discard(None)
+            found = frozenset(each for each in near if system.has_place(each))
+            self._near = self.site, found, frozenset(map(self._tiles.tile_of, found))
+        return self._near[1]
+
+    @property
+    def needs(self) -> frozenset[str]:
         """Return the tiles of what it may sense, and of what it would sense one move away."""
-        place = self._system.place_of(self.site)
-        near = {place, *self._system.sensed(place), *self._system.reach(place)}
-        return {
-            self._tiles.tile_of(each)
-            for each in near
-            if each is not None and self._system.has_place(each)
-        }
+        _ = self.near
+        return self._near[2]
 
     # What keepers answer.
 

@@ -100,6 +100,7 @@ def _add_run(command: AddCommand) -> None:
         help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
     )
     _add_patience(run, "end if nothing comes of a phase for so long (default 60)")
+    _add_free(run)
     run.add_argument(
         "--schedule",
         type=input_path,
@@ -131,6 +132,57 @@ def _add_run(command: AddCommand) -> None:
         metavar="N",
         help="wait until N processes have joined from elsewhere; --processes have what they leave",
     )
+
+
+def _add_free(run: argparse.ArgumentParser) -> None:
+    run.add_argument(
+        "--clock",
+        choices=("lockstep", "free"),
+        default="lockstep",
+        help="in rounds, or without: every module acts when it is ready (default lockstep)",
+    )
+    run.add_argument(
+        "--keepers",
+        type=whole(1),
+        default=4,
+        metavar="N",
+        help="with the free clock: processes that keep the sites (default 4)",
+    )
+    run.add_argument(
+        "--speed",
+        type=_speed,
+        action="append",
+        default=[],
+        metavar="MODULE=F",
+        help="with the free clock: this module thinks F times 10 ms before it acts, not at once",
+    )
+    run.add_argument(
+        "--jitter",
+        type=number("a number, 0 or more", lambda share: share >= 0),
+        default=0.0,
+        metavar="J",
+        help="and up to J times longer than that, at random (default 0)",
+    )
+    run.add_argument(
+        "--on-crash",
+        choices=("stop", "continue", "restart"),
+        default="stop",
+        help="with the free clock: what to do when a process has died (default stop)",
+    )
+    run.add_argument(
+        "--log-time",
+        choices=("level", "wall"),
+        default="level",
+        help="with the free clock: the log time of messages (default level)",
+    )
+
+
+def _speed(text: str) -> tuple[int, float]:
+    module, found, factor = text.partition("=")
+    with contextlib.suppress(ValueError):
+        if found and module.isascii() and module.isdigit():
+            return int(module), float(factor)
+    raise argparse.ArgumentTypeError(f"expected MODULE=FACTOR as 3=100, found {text!r}")
 
 
 def _add_secure(parser: argparse.ArgumentParser) -> None:
@@ -201,6 +253,12 @@ def _run(options: argparse.Namespace) -> int:
         connect=options.connect,
         secure=options.secure,
         wait_for=options.wait_for,
+        clock=options.clock,
+        keepers=options.keepers,
+        speeds=dict(options.speed),
+        jitter=options.jitter,
+        on_crash=options.on_crash,
+        log_time=options.log_time,
     )
     to_others = options.listen or options.connect or options.secure
     with progress_bar(None, "run", " rounds") as bar:

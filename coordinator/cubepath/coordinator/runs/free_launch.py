@@ -87,8 +87,10 @@ class FreeRun:
                 speeds=plan.speeds,
                 jitter=plan.jitter,
                 on_crash=plan.on_crash,
-                schedule=None if task.assignment is None else own_moves(task.scene, task.assignment),
-                logs=plan.keeper_logs,
+                schedule=None
+                if task.assignment is None
+                else own_moves(task.scene, task.assignment),
+                logs=None,
             ) as fleet,
         ):
             collector = self._collector = Collector(fleet.run, self.gatherer, plan.keepers)
@@ -100,9 +102,7 @@ class FreeRun:
                 finally:
                     shell.carry_out(collector.say(Go(collector.level, "stop")))
 
-    def _until_the_end(
-        self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]
-    ) -> Ending:
+    def _until_the_end(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> Ending:
         collector = self._collector
         self._heard = time.monotonic()
         ending: Ending | None = None

@@ -35,11 +35,11 @@ def own_moves(scene: Scene, assignment: Assignment) -> dict[int, list[OwnMove]]:
             found.setdefault(module, []).append(
                 OwnMove(
                     placed,
-                    [
-                        (to_json(unit), *versions.get(unit, (0, 0)))
-                        for unit in in_order(writes)
-                    ]
-                    + [(to_json(unit), versions.get(unit, (0, 0))[0], None) for unit in in_order(reads)],
+                    [(to_json(unit), *versions.get(unit, (0, 0))) for unit in in_order(writes)]
+                    + [
+                        (to_json(unit), versions.get(unit, (0, 0))[0], None)
+                        for unit in in_order(reads)
+                    ],
                 )
             )
             for unit in reads:

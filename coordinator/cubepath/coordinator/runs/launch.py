@@ -5,21 +5,20 @@ Room: coordinator. It starts the fleet, paces rounds and listens; it decides not
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import msgspec
 
+from cubepath.agents.free.fleet import Crash
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.coordinator.runs.conductor import Conductor, Ended, Ending
-from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.free_launch import FreeRun
+from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.plan import (
     Plan,
     Task,
@@ -42,11 +41,6 @@ from cubepath.protocol.wire.sessions import check_descriptors
 _FLUSH_S = 0.5
 _FLUSHES = (250, 1 << 18)
 """How much of a run a kill may lose: seconds, or messages, or bytes of them."""
-_INTERRUPTS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-class Interrupted(Exception):  # noqa: N818 - it is not an error, but what the user asked for
-    """The user asked the run to stop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +49,8 @@ class Outcome:
 
     So is `refused`, how many messages were refused. `error` is a key too if there is one. If a
     schedule was carried out, there are two more: how many cubes it has, and where it stopped, None
-    if it did not.
+    if it did not. A run without rounds has levels in their place, and two more keys: how many
+    keepers it had, and which processes died.
     """
 
     log: str
@@ -78,6 +73,8 @@ class Outcome:
     refused: int = 0
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
+    keepers: int | None = None
+    crashes: tuple[Crash, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
@@ -86,13 +83,15 @@ class Outcome:
             extra -= {"error"}
         if self.schedule_cubes is None:
             extra |= {"schedule_cubes", "schedule_stopped"}
+        if self.keepers is None:
+            extra |= {"keepers", "crashes"}
         found: dict[str, Any] = msgspec.to_builtins(
             {key: getattr(self, key) for key in self.__slots__ if key not in extra}
         )
         return found
 
 
-Watch = Callable[[Gatherer], None]
+Watch = Callable[[Gathered], None]
 Say = Callable[[str], None]
 
 
@@ -109,42 +108,43 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
     plan.network.check(modules, own)
     check_topics(task, plan)
     # Who waits for others has a session more, for that.
-    check_descriptors(own + bool(plan.wait_for), files=1)
+    keepers = plan.keepers if plan.is_free else 0
+    check_descriptors(own + keepers + bool(plan.wait_for), files=1)
     path = plan.log or Path("logs") / file_name(plan, task)
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
     with RecordingWriter(
-        path, task.scene, parameters_of(plan, task), schedule, flushes=_FLUSHES
+        path,
+        task.scene,
+        parameters_of(plan, task),
+        schedule,
+        flushes=_FLUSHES,
+        written_as=FREE_FORMAT if plan.is_free else FORMAT,
     ) as writer:
+        if plan.is_free:
+            return _play_free(plan, task, writer, watch, say)
         return _Run(plan, task, writer, say).play(watch)
 
 
-@contextmanager
-def _interrupts() -> Generator[Callable[[], None]]:
-    """Turn SIGINT, SIGTERM and SIGHUP into `Interrupted`, raised between two messages.
-
-    A second signal raises KeyboardInterrupt at once. Outside the main thread no signal is handled.
-    """
-    asked = threading.Event()
-
-    def ask(_number: int, _frame: FrameType | None) -> None:
-        if asked.is_set():
-            raise KeyboardInterrupt
-        asked.set()
-
-    def check() -> None:
-        if asked.is_set():
-            raise Interrupted
-
-    if threading.current_thread() is not threading.main_thread():
-        yield check
-        return
-    before = {number: signal.signal(number, ask) for number in _INTERRUPTS}
-    try:
-        yield check
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def _play_free(
+    plan: Plan, task: Task, writer: RecordingWriter, watch: Watch | None, say: Say | None
+) -> Outcome:
+    began = time.monotonic()
+    free = FreeRun(plan, task, writer, say or (lambda _: None), watch)
+    ending = free.play()
+    return _outcome(
+        plan,
+        task,
+        free.gatherer,
+        ending,
+        writer,
+        seconds=time.monotonic() - began,
+        processes=min(plan.processes, len(task.scene.start)),
+        refused=free.refused,
+        keepers=plan.keepers,
+        crashes=tuple(free.crashes),
+        schedule_cubes=None if task.assignment is None else len(task.assignment.cubes),
+    )
 
 
 class _Run:
@@ -192,7 +192,7 @@ class _Run:
         if ending is not None:
             return ending
         with (
-            _interrupts() as check,
+            interrupts() as check,
             Fleet(
                 task.scene,
                 task.rule,
@@ -239,28 +239,48 @@ class _Run:
         )
 
     def _outcome(self, ending: Ending) -> Outcome:
-        plan, gatherer, scene = self._plan, self._conductor.gatherer, self._task.scene
-        heap = gatherer.heap
-        modules = len(scene.start)
-        return Outcome(
-            log=str(self._writer.path),
-            system=scene.spec,
-            rule=self._task.name,
-            seed=plan.seed,
-            modules=modules,
+        conductor = self._conductor
+        return _outcome(
+            self._plan,
+            self._task,
+            conductor.gatherer,
+            ending,
+            self._writer,
+            seconds=time.monotonic() - self._began,
             processes=self._processes,
-            rounds=gatherer.rounds,
-            moves=heap.moves,
-            reduced_moves=heap.reduced_moves,
-            cubes=heap.cubes,
-            max_cube_dimension=heap.max_cube_dimension,
-            goal_reached=gatherer.reached,
-            path_digest=gatherer.digest,
-            seconds=round(time.monotonic() - self._began, 3),
-            ended=ending.ended,
-            error=ending.error,
-            messages=self._writer.messages,
-            refused=self._conductor.refused,
-            schedule_cubes=self._conductor.schedule_cubes,
-            schedule_stopped=self._conductor.stopped,
+            refused=conductor.refused,
+            schedule_cubes=conductor.schedule_cubes,
+            schedule_stopped=conductor.stopped,
         )
+
+
+def _outcome(
+    plan: Plan,
+    task: Task,
+    gatherer: Gathered,
+    ending: Ending,
+    writer: RecordingWriter,
+    *,
+    seconds: float,
+    **more: Any,
+) -> Outcome:
+    heap = gatherer.heap
+    return Outcome(
+        log=str(writer.path),
+        system=task.scene.spec,
+        rule=task.name,
+        seed=plan.seed,
+        modules=len(task.scene.start),
+        rounds=gatherer.rounds,
+        moves=heap.moves,
+        reduced_moves=heap.reduced_moves,
+        cubes=heap.cubes,
+        max_cube_dimension=heap.max_cube_dimension,
+        goal_reached=gatherer.reached,
+        path_digest=gatherer.digest,
+        seconds=round(seconds, 3),
+        ended=ending.ended,
+        error=ending.error,
+        messages=writer.messages,
+        **more,
+    )

@@ -8,11 +8,14 @@ from __future__ import annotations
 import platform
 import re
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Literal
 
+from cubepath.agents.free.fleet import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 from cubepath.agents.rules.registry import rule_named
@@ -30,6 +33,8 @@ from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 MAX_ROUNDS = 1000
+KEEPERS_MAX = 256
+SPEED_MAX = 10_000
 DEFAULT_SYSTEM = "hex"
 _NAME_MAX = 60
 _SAID = ("ready", "said", "reports", "again", "waiting")
@@ -66,11 +71,28 @@ class Plan:
     """The folder of certificates, for TLS."""
     wait_for: int = 0
     """How many processes join from elsewhere; `processes` have what modules those leave."""
+    clock: Literal["lockstep", "free"] = "lockstep"
+    """With rounds, or without; the rest is for runs without."""
+    keepers: int = 4
+    """Processes that keep the sites."""
+    speeds: Mapping[int, float] = field(default_factory=dict)
+    """By module how many times longer it thinks than 10 ms; the others do not think at all."""
+    jitter: float = 0.0
+    """By what share at most it thinks longer than that, at random."""
+    on_crash: OnCrash = "stop"
+    """What happens when a process has died."""
+    log_time: Literal["level", "wall"] = "level"
+    """What the log time of messages is: the greatest level so far, or the wall clock."""
 
     @property
     def network(self) -> Network:
         """Return where the processes meet."""
         return Network(self.listen, self.connect, self.secure, self.wait_for)
+
+    @property
+    def is_free(self) -> bool:
+        """Whether the run has no rounds."""
+        return self.clock == "free"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +126,60 @@ def task_of(plan: Plan) -> Task:
         raise InputError(
             f"patience={plan.patience}: expected more than 0 and less than {PATIENCE_S_MAX:g} s"
         )
+    (_check_free if plan.is_free else _check_lockstep)(plan)
     if plan.schedule is not None:
         return _task_of_schedule(plan, plan.schedule)
     if plan.repair:
         raise InputError("repair: there is no schedule that could need it")
     scene = _with_runs(_scene_named(plan.system))
+    _check_speeds(plan, scene)
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
     return Task(scene, _rule_of(plan, scene), most)
+
+
+def _check_lockstep(plan: Plan) -> None:
+    for key, value, default in (
+        ("speed", plan.speeds, {}),
+        ("jitter", plan.jitter, 0.0),
+        ("on-crash", plan.on_crash, "stop"),
+        ("log-time", plan.log_time, "level"),
+    ):
+        if value != default:
+            raise InputError(f"{key}: only for runs without rounds, expected clock=free beside it")
+
+
+def _check_free(plan: Plan) -> None:
+    for key, given in (
+        ("listen", plan.listen),
+        ("connect", plan.connect),
+        ("secure", plan.secure),
+        ("wait-for", plan.wait_for),
+        ("repair", plan.repair),
+    ):
+        if given:
+            raise InputError(f"{key}: not for runs without rounds (clock=free)")
+    if plan.processes < 1:
+        raise InputError(f"processes={plan.processes}: expected 1 or more with clock=free")
+    if not 1 <= plan.keepers <= KEEPERS_MAX:
+        raise InputError(f"keepers={plan.keepers}: expected 1 to {KEEPERS_MAX}")
+    for module, factor in plan.speeds.items():
+        if not 0.0 < factor <= SPEED_MAX:
+            raise InputError(
+                f"speed={module}={factor:g}: expected more than 0 and at most {SPEED_MAX}"
+            )
+    if not 0.0 <= plan.jitter <= SPEED_MAX:
+        raise InputError(f"jitter={plan.jitter:g}: expected 0 to {SPEED_MAX}")
+    if plan.on_crash not in ON_CRASH:
+        raise InputError(f"on-crash={plan.on_crash}: expected one of {', '.join(ON_CRASH)}")
+
+
+def _check_speeds(plan: Plan, scene: Scene) -> None:
+    strange = [module for module in plan.speeds if not 0 <= module < len(scene.start)]
+    if strange:
+        raise InputError(
+            f"speed={strange[0]}={plan.speeds[strange[0]]:g}: no such module, the scene has"
+            f" 0-{len(scene.start) - 1}"
+        )
 
 
 def _scene_named(system: str | None) -> Scene:
@@ -138,6 +207,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
     if plan.system is not None or scene is None:
         scene = _scene_named(plan.system)
     scene = _with_runs(scene)
+    _check_speeds(plan, scene)
     assignment = assignment_of(schedule, scene)
     cubes = len(assignment.cubes)
     most = cubes + (MAX_ROUNDS if plan.repair else 0)
@@ -150,12 +220,14 @@ def _rule_of(plan: Plan, scene: Scene) -> str:
     family = sound_family(scene.family)
     own = family.rule if family is not None else "random"
     rule = own if plan.rule is None else plan.rule
-    rule_named(rule, scene.system)
+    rule_named(rule, scene.system, plan.clock)
     return rule
 
 
 def check_topics(task: Task, plan: Plan) -> None:
     """Refuse a run with more topics, one for each kind and speaker, than a recording can have."""
+    if plan.is_free:
+        return  # two topics a process and five a keeper, of which there are fewer
     hosts = min(plan.processes + plan.wait_for, len(task.scene.start))
     here = len(_SAID_HERE)
     if len(_SAID) * hosts + here > TOPICS_MAX:
@@ -215,6 +287,18 @@ def _processes(plan: Plan, scene: Scene) -> dict[str, str]:
     """
     if plan.wait_for:
         return {"wait_for": str(plan.wait_for)}
+    if plan.is_free:
+        return {
+            "processes": str(min(plan.processes, len(scene.start))),
+            "clock": plan.clock,
+            "keepers": str(plan.keepers),
+            "log_time": plan.log_time,
+            "on_crash": plan.on_crash,
+            "speeds": ",".join(
+                f"{module}={plan.speeds[module]:g}" for module in sorted(plan.speeds)
+            ),
+            "jitter": f"{plan.jitter:g}",
+        }
     return {"processes": str(min(plan.processes, len(scene.start)))}
 
 
