@@ -6,11 +6,12 @@ ticks, each of which comes a while after it was asked for; that is enough to ask
 
 from __future__ import annotations
 
-from cubepath.agents.free.mover import Mover, paces
+from cubepath.agents.free.mover import Ask, Mover, paces
 from cubepath.agents.free.orders import FreeOrders
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE, scheduled
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.free_messages import (
@@ -19,6 +20,8 @@ from cubepath.protocol.wire.free_messages import (
     Decision,
     Enter,
     Entered,
+    Held,
+    Hold,
     Look,
     Shows,
     Tells,
@@ -73,6 +76,7 @@ class FreeHostNode(Node):
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
         self._swept_s = 0.0
+        self._asks: list[Ask] = []
         self._needed: frozenset[str] = frozenset()
         self._due: dict[int, None] = dict.fromkeys(self.movers)
 
@@ -97,7 +101,7 @@ class FreeHostNode(Node):
                 self._take(message)
             case Tells(process=process, parts=parts) if process == self._orders.process:
                 for part in parts:
-                    self._told(part)
+                    self._told(part, message.keeper)
             case Go(phase="stop"):
                 return [Timer(None), End()]
             case Go(phase="over" | "sense" as phase):
@@ -122,17 +126,21 @@ class FreeHostNode(Node):
             self.refused += 1
             return
         changed, now_whole = self.sensing.take(shows, self._now_s)
-        for place in changed:
+        self._changed(changed, anything=now_whole)
+
+    def _changed(self, places: list[Site], *, anything: bool = False) -> None:
+        """Tell the modules concerned that something new is known of places."""
+        for place in places:
             known = self.sensing.place(place)
             if known.module in self.movers and known.site is not None:
                 self.movers[known.module].taken_to(known.site, known.module_version)
-        if changed or now_whole:
+        if places or anything:
             for module, mover in self.movers.items():
-                if now_whole or not mover.near.isdisjoint(changed):
+                if anything or not mover.near.isdisjoint(places):
                     mover.dirty = True
                     self._due[module] = None
 
-    def _told(self, part: Decision | Entered) -> None:
+    def _told(self, part: Decision | Entered | Held, keeper: int) -> None:
         module = part.occupant.module if isinstance(part, Entered) else part.module
         mover = self.movers.get(module)
         if mover is None:
@@ -140,13 +148,19 @@ class FreeHostNode(Node):
             return
         if isinstance(part, Entered):
             mover.entered(part, self._now_s)
+        elif isinstance(part, Held):
+            self._changed(self.sensing.know(part.parts))
+            self._asks += mover.held(part, keeper, self._now_s)
         else:
             mover.decided(part, self._now_s)
         self._due[module] = None
 
     def _go_on(self) -> list[Effect]:
         effects: list[Effect] = []
-        asks: dict[int, list[Attempt | Enter | Look]] = {}
+        asks: dict[int, list[Attempt | Enter | Hold | Look]] = {}
+        for keeper, part in self._asks:
+            asks.setdefault(keeper, []).append(part)
+        self._asks = []
         turns: list[Turn] = []
         due, self._due = self._due, {}
         for module in sorted(due):

@@ -14,19 +14,23 @@ from typing import Any, Literal
 from cubepath.agents.free.orders import OwnMove
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.keepers.attempts import planned
+from cubepath.agents.keepers.node import TICK_S
 from cubepath.agents.local.observation import STAY, observe
 from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.attempting import attempt_of
 from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.streams import HESITATE, RULE, stream
 from cubepath.protocol.core.errors import RuleError
-from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
+    HOLD_TICKS_MAX,
     Attempt,
     Decision,
     Enter,
     Entered,
+    Held,
+    Hold,
     Look,
     Moved,
     Turn,
@@ -41,10 +45,15 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 """The same after it was refused, times a number below one that it draws."""
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
+MISSES = 3
+"""After so many attempts in a row that came too late a module asks for what it senses to be held."""
+HOLD_TICKS = 20
+"""So many ticks of the keepers it asks for at least, besides the time that it thinks."""
 PACE = 2
 """What its pace is drawn for, beside `RULE` and `HESITATE`."""
 
-Ask = tuple[int, Attempt | Enter | Look]
+State = Literal["entering", "resting", "thinking", "pending", "holding"]
+Ask = tuple[int, Attempt | Enter | Hold | Look]
 """What is asked of which keeper."""
 
 
@@ -75,7 +84,7 @@ class Mover:
         """Begin outside: it does not know where it stands. `own` are its moves of a schedule."""
         self.module = module
         self.site: Site = scene.start[module]
-        self.state: Literal["entering", "resting", "thinking", "pending"] = "entering"
+        self.state: State = "entering"
         self.due_s = 0.0
         self.dirty = True
         """Whether anything that it senses may have changed since it chose last."""
@@ -102,6 +111,10 @@ class Mover:
         self._actor: Actor | None = None
         self._attempt: Attempt | None = None
         self._first = 0
+        self._misses = 0
+        self._holds: list[tuple[int, list[Site]]] = []
+        """What it has asked to be held, by keeper in increasing order; those before `_held` are."""
+        self._held = self._hold_number = self._hold_tries = 0
         self._random = stream(seed, module, PACE)
         nothing: frozenset[Any] = frozenset()
         self._near: tuple[Site | None, frozenset[Site], frozenset[str]] = None, nothing, nothing
@@ -136,6 +149,7 @@ class Mover:
         self._epoch, self._number = occupant.epoch, occupant.number
         self.site, self._version = site_from_json(answer.site), occupant.version
         self._attempt = None
+        self._holds, self._hold_number = [], 0
         self._rests(now_s, 0.0)
         if fresh:
             self._turn = 0
@@ -178,9 +192,12 @@ class Mover:
         self._attempt = None
         self._number = decision.number
         if decision.moved is None:
+            self._misses += 1
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
             self._rests(now_s, self._retry_s * self._random.random())
             return
+        # Who needed to hold what it senses is likely to need it again.
+        self._misses = MISSES - 1 if self._misses >= MISSES else 0
         self._rest_s, self._retry_s = REST_S, RETRY_S
         self._executed(decision.moved)
         self._rests(now_s, 0.0)
@@ -210,6 +227,8 @@ class Mover:
                 return self._ask_again(now_s)
             case "thinking":
                 return self._thought(now_s, sensing)
+            case "holding":
+                return self._wait_to_hold(now_s)
             case _:
                 return self._choose(now_s, sensing)
 
@@ -235,13 +254,14 @@ class Mover:
         attempt = self._attempt
         if now_s < self.due_s or attempt is None:
             return []
-        if not self._holds(attempt, sensing):
+        if not self._still(attempt, sensing):
             self._attempt = None
+            self._misses += 1
             self._rests(now_s, 0.0)
             return self._choose(now_s, sensing)
         return self._send(attempt, now_s)
 
-    def _holds(self, attempt: Attempt, sensing: Sensing) -> bool:
+    def _still(self, attempt: Attempt, sensing: Sensing) -> bool:
         """Return whether, as far as it can tell, what it sensed when it began to think holds."""
         place_of = self._system.place_of
         if site_from_json(attempt.site) != self.site:
@@ -262,8 +282,74 @@ class Mover:
         self.state = "pending"
         self._again_s = AGAIN_S
         self._wait_for_answer(now_s)
-        self._first = planned(self._system, self._tiles, attempt).chain[0]
-        return [(self._first, attempt)]
+        chain = planned(self._system, self._tiles, attempt).chain
+        self._first = chain[0]
+        # The keepers of the chain let go by themselves when they know what came of it.
+        return [(self._first, attempt), *self._let_go(chain)]
+
+    # Holding what it senses.
+
+    def _begin_to_hold(self, now_s: float) -> list[Ask]:
+        """Ask for what it senses to be held, of one keeper after the other in increasing order."""
+        system, place = self._system, self._system.place_of(self.site)
+        shares: dict[int, list[Site]] = {}
+        for near in in_order({place, *(each for each in system.sensed(place) if each is not None)}):
+            if system.has_place(near):
+                shares.setdefault(self._tiles.keeper_of(near), []).append(near)
+        self._holds = sorted(shares.items())
+        self._held = 0
+        self.state = "holding"
+        return self._hold_next(now_s)
+
+    def _hold_next(self, now_s: float) -> list[Ask]:
+        self._hold_number += 1
+        self._hold_tries = 0
+        self._again_s = AGAIN_S
+        return self._ask_to_hold(now_s)
+
+    def _ask_to_hold(self, now_s: float) -> list[Ask]:
+        keeper, places = self._holds[self._held]
+        self._wait_for_answer(now_s)
+        thinks_s = 2 * self._pace.factor * THINK_S * (1.0 + self._pace.jitter)
+        ticks = min(HOLD_TICKS + int(thinks_s / TICK_S), HOLD_TICKS_MAX)
+        asked = [to_json(each) for each in places]
+        return [(keeper, Hold(self.module, self._epoch, self._hold_number, asked, ticks))]
+
+    def _wait_to_hold(self, now_s: float) -> list[Ask]:
+        if self._held == len(self._holds):
+            self.state, self.due_s = "resting", now_s
+            return []
+        if now_s < self.due_s:
+            return []
+        self._hold_tries += 1
+        if self._hold_tries % MISSES == 0:
+            self._hold_number += 1  # it may have been held, and given up again
+        return self._ask_to_hold(now_s)
+
+    def held(self, answer: Held, keeper: int, now_s: float) -> list[Ask]:
+        """Take note of what is held for it; return what it asks next."""
+        if self.state != "holding" or self._held >= len(self._holds):
+            return []
+        if (answer.epoch, answer.number) != (self._epoch, self._hold_number):
+            return []
+        if keeper != self._holds[self._held][0]:
+            return []
+        self._held += 1
+        if self._held < len(self._holds):
+            return self._hold_next(now_s)
+        self._rests(now_s, 0.0)
+        self._retry_s = RETRY_S
+        return []
+
+    def _let_go(self, chain: Iterable[int]) -> list[Ask]:
+        """Give up what is held for it, but at the keepers of a chain."""
+        asks: list[Ask] = []
+        for keeper, _ in self._holds:
+            if keeper not in chain:
+                self._hold_number += 1
+                asks.append((keeper, Hold(self.module, self._epoch, self._hold_number, [], 0)))
+        self._holds = []
+        return asks
 
     def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
         """Let the rule choose, if it is due and everything that it senses is known."""
@@ -283,13 +369,16 @@ class Mover:
         if not sensing.sees(each for each in near if self._system.has_place(each)):
             self.due_s = now_s + AGAIN_S
             return []
+        if self._misses >= MISSES and not self._holds:
+            return self._begin_to_hold(now_s)
         self.dirty = False
         self._turn += 1
         attempt = self._own_attempt(sensing) if self._own is not None else self._asked(sensing)
         if attempt is None:
             self.state, self.due_s = "resting", now_s + self._rest_s
             self._rest_s = min(2 * self._rest_s, REST_S_MAX)
-            return []
+            self._misses = 0
+            return self._let_go(())
         self._rest_s = REST_S
         self._attempt = attempt
         if self._pace.factor:

@@ -109,13 +109,8 @@ class Sensing:
         tile = self._known.get(shows.tile)
         if tile is None:
             return [], False
-        changed: list[Site] = []
         now_whole = shows.whole and not tile.whole
-        for shown in shows.parts:
-            place = site_from_json(shown.place)
-            if self._newer(tile, place, shown):
-                tile.places[place] = _known(shown)
-                changed.append(place)
+        changed = self.know(shows.parts)
         if shows.whole:
             if shows.serial >= tile.serial:
                 tile.serial, tile.whole = shows.serial, True
@@ -128,6 +123,17 @@ class Sensing:
             tile.every_s = LOOK_S  # something between was not shown
             tile.look_s = min(tile.look_s, now_s)
         return changed, now_whole
+
+    def know(self, parts: Iterable[Shown]) -> list[Site]:
+        """Take what is shown of places; return those of which something new is known."""
+        changed: list[Site] = []
+        for shown in parts:
+            place = site_from_json(shown.place)
+            tile = self._known.get(self._tiles.tile_of(place))
+            if tile is not None and self._newer(tile, place, shown):
+                tile.places[place] = _known(shown)
+                changed.append(place)
+        return changed
 
     def _newer(self, tile: _Tile, place: Site, shown: Shown) -> bool:
         known = tile.places.get(place)

@@ -5,7 +5,7 @@ Room: agents. Everyone who handles an attempt derives the same from it, so nothi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -18,7 +18,8 @@ from cubepath.protocol.wire.tiles import Tiles
 
 Lock: TypeAlias = tuple[bool, Site]
 """What can be locked: a unit (False), or the register at a place (True)."""
-_NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
+NOBODYS: frozenset[Lock] = frozenset()
+NO_PLACE = (InputError, TypeError, ValueError, IndexError, KeyError, AttributeError, OverflowError)
 """What systems raise for a value that is none of their sites."""
 
 
@@ -66,6 +67,17 @@ class Planned:
         return () if self.move is None else self.move.motion
 
 
+def held(system: System, places: Iterable[Site]) -> Share:
+    """Return the share of whoever holds places: all their units, and their registers."""
+    units: list[Site] = []
+    for place in in_order(set(places)):
+        system.check_place(place)
+        units += [(place, letter) for letter in system.letters] or [place]
+    exclusive: set[Lock] = {(False, unit) for unit in units}
+    exclusive |= {(True, place) for place in places}
+    return Share((), (), (), (), (), (), NOBODYS, frozenset(exclusive))
+
+
 def support_units(system: System, tiles: Tiles, move: Move) -> tuple[frozenset[Site], ...]:
     """Return the units that a move reads, and those that it writes; what never changes is left out.
 
@@ -90,7 +102,7 @@ def planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:
         return _planned(system, tiles, attempt)
     except NotAnAttempt:
         raise
-    except _NO_PLACE as error:
+    except NO_PLACE as error:
         why = " ".join(f"{type(error).__name__}: {error}".split())
         raise NotAnAttempt(f"attempt of module_{attempt.module}: {why}"[:200]) from None
 

@@ -17,7 +17,15 @@ from typing import TypeAlias
 
 from msgspec.structs import replace
 
-from cubepath.agents.keepers.attempts import Lock, NotAnAttempt, Planned, planned
+from cubepath.agents.keepers.attempts import (
+    NO_PLACE,
+    Lock,
+    NotAnAttempt,
+    Planned,
+    Share,
+    held,
+    planned,
+)
 from cubepath.agents.keepers.journal import (
     Acknowledged,
     Born,
@@ -27,7 +35,7 @@ from cubepath.agents.keepers.journal import (
     Prepared,
 )
 from cubepath.agents.keepers.units import Units, sites_in, start_of
-from cubepath.protocol.core.sites import Site, to_json
+from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -35,6 +43,8 @@ from cubepath.protocol.wire.free_messages import (
     Enter,
     Entered,
     FreeMessage,
+    Held,
+    Hold,
     Inquiry,
     Look,
     Moved,
@@ -72,8 +82,27 @@ class _Pending:
 
     passed: Passed
     plan: Planned
+    share: Share
     age: int = 0
     due: int = LEASE_TICKS
+
+    @property
+    def owner(self) -> int:
+        return self.passed.attempt.module
+
+
+@dataclass(slots=True)
+class _Hold:
+    """Places that are held for a module, or that it waits for; not on record, so a crash ends it."""
+
+    asked: Hold
+    process: int
+    share: Share
+    left: int
+
+    @property
+    def owner(self) -> int:
+        return ~self.asked.module
 
 
 @dataclass(slots=True)
@@ -103,7 +132,7 @@ class _Out:
     """What is to be said, by receiver."""
 
     passes: dict[int, list[Passed | Decision | Inquiry | Settled]] = field(default_factory=dict)
-    tells: dict[int, list[Decision | Entered]] = field(default_factory=dict)
+    tells: dict[int, list[Decision | Entered | Held]] = field(default_factory=dict)
     rest: list[FreeMessage] = field(default_factory=list)
 
 
@@ -132,8 +161,13 @@ class Keeper:
         self._out = _Out()
         self._last: dict[int, _Last] = {}
         self._prepared: dict[int, _Pending] = {}
-        self._waiting: dict[int, _Pending] = {}
-        """By module, in the order in which they came."""
+        self._waiting: dict[int, _Pending | _Hold] = {}
+        """By owner, in the order in which they came."""
+        self._holds: dict[int, _Hold] = {}
+        """By module."""
+        self._asked: dict[int, tuple[int, int]] = {}
+        """By module the epoch and the number of the last time it asked for that."""
+        # Owners are modules for their attempts, and their complements for what they hold.
         self._exclusive: dict[Lock, int] = {}
         self._shared: dict[Lock, dict[int, None]] = {}
         self._leases: dict[int, int] = {}
@@ -148,9 +182,11 @@ class Keeper:
 
     # What comes in.
 
-    def ask(self, process: int, part: Attempt | Enter | Look) -> None:
+    def ask(self, process: int, part: Attempt | Enter | Hold | Look) -> None:
         """Take what a process asks."""
         match part:
+            case Hold():
+                self._asked_to_hold(process, part)
             case Attempt():
                 self._attempt(Passed(part, process, 0, [], [], [], [], []), None)
             case Enter():
@@ -185,6 +221,10 @@ class Keeper:
             pending.age += 1
             if pending.age >= pending.due:
                 self._inquire(pending)
+        for hold in list(self._holds.values()):
+            hold.left -= 1
+            if hold.left <= 0:
+                self._give_up(hold.asked.module)
         for unsettled in self._unsettled.values():
             unsettled.age += 1
             if unsettled.age % REMIND_TICKS == 0:
@@ -199,7 +239,7 @@ class Keeper:
     @property
     def busy(self) -> bool:
         """Return whether anything is due at some time."""
-        return bool(self._prepared or self._unsettled or self._owed)
+        return bool(self._prepared or self._unsettled or self._owed or self._holds)
 
     def said(self) -> list[FreeMessage]:
         """Return what is to be said since this was last asked."""
@@ -225,7 +265,7 @@ class Keeper:
             self._again(passed, last, sender)
             return
         waiting = self._waiting.get(attempt.module)
-        if waiting is not None and mine <= name_of(waiting.passed.attempt)[1:]:
+        if isinstance(waiting, _Pending) and mine <= name_of(waiting.passed.attempt)[1:]:
             self._go_on()  # whoever was waited for may have been replaced meanwhile
             return
         try:
@@ -237,17 +277,15 @@ class Keeper:
         if before < 0 or (plan.chain[before - 1] if before else None) != sender:
             self.refused += 1
             return
-        pending = _Pending(passed, plan)
+        pending = _Pending(passed, plan, plan.shares[self.me])
         if attempt.module in self._prepared:
             # The module knows what became of its attempt before, and this keeper does not yet.
             self._inquire(self._prepared[attempt.module])
-        if self._must_wait(pending):
-            if len(self._waiting) < WAITING_MAX:
-                self._waiting.pop(attempt.module, None)
-                self._waiting[attempt.module] = pending
-            return
         self._waiting.pop(attempt.module, None)
-        self._take(pending)
+        if not self._must_wait(pending):
+            self._take(pending)
+        elif len(self._waiting) < WAITING_MAX:
+            self._waiting[attempt.module] = pending
 
     def _again(self, passed: Passed, last: _Last, sender: int | None) -> None:
         """Say again what came of an attempt that was seen before, or pass it on again."""
@@ -267,20 +305,26 @@ class Keeper:
         else:
             self._pass(sender, last.decision)
 
-    def _must_wait(self, pending: _Pending) -> bool:
-        """Return whether an attempt conflicts with one that is prepared, or came before it."""
-        module, share = pending.passed.attempt.module, pending.plan.shares[self.me]
-        if module in self._prepared:
+    def _must_wait(self, pending: _Pending | _Hold) -> bool:
+        """Return whether it conflicts with what is prepared or held, or came before it.
+
+        What is held for a module is not in its own way, and those who wait for that are not before
+        it: they would wait for each other.
+        """
+        owner, share = pending.owner, pending.share
+        if owner in self._prepared:
             return True
         for lock in share.exclusive:
-            if lock in self._exclusive or self._shared.get(lock):
+            if self._exclusive.get(lock, ~owner) != ~owner or self._shared.get(lock):
                 return True
-        if any(lock in self._exclusive for lock in share.shared):
+        if any(self._exclusive.get(lock, ~owner) != ~owner for lock in share.shared):
             return True
+        if owner in self._holds:
+            return False
         for other, earlier in self._waiting.items():
-            if other == module:
+            if other == owner:
                 return False
-            if share.conflicts(earlier.plan.shares[self.me]):
+            if other != ~owner and share.conflicts(earlier.share):
                 return True
         return False
 
@@ -312,7 +356,7 @@ class Keeper:
         if plan.chain[-1] == self.me:
             self._commit(passed, plan)
             return
-        pending = _Pending(passed, plan)
+        pending = _Pending(passed, plan, share)
         self._journal.append(Prepared(passed))
         self._prepare(pending)
         self._pass_on(pending)
@@ -349,13 +393,13 @@ class Keeper:
         return found
 
     def _prepare(self, pending: _Pending) -> None:
-        attempt, share = pending.passed.attempt, pending.plan.shares[self.me]
+        attempt = pending.passed.attempt
         pending.due = self._leases.get(attempt.module, LEASE_TICKS)
         self._prepared[attempt.module] = pending
         self._last[attempt.module] = _Last(attempt.epoch, attempt.number)
-        for lock in share.exclusive:
+        for lock in pending.share.exclusive:
             self._exclusive[lock] = attempt.module
-        for lock in share.shared:
+        for lock in pending.share.shared:
             self._shared.setdefault(lock, {})[attempt.module] = None
 
     def _pass_on(self, pending: _Pending) -> None:
@@ -371,6 +415,7 @@ class Keeper:
         self._tell(passed.process, decision)
         for keeper in chain[: chain.index(self.me)]:
             self._pass(keeper, decision)
+        self._give_up(decision.module)
 
     def _commit(self, passed: Passed, plan: Planned) -> None:
         attempt = passed.attempt
@@ -389,6 +434,7 @@ class Keeper:
             self._pass(keeper, decision)
         self._out.rest.append(moved)
         self._show_changes()
+        self._give_up(decision.module)
 
     def _carry_out_commit(self, passed: Passed, decision: Decision, plan: Planned) -> None:
         self.commits += 1
@@ -475,11 +521,12 @@ class Keeper:
                 self._tell(pending.passed.process, decision)
         if decision.moved is not None and decision.moved.keeper == keeper:
             self._owed.setdefault(keeper, []).append(Settled(*name_of(decision)))
+        self._give_up(decision.module)
         self._go_on()
 
     def _decide(self, pending: _Pending, decision: Decision) -> None:
         """Carry out a decision, and free what was locked for it."""
-        module, share = decision.module, pending.plan.shares[self.me]
+        module, share = decision.module, pending.share
         if decision.why == ABORTED:
             self._leases[module] = min(2 * pending.due, LEASE_TICKS_MAX)
         else:
@@ -496,12 +543,16 @@ class Keeper:
 
     def _go_on(self) -> None:
         """Take up those who waited, in the order in which they came."""
-        for module, pending in list(self._waiting.items()):
-            if module in self._waiting and not self._must_wait(pending):
-                del self._waiting[module]
-                last = self._last.get(module)
-                if last is None or name_of(pending.passed.attempt)[1:] > last.id:
-                    self._take(pending)
+        for owner, pending in list(self._waiting.items()):
+            if self._waiting.get(owner) is not pending or self._must_wait(pending):
+                continue
+            del self._waiting[owner]
+            if isinstance(pending, _Hold):
+                self._hold(pending)
+                continue
+            last = self._last.get(owner)
+            if last is None or name_of(pending.passed.attempt)[1:] > last.id:
+                self._take(pending)
 
     def _inquire(self, pending: _Pending) -> None:
         pending.age, pending.due = 0, min(2 * pending.due, LEASE_TICKS_MAX)
@@ -518,7 +569,7 @@ class Keeper:
             self._pass(keeper, unsettled.decision)
             return
         waiting = self._waiting.get(inquiry.module)
-        if waiting is not None and name_of(waiting.passed.attempt) == name:
+        if isinstance(waiting, _Pending) and name_of(waiting.passed.attempt) == name:
             return
         last = self._last.get(inquiry.module)
         if last is not None and last.id == name[1:] and last.decision is not None:
@@ -548,6 +599,61 @@ class Keeper:
         if not self._owed:
             self._owed_age = 0
 
+    # Places that are held for a module.
+
+    def _asked_to_hold(self, process: int, asked: Hold) -> None:
+        module, mine = asked.module, (asked.epoch, asked.number)
+        last = self._last.get(module)
+        before = self._asked.get(module, (0, 0))
+        if (last is not None and asked.epoch < last.epoch) or mine < before:
+            return
+        if mine == before:
+            known = self._holds.get(module)
+            if known is None:
+                self._go_on()  # it may wait; what was given up is not held again
+            elif known.asked == asked:
+                self._say_held(known)
+            return
+        try:
+            places = [site_from_json(place) for place in asked.places]
+            share = held(self._system, places)
+        except NO_PLACE:
+            self.refused += 1
+            return
+        if any(self._tiles.keeper_of(place) != self.me for place in places):
+            self.refused += 1
+            return
+        self._asked[module] = mine
+        self._waiting.pop(~module, None)
+        self._give_up(module)
+        if not asked.ticks:
+            return
+        hold = _Hold(asked, process, share, asked.ticks)
+        if not self._must_wait(hold):
+            self._hold(hold)
+        elif len(self._waiting) < WAITING_MAX:
+            self._waiting[~module] = hold
+
+    def _hold(self, hold: _Hold) -> None:
+        self._holds[hold.asked.module] = hold
+        for lock in hold.share.exclusive:
+            self._exclusive[lock] = hold.owner
+        self._say_held(hold)
+
+    def _say_held(self, hold: _Hold) -> None:
+        asked = hold.asked
+        parts = [self.units.shown(site_from_json(place)) for place in asked.places]
+        self._tell(hold.process, Held(asked.module, asked.epoch, asked.number, parts))
+
+    def _give_up(self, module: int) -> None:
+        hold = self._holds.pop(module, None)
+        if hold is None:
+            return
+        for lock in hold.share.exclusive:
+            if self._exclusive.get(lock) == hold.owner:
+                del self._exclusive[lock]
+        self._go_on()
+
     # Modules that enter, and processes that look.
 
     def _enter(self, process: int, enter: Enter) -> None:
@@ -560,7 +666,7 @@ class Keeper:
             return
         holders = [self._exclusive.get(lock), *self._shared.get(lock, ())]
         for module in holders:
-            if module is not None:
+            if module is not None and module >= 0:
                 # It may be about to move: what became of that comes first.
                 self._inquire(self._prepared[module])
                 return
@@ -595,7 +701,7 @@ class Keeper:
             match record:
                 case Prepared(passed=passed):
                     plan = planned(self._system, self._tiles, passed.attempt)
-                    self._prepare(_Pending(passed, plan))
+                    self._prepare(_Pending(passed, plan, plan.shares[self.me]))
                 case Committed(passed=passed, decision=decision):
                     plan = planned(self._system, self._tiles, passed.attempt)
                     self._carry_out_commit(passed, decision, plan)
@@ -613,7 +719,7 @@ class Keeper:
         else:
             self._last[decision.module] = _Last(decision.epoch, decision.number, decision)
 
-    def _tell(self, process: int, part: Decision | Entered) -> None:
+    def _tell(self, process: int, part: Decision | Entered | Held) -> None:
         self._out.tells.setdefault(process, []).append(part)
 
     def _pass(self, keeper: int, part: Passed | Decision | Inquiry | Settled) -> None:

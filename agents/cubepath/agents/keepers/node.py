@@ -13,6 +13,7 @@ from cubepath.protocol.wire.free_messages import (
     Attempt,
     Enter,
     Fetch,
+    Hold,
     Passes,
     decode_free,
     free_key,
@@ -79,7 +80,7 @@ class KeeperNode(Node):
         return self._said()
 
     def _may_speak(self, process: int, part: object) -> bool:
-        if not isinstance(part, Attempt | Enter):
+        if not isinstance(part, Attempt | Enter | Hold):
             return True
         return self._process_of.get(part.module) == process
 

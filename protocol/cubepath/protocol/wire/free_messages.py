@@ -29,6 +29,8 @@ from cubepath.protocol.wire.messages import (
     Summary,
 )
 
+HOLD_TICKS_MAX = 200
+"""So long at most a keeper holds places for a module that thinks."""
 Register: TypeAlias = list[NoteNumber]
 """The note of a module as its keeper holds it: empty before it has said anything."""
 _Line = Annotated[str, msgspec.Meta(max_length=4096)]
@@ -70,6 +72,21 @@ class Enter(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):
 
     module: Count
     birth: Count
+
+
+class Hold(msgspec.Struct, frozen=True, tag_field="kind", tag="hold"):
+    """A module that was refused time and again asks that some places stay as they are for a while.
+
+    They are places of one keeper that it senses. For `ticks` of the keeper, or until its next
+    attempt there is decided, nobody else changes or relies on them; 0 gives them up. It has a
+    `number` of its own in each epoch.
+    """
+
+    module: Count
+    epoch: Count
+    number: Count
+    places: list[Json]
+    ticks: Annotated[int, msgspec.Meta(ge=0, le=HOLD_TICKS_MAX)]
 
 
 class Look(msgspec.Struct, frozen=True, tag_field="kind", tag="look"):
@@ -196,12 +213,21 @@ class Entered(msgspec.Struct, frozen=True, tag_field="kind", tag="entered"):
     occupant: Occupant
 
 
+class Held(msgspec.Struct, frozen=True, tag_field="kind", tag="held"):
+    """The places that a module asked for are held for it from now on, and show this."""
+
+    module: Count
+    epoch: Count
+    number: Count
+    parts: list[Shown]
+
+
 class Asks(msgspec.Struct, frozen=True, tag_field="kind", tag="ask"):
     """What the modules of a process ask of a keeper."""
 
     process: Count
     keeper: Count
-    parts: list[Attempt | Enter | Look]
+    parts: list[Attempt | Enter | Hold | Look]
 
 
 class Passes(msgspec.Struct, frozen=True, tag_field="kind", tag="pass"):
@@ -217,7 +243,7 @@ class Tells(msgspec.Struct, frozen=True, tag_field="kind", tag="tell"):
 
     keeper: Count
     process: Count
-    parts: list[Decision | Entered]
+    parts: list[Decision | Entered | Held]
 
 
 class Shows(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="shows"):
