@@ -6,9 +6,7 @@ Room: protocol.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
-
-import msgspec
+from typing import Any, TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import schema_with_definitions
@@ -16,8 +14,15 @@ from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
     Asks,
     Attempt,
+    Decision,
     Enter,
+    Entered,
+    Inquiry,
+    Look,
+    Passed,
     Passes,
+    Settled,
+    Shown,
     Shows,
     Tells,
     Turn,
@@ -29,6 +34,9 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import KINDS, decode, encode, parts_of
 
+_Part: TypeAlias = (
+    Attempt | Enter | Look | Passed | Decision | Inquiry | Settled | Entered | Shown | Turn
+)
 SHOWN = "shown"
 """The kind of the parts of `shows`, which need not say it."""
 
@@ -61,14 +69,13 @@ def parts_said(kind: str, data: bytes) -> list[tuple[str, bytes]]:
 
 def _free_parts(data: bytes) -> list[tuple[str, bytes]]:
     message = decode_free(data)
-    parts: Sequence[msgspec.Struct] = ()
+    parts: Sequence[_Part] = ()
     if isinstance(message, Asks | Passes | Tells | Shows | Turns):
         parts = message.parts
     who = free_sender(message)
     found = []
     for part in parts:
         # A module speaks for itself, a keeper and a process for all that they have.
-        own = isinstance(part, Attempt | Enter | Turn)
-        speaker = f"module_{part.module}" if own else who
+        speaker = f"module_{part.module}" if isinstance(part, Attempt | Enter | Turn) else who
         found.append((f"{part.__struct_config__.tag or SHOWN}/{speaker}", encode(part)))
     return found
