@@ -36,7 +36,7 @@ class Share:
     writes: tuple[Site, ...]
     guards: tuple[Site, ...]
     notes: tuple[tuple[Site, tuple[int, ...], tuple[int, ...] | None], ...]
-    after: tuple[tuple[Site, int, int], ...]
+    after: tuple[tuple[Site, int, int | None], ...]
     shared: frozenset[Lock]
     exclusive: frozenset[Lock]
 
@@ -183,7 +183,7 @@ def _share(
     notes: Mapping[Site, tuple[tuple[int, ...], tuple[int, ...] | None]],
     sensed: Mapping[Site, Site | None],
     touched: tuple[frozenset[Site], frozenset[Site]],
-    after: Mapping[Site, tuple[int, int]],
+    after: Mapping[Site, tuple[int, int | None]],
     system: System,
 ) -> Share:
     reads, writes = touched

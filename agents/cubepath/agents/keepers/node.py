@@ -66,6 +66,8 @@ class KeeperNode(Node):
                 keeper.fetch(serial)
             case Go(phase="stop"):
                 return [Timer(None), End()]
+            case Go():
+                pass  # for modules
             case _:
                 keeper.refused += 1
         return self._said()

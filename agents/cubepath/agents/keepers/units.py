@@ -97,10 +97,10 @@ class Units:
                 return f"the register at {place!r} is {list(note)}, {list(expected)} was sensed"
         for unit, version, reads in share.after:
             known = self.unit(unit)
-            if (known.version, known.reads) != (version, reads):
+            if known.version != version or reads not in (None, known.reads):
                 return (
                     f"{unit!r} has version {known.version}, read {known.reads} times, expected"
-                    f" version {version}, read {reads} times"
+                    f" version {version}" + ("" if reads is None else f", read {reads} times")
                 )
         return None
 

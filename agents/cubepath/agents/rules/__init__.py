@@ -1,7 +1,7 @@
 """Rules: what a module chooses from what it sees, built in or from other distributions.
 
 Room: agents. A rule sees a `View` and returns a `Choice`; an `Actor` asks one for one module. It
-imports `local` and the protocol. Module processes and environments let rules act; the coordinator
+imports `local`, the protocol, and of `keepers` what an attempt is. Module processes and environments let rules act; the coordinator
 asks for them by name.
 """
 
@@ -11,6 +11,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
+    from cubepath.agents.rules.attempting import attempt_of
     from cubepath.agents.rules.registry import find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import is_in_file
@@ -21,6 +22,7 @@ else:
         __name__,
         {
             "actor": "Actor actors_for",
+            "attempting": "attempt_of",
             "registry": "find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "is_in_file",
@@ -41,6 +43,7 @@ __all__ = [
     "Rule",
     "RuleType",
     "actors_for",
+    "attempt_of",
     "find_rule",
     "is_in_file",
     "rule_named",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,13 +39,14 @@ class Actor:
         *,
         hesitate: float = 0.0,
         doubt: np.random.Generator | None = None,
+        clock: str = "lockstep",
     ) -> None:
         """Make the rule for this module, with all that it knows; `doubt` decides hesitations."""
-        self.note_length = rule.note_length(knowledge.modules)
+        self.note_length = rule.length(knowledge.modules, clock)
         self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
             with _blamed_on(self._who):
-                self._rule = rule.make(knowledge)
+                self._rule = rule.made(knowledge, clock)
         except RuleError as error:
             if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
                 raise error.__cause__ from None
@@ -63,7 +65,9 @@ class Actor:
                 raise InputError(f"chose action {choice.action}, legal were {legal}")
             note = None if choice.note is None else checked_note(choice.note, self.note_length)
         hesitates = self._doubt is not None and self._doubt.random() < self._hesitate
-        return Choice(STAY if hesitates else choice.action, note, choice.failed)
+        if hesitates:
+            return Choice(STAY, note, choice.failed)
+        return replace(choice, note=note)
 
 
 @contextmanager

@@ -15,18 +15,25 @@ from cubepath.protocol.wire.credentials import (
     COORDINATOR,
     ROUTER,
     certificate_files,
+    keeper_name,
     process_name,
 )
 
 PROCESSES_MAX = 1024
 """Processes that a router with certificates knows, which has to list them beforehand."""
 
-_OWN_KINDS = ("ready", "reports", "observations", "waiting", "again")
+_OWN_KINDS = ("ready", "reports", "observations", "waiting", "again", "turns")
+_OWN_KEYS = ("to/*", "ask/*")
+"""Of a module process: what it says to a region, and what it asks of a keeper."""
+_KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")
+"""Of a keeper, in runs without rounds."""
 _LISTENING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 _TOLD = ("put", "delete", "query", "reply", "declare_queryable", "liveliness_token")
 
 
-def access_list(processes: int, by: Literal["usernames", "cert_common_names"]) -> Mapping[str, Any]:
+def access_list(
+    processes: int, by: Literal["usernames", "cert_common_names"], keepers: int = 0
+) -> Mapping[str, Any]:
     """Return zenoh's `access_control` for so many processes, known by password or certificate."""
     rules = [
         _rule("listen", _LISTENING, ("ingress", "egress"), ["**"]),
@@ -41,7 +48,7 @@ def access_list(processes: int, by: Literal["usernames", "cert_common_names"]) -
     for process in range(processes):
         name = process_name(process)
         own = [f"cubepath/*/{kind}/{name}" for kind in _OWN_KINDS]
-        own.append(f"cubepath/*/to/*/{name}")
+        own += [f"cubepath/*/{key}/{name}" for key in _OWN_KEYS]
         rules += [
             _rule(f"{name} says", ("put",), ("ingress",), own),
             _rule(
@@ -53,6 +60,12 @@ def access_list(processes: int, by: Literal["usernames", "cert_common_names"]) -
         policies.append(
             {"rules": [f"{name} {does}" for does in ("says", "lives", "asks")], "subjects": [name]}
         )
+    for keeper in range(keepers):
+        name = keeper_name(keeper)
+        own = [f"cubepath/*/{key}/{name}" for key in _KEEPER_KEYS]
+        rules.append(_rule(f"{name} says", ("put",), ("ingress",), own))
+        subjects.append({"id": name, by: [name]})
+        policies.append({"rules": [f"{name} says"], "subjects": [name]})
     return {
         "enabled": True,
         "default_permission": "deny",
@@ -82,9 +95,10 @@ def guarded_by_passwords(passwords: Mapping[str, str], dictionary: Path) -> Mapp
     dictionary.touch(mode=0o600)
     dictionary.write_text("".join(f"{name}:{word}\n" for name, word in passwords.items()))
     processes = sum(name.startswith(process_name(0)[:-1]) for name in passwords)
+    keepers = sum(name.startswith(keeper_name(0)[:-1]) for name in passwords)
     return {
         "transport/auth/usrpwd/dictionary_file": str(dictionary),
-        "access_control": access_list(processes, "usernames"),
+        "access_control": access_list(processes, "usernames", keepers),
     }
 
 

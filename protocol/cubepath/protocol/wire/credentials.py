@@ -42,6 +42,11 @@ def process_name(process: int) -> str:
     return f"process_{process}"
 
 
+def keeper_name(keeper: int) -> str:
+    """Return the name that a keeper of sites speaks by."""
+    return f"keeper_{keeper}"
+
+
 def certificate_files(folder: Path, name: str) -> tuple[Path, Path, Path]:
     """Return the authority's certificate, and a name's own with its key.
 

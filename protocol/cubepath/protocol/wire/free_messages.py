@@ -45,7 +45,8 @@ class Attempt(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
     support that can ever change, and the guards of the rule, which hold but are not read. `notes`
     has triples: a place, the register that was sensed there, and its new content, null for a
     register that must only hold. `after` has triples: a unit, the version that it must have, and
-    how often that version must have been read; moves of a schedule wait so for those before them.
+    how often that must have been read, null if that does not matter; so moves of a schedule wait
+    for those before them.
     """
 
     module: Count
@@ -57,7 +58,7 @@ class Attempt(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind",
     at: Json | None = None
     sensed: list[tuple[Json, Json]] = []
     notes: list[tuple[Json, Register, Register | None]] = []
-    after: list[tuple[Json, Count, Count]] = []
+    after: list[tuple[Json, Count, Count | None]] = []
 
 
 class Enter(msgspec.Struct, frozen=True, tag_field="kind", tag="enter"):

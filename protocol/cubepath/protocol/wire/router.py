@@ -35,6 +35,7 @@ from cubepath.protocol.wire.credentials import (
     TLS,
     Credentials,
     certificate_files,
+    keeper_name,
     process_name,
 )
 from cubepath.protocol.wire.sessions import (
@@ -66,19 +67,25 @@ class Router:
     """A router process, as a context manager that ends it."""
 
     def __init__(
-        self, endpoint: str | None = None, *, processes: int = 1, secure: Path | None = None
+        self,
+        endpoint: str | None = None,
+        *,
+        processes: int = 1,
+        keepers: int = 0,
+        secure: Path | None = None,
     ) -> None:
         """Start it at an endpoint, or a private one, and wait until it listens.
 
         Over ``tcp`` it lets everyone in and lets them say everything. Over ``tls`` it takes a
         certificate of the authority in the folder `secure`, and each speaks on its own keys.
-        Private, it knows the coordinator, so many processes, and guests, who only listen.
+        Private, it knows the coordinator, so many processes and keepers, and guests, who only
+        listen.
 
         Raises InputError if the endpoint is neither ``tcp/HOST:PORT`` nor ``tls/HOST:PORT``, its
         certificates are missing or the router cannot listen there, and CubepathError if
         `check_descriptors` finds too few file descriptors for `processes`.
         """
-        check_descriptors(processes)
+        check_descriptors(processes + keepers)
         if endpoint is not None:
             check_endpoint(endpoint)
             check_secure(endpoint, secure)
@@ -90,7 +97,11 @@ class Router:
         self._passwords: dict[str, str] = {}
         if endpoint is None:
             endpoint = new_endpoint()
-            names = [COORDINATOR, *map(process_name, range(processes))]
+            names = [
+                COORDINATOR,
+                *map(process_name, range(processes)),
+                *map(keeper_name, range(keepers)),
+            ]
             self._passwords = {name: secrets.token_hex() for name in names}
         self._complaints = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the rest
         self.restarts = 0

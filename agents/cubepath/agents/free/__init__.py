@@ -1,0 +1,34 @@
+"""Modules of a run without rounds: each senses, chooses and attempts when it is ready.
+
+Room: agents. It opens sessions and starts processes. It imports `rules`, `local`, `keepers` and, for
+child processes, `processes`. A run under the free clock uses a `FreeFleet`; the simulator uses its
+nodes.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.agents.free.fleet import ON_CRASH, Crash, FreeFleet, OnCrash
+    from cubepath.agents.free.host_node import FreeHostNode
+    from cubepath.agents.free.orders import FreeOrders, OwnMove
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "fleet": "ON_CRASH Crash FreeFleet OnCrash",
+            "host_node": "FreeHostNode",
+            "orders": "FreeOrders OwnMove",
+        },
+    )
+
+__all__ = [
+    "ON_CRASH",
+    "Crash",
+    "FreeFleet",
+    "FreeHostNode",
+    "FreeOrders",
+    "OnCrash",
+    "OwnMove",
+]

@@ -1,0 +1,251 @@
+"""The processes of a run without rounds: a router, keepers and modules; nobody paces them.
+
+Room: agents. A fleet starts them, looks after them, and ends them. What happens when one of them
+dies is for `on_crash` to say; keepers come back from their logs, and modules take their places
+again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+import uuid
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Literal, Self, TypeAlias
+
+from cubepath.agents.free.orders import FreeOrders, OwnMove
+from cubepath.agents.keepers.orders import KeeperOrders
+from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.offspring import Ended, Offspring
+from cubepath.agents.processes.pacer import ProcessDied
+from cubepath.agents.rules.registry import rule_named
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.credentials import (
+    COORDINATOR,
+    Credentials,
+    keeper_name,
+    process_name,
+)
+from cubepath.protocol.wire.router import Router
+
+OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
+ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
+_KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
+_END_S_MAX = 5.0
+_RESTARTS_MAX = 100
+"""So often processes are started again in all; what dies at once would do so for ever."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crash:
+    """A process has died: how, and whether it was started again."""
+
+    name: str
+    how: str
+    restarted: bool
+
+
+class FreeFleet:
+    """The processes of one run, as a context manager that leaves nothing running."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        rule: str,
+        *,
+        seed: int = 0,
+        hesitate: float = 0.0,
+        processes: int = 2,
+        keepers: int = 2,
+        speeds: Mapping[int, float] | None = None,
+        jitter: float = 0.0,
+        on_crash: OnCrash = "stop",
+        schedule: Mapping[int, Sequence[OwnMove]] | None = None,
+        logs: Path | None = None,
+    ) -> None:
+        """Plan the fleet; the logs of keepers are kept in a folder `logs`, if one is named.
+
+        What keepers have logged there before is taken up again.
+        """
+        for name, number in (("processes", processes), ("keepers", keepers)):
+            if number < 1:
+                raise InputError(f"{name}={number}: expected 1 or more")
+        if schedule is None:
+            rule_named(rule, scene.system, "free")
+        self.scene = scene
+        self.run = uuid.uuid4().hex[:12]
+        self.keepers = keepers
+        self.modules_of = dealt(scene, min(processes, len(scene.start)))
+        self.on_crash = on_crash
+        self.endpoint = ""
+        self._rule = rule
+        self._seed = seed
+        self._hesitate = hesitate
+        self._speeds = dict(speeds or {})
+        self._jitter = jitter
+        self._schedule = schedule
+        self._logs = logs
+        self._folder: Path | None = None
+        self._text = scene_to_toml(scene)
+        self._births = dict.fromkeys(range(len(self.modules_of)), first_birth(logs))
+        self._restarts = 0
+        self._router: Router | None = None
+        self._offspring = Offspring()
+
+    def __enter__(self) -> Self:
+        """Start the processes; they find each other as they come."""
+        try:
+            self._start()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Wait for processes that were told to stop, kill those that do not, and clean up."""
+        self._end()
+
+    def _start(self) -> None:
+        if self._logs is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="cubepath-keepers-"))
+        else:
+            self._folder = self._logs
+            self._folder.mkdir(parents=True, exist_ok=True)
+        router = self._router = Router(processes=len(self.modules_of), keepers=self.keepers)
+        self.endpoint = router.endpoint
+        for keeper in range(self.keepers):
+            self._keep(keeper)
+        for process in range(len(self.modules_of)):
+            self._host(process)
+
+    def credentials(self, name: str = COORDINATOR) -> Credentials:
+        """Return by what the one of this name shows who speaks."""
+        if self._router is None:
+            raise CubepathError("the fleet has ended: start another")
+        return self._router.credentials(name)
+
+    def _keep(self, keeper: int) -> None:
+        name = keeper_name(keeper)
+        if self._folder is None:
+            raise CubepathError("the fleet has ended: start another")
+        orders = KeeperOrders(
+            endpoint=self.endpoint,
+            run=self.run,
+            keeper=keeper,
+            keepers=self.keepers,
+            modules_of=self.modules_of,
+            scene=self._text,
+            log=str(self._folder / f"{name}.log"),
+            tell_reads=self._schedule is not None,
+            credentials=self.credentials(name),
+        )
+        self._offspring.spawn(name, _KEEPER, orders)
+
+    def _host(self, process: int) -> None:
+        name, modules = process_name(process), self.modules_of[process]
+        schedule = self._schedule
+        orders = FreeOrders(
+            endpoint=self.endpoint,
+            run=self.run,
+            process=process,
+            modules=modules,
+            keepers=self.keepers,
+            birth=self._births[process],
+            scene=self._text,
+            rule=self._rule,
+            seed=self._seed,
+            hesitate=self._hesitate,
+            speeds={module: self._speeds[module] for module in modules if module in self._speeds},
+            jitter=self._jitter,
+            schedule=None
+            if schedule is None
+            else {module: list(schedule.get(module, ())) for module in modules},
+            credentials=self.credentials(name),
+        )
+        self._offspring.spawn(name, _HOST, orders)
+
+    def look(self) -> list[Crash]:
+        """Look after the processes; return those that have died since this was last called.
+
+        ProcessDied if that ends the run.
+        """
+        router = self._router
+        found = []
+        if router is not None and router.look_after():
+            found.append(Crash("router", "died", restarted=True))
+        for ended in self._offspring.ended():
+            found.append(self._crashed(ended))
+        self._restarts += sum(crash.restarted for crash in found)
+        if self._restarts > _RESTARTS_MAX:
+            raise ProcessDied(f"processes died {self._restarts} times, {found[-1].name} the last")
+        return found
+
+    def _crashed(self, ended: Ended) -> Crash:
+        if ended.told:  # it would end so again
+            raise ProcessDied(ended.last)
+        if self.on_crash == "stop":
+            raise ProcessDied(f"{ended.name} has ended: {ended.how}")
+        kind, _, number = ended.name.partition("_")
+        self._offspring.forget(ended.name)
+        if self.on_crash == "restart":
+            if kind == "keeper":
+                self._keep(int(number))
+            else:
+                self._births[int(number)] += 1
+                self._host(int(number))
+        return Crash(ended.name, ended.how, restarted=self.on_crash == "restart")
+
+    def start_again(self, name: str) -> None:
+        """Start a process again that has died, or was never started."""
+        kind, _, number = name.partition("_")
+        if kind == "keeper":
+            self._keep(int(number))
+        else:
+            self._births[int(number)] += 1
+            self._host(int(number))
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Return the process ids by name: keeper_K, process_N and router."""
+        found = {name: child.pid for name, child in self._offspring.by_name.items()}
+        if self._router is not None:
+            found["router"] = self._router.pid
+        return found
+
+    def _end(self) -> None:
+        try:
+            self._offspring.end(_END_S_MAX)
+        finally:
+            if self._router is not None:
+                self._router.close()
+                self._router = None
+            if self._logs is None and self._folder is not None:
+                shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def first_birth(logs: Path | None) -> int:
+    """Return the birth of modules whose keepers have these logs: later than all before.
+
+    How often the folder was used is kept in it.
+    """
+    if logs is None:
+        return 1
+    counter = logs / "births"
+    birth = 1
+    with contextlib.suppress(OSError, ValueError):
+        birth = int(counter.read_text()) + 1_000_000
+    with contextlib.suppress(OSError):
+        logs.mkdir(parents=True, exist_ok=True)
+        counter.write_text(str(birth))
+    return birth

@@ -1,0 +1,200 @@
+"""The node of a module process in a run without rounds: some modules, and what they sense.
+
+Room: agents. It is told of messages and ticks and gives effects. It knows no time but that of its
+ticks, each of which comes a while after it was asked for; that is enough to ask again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from cubepath.agents.free.mover import Mover, paces
+from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.free.sensing import Sensing
+from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.schedule import SCHEDULE, scheduled
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Attempt,
+    Decision,
+    Enter,
+    Entered,
+    Look,
+    Shows,
+    Tells,
+    Turn,
+    Turns,
+    decode_free,
+    free_key,
+    heard_by_process,
+    heard_of_tile,
+)
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError, encode
+from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Put, Timer
+from cubepath.protocol.wire.tiles import Tiles
+
+TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
+_SWEEP_S = 1.0
+"""How often tiles that nobody needs are looked for."""
+
+
+class FreeHostNode(Node):
+    """The modules of one process."""
+
+    def __init__(self, orders: FreeOrders, scene: Scene | None = None) -> None:
+        """Read the scene and the rule; InputError if there is no such rule for it."""
+        self._orders = orders
+        self._scene = scene_from_toml(orders.scene, "the orders") if scene is None else scene
+        self._tiles = Tiles(self._scene.system, orders.keepers)
+        schedule = orders.schedule
+        rule = (
+            scheduled({})
+            if schedule is not None
+            else rule_named(orders.rule, self._scene.system, "free")
+        )
+        self.movers = {
+            module: Mover(
+                self._scene,
+                self._tiles,
+                rule,
+                module,
+                birth=orders.birth,
+                seed=orders.seed,
+                hesitate=orders.hesitate,
+                pace=paces(orders.speeds, orders.jitter, module),
+                own=None if schedule is None else schedule.get(module, []),
+            )
+            for module in orders.modules
+        }
+        self.sensing = Sensing(self._scene.system, self._tiles)
+        self.refused = 0
+        """Messages that were none, or not for this process."""
+        self._now_s = 0.0
+        self._ends_s = float("inf")
+        """When the timer runs out that is set."""
+        self._swept_s = 0.0
+        self._due: dict[int, None] = dict.fromkeys(self.movers)
+
+    def start(self) -> list[Effect]:
+        """Listen, and let every module enter."""
+        listen = Listen(heard_by_process(self._orders.run, self._orders.process))
+        return [listen, *self._go_on()]
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message; what is none has no effect but that it is counted."""
+        message = None
+        if len(data) <= MESSAGE_BYTES_MAX:
+            try:
+                message = decode_free(data)
+            except NoMessageError:
+                message = None
+        if message is None or key != free_key(self._orders.run, message):
+            self.refused += 1
+            return []
+        match message:
+            case Shows():
+                self._take(message)
+            case Tells(process=process, parts=parts) if process == self._orders.process:
+                for part in parts:
+                    self._told(part)
+            case Go(phase="stop"):
+                return [Timer(None), End()]
+            case Go(phase="over" | "sense" as phase):
+                for module, mover in self.movers.items():
+                    mover.halted = phase == "over"
+                    self._due[module] = None
+            case _:
+                self.refused += 1
+        return self._go_on()
+
+    def tick(self) -> list[Effect]:
+        """Go on with what is due."""
+        self._now_s = self._ends_s
+        self._ends_s = float("inf")
+        for module, mover in self.movers.items():
+            if mover.due_s <= self._now_s:
+                self._due[module] = None
+        return self._go_on()
+
+    def _take(self, shows: Shows) -> None:
+        if self._tiles.keeper_of_tile(shows.tile) != shows.keeper:
+            self.refused += 1
+            return
+        changed, now_whole = self.sensing.take(shows, self._now_s)
+        for place in changed:
+            known = self.sensing.place(place)
+            if known.module in self.movers and known.site is not None:
+                self.movers[known.module].taken_to(known.site, known.module_version)
+        if changed or now_whole:
+            for module, mover in self.movers.items():
+                if now_whole or self._senses(mover, changed):
+                    mover.dirty = True
+                    self._due[module] = None
+
+    def _senses(self, mover: Mover, places: Iterable[object]) -> bool:
+        system = self._scene.system
+        own = system.place_of(mover.site)
+        return any(
+            place == own or place in system.sensed(own) or place in system.reach(own)
+            for place in places
+        )
+
+    def _told(self, part: Decision | Entered) -> None:
+        module = part.occupant.module if isinstance(part, Entered) else part.module
+        mover = self.movers.get(module)
+        if mover is None:
+            self.refused += 1
+            return
+        if isinstance(part, Entered):
+            mover.entered(part, self._now_s)
+        else:
+            mover.decided(part, self._now_s)
+        self._due[module] = None
+
+    def _go_on(self) -> list[Effect]:
+        effects: list[Effect] = []
+        asks: dict[int, list[Attempt | Enter | Look]] = {}
+        turns: list[Turn] = []
+        due, self._due = self._due, {}
+        for module in sorted(due):
+            mover = self.movers[module]
+            for keeper, part in mover.step(self._now_s, self.sensing):
+                asks.setdefault(keeper, []).append(part)
+            turns += mover.turns
+            mover.turns = []
+        effects += self._need()
+        for tile, serial in self.sensing.due(self._now_s):
+            keeper = self._tiles.keeper_of_tile(tile)
+            asks.setdefault(keeper, []).append(Look(tile, serial))
+        process, run = self._orders.process, self._orders.run
+        # What a rule chose is on record before what follows from it.
+        if turns:
+            said = Turns(process, turns)
+            effects.append(Put(free_key(run, said), encode(said)))
+        for keeper, parts in asks.items():
+            message = Asks(process, keeper, parts)
+            effects.append(Put(free_key(run, message), encode(message)))
+        return effects + self._timer()
+
+    def _need(self) -> list[Effect]:
+        tiles = {tile for mover in self.movers.values() for tile in mover.needs}
+        new, old = self.sensing.need(tiles, self._now_s)
+        run = self._orders.run
+        effects: list[Effect] = []
+        if new:
+            effects.append(Listen(tuple(heard_of_tile(run, tile) for tile in new)))
+        if old:
+            effects.append(Ignore(tuple(heard_of_tile(run, tile) for tile in old)))
+        return effects
+
+    def _timer(self) -> list[Effect]:
+        """Set the timer, if it is to run out sooner than it would."""
+        next_s = min(mover.due_s for mover in self.movers.values())
+        next_s = min(next_s, self.sensing.next_s)
+        wait = min(max(next_s - self._now_s, TICK_S_MIN), TICK_S_MAX)
+        if self._now_s + wait >= self._ends_s:
+            return []
+        self._ends_s = self._now_s + wait
+        return [Timer(wait)]

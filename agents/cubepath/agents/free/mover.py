@@ -1,0 +1,430 @@
+"""One module of a run without rounds, as a pure machine: what it senses in, what it asks out.
+
+Room: agents. It enters, senses, lets its rule choose, and attempts what that chose; it goes on when
+it knows what came of that. It acts only through the PettingZoo observation, mask and action. It is
+called whenever something that it senses may have changed, or when it is due.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from cubepath.agents.free.orders import OwnMove
+from cubepath.agents.free.sensing import Sensing
+from cubepath.agents.keepers.attempts import planned
+from cubepath.agents.local.observation import STAY, observe
+from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.streams import HESITATE, RULE, stream
+from cubepath.protocol.core.errors import RuleError
+from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Decision,
+    Enter,
+    Entered,
+    Look,
+    Moved,
+    Turn,
+)
+from cubepath.protocol.wire.tiles import Tiles
+
+AGAIN_S, AGAIN_S_MAX = 0.25, 4.0
+"""After how long a module asks again what it was not answered, and how rarely at the least."""
+REST_S, REST_S_MAX = 0.005, 1.0
+"""How long a module rests after it chose to stay, and at most if it does so again and again."""
+RETRY_S, RETRY_S_MAX = 0.002, 0.25
+"""The same after it was refused, times a number below one that it draws."""
+THINK_S = 0.01
+"""What a module of speed 1 that is told to think takes to choose; others as many times longer."""
+PACE = 2
+"""What its pace is drawn for, beside `RULE` and `HESITATE`."""
+
+Ask = tuple[int, Attempt | Enter | Look]
+"""What is asked of which keeper."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """How long a module thinks: so many times `THINK_S`, and longer by a share up to `jitter`."""
+
+    factor: float = 0.0
+    jitter: float = 0.0
+
+
+class Mover:
+    """A module."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        tiles: Tiles,
+        rule: RuleType,
+        module: int,
+        *,
+        birth: int,
+        seed: int,
+        hesitate: float = 0.0,
+        pace: Pace = Pace(),
+        own: Sequence[OwnMove] | None = None,
+    ) -> None:
+        """Begin outside: it does not know where it stands. `own` are its moves of a schedule."""
+        self.module = module
+        self.site: Site = scene.start[module]
+        self.state: Literal["entering", "resting", "thinking", "pending"] = "entering"
+        self.due_s = 0.0
+        self.dirty = True
+        """Whether anything that it senses may have changed since it chose last."""
+        self.turns: list[Turn] = []
+        """What its rule was asked since this was last taken."""
+        self.level = 0
+        """The greatest level of its own moves: how long the best schedule is, as far as it knows."""
+        self._scene = scene
+        self._system = scene.system
+        self._tiles = tiles
+        self._rule = rule
+        self._birth = birth
+        self._seed = seed
+        self._hesitate = hesitate
+        self._pace = pace
+        self._own = own
+        self._done = 0
+        self._again_s = AGAIN_S
+        self._rest_s, self._retry_s = REST_S, RETRY_S
+        self._epoch = self._number = self._turn = 0
+        self._version = 0
+        self.halted = False
+        """Whether it begins nothing new."""
+        self._actor: Actor | None = None
+        self._attempt: Attempt | None = None
+        self._first = 0
+        self._random = stream(seed, module, PACE)
+        self._goals = frozenset(scene.goals[module] if scene.goals else ())
+        self._note_length = 0 if own is not None else rule.length(len(scene.start), "free")
+
+    @property
+    def needs(self) -> set[str]:
+        """Return the tiles of what it may sense, and of what it would sense one move away."""
+        place = self._system.place_of(self.site)
+        near = {place, *self._system.sensed(place), *self._system.reach(place)}
+        return {
+            self._tiles.tile_of(each)
+            for each in near
+            if each is not None and self._system.has_place(each)
+        }
+
+    # What keepers answer.
+
+    def entered(self, answer: Entered, now_s: float) -> None:
+        """Take its place again, in a new epoch."""
+        occupant = answer.occupant
+        if answer.birth != self._birth or occupant.epoch <= self._epoch:
+            return
+        fresh = self._epoch == 0
+        self._epoch, self._number = occupant.epoch, occupant.number
+        self.site, self._version = site_from_json(answer.site), occupant.version
+        self._attempt = None
+        self._rests(now_s, 0.0)
+        if fresh:
+            self._turn = 0
+            if self._own is None:
+                self._actor = self._born()
+
+    def _born(self) -> Actor:
+        scene = self._scene
+        knowledge = InitialKnowledge(
+            system=self._system,
+            module=self.module,
+            modules=len(scene.start),
+            start=self.site,
+            goals=scene.goals[self.module] if scene.goals else (),
+            random=stream(self._seed, self.module, RULE),
+        )
+        doubt = stream(self._seed, self.module, HESITATE) if self._hesitate else None
+        return Actor(self._rule, knowledge, hesitate=self._hesitate, doubt=doubt, clock="free")
+
+    def taken_to(self, site: Site, version: int) -> bool:
+        """Take note of where keepers show it; return whether that is news."""
+        if self._epoch == 0 or version <= self._version:
+            return False
+        self._version = version
+        moved = site != self.site
+        self.site = site
+        return moved
+
+    def decided(self, decision: Decision, now_s: float) -> None:
+        """Take note of what came of its attempt."""
+        attempt = self._attempt
+        if attempt is None or self.state != "pending":
+            return
+        if decision.epoch > attempt.epoch or decision.number != attempt.number:
+            return
+        if decision.why.startswith("fenced"):
+            self.state, self.due_s, self._again_s = "entering", now_s, AGAIN_S
+            self._birth += 1
+            return
+        self._attempt = None
+        self._number = decision.number
+        if decision.moved is None:
+            self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
+            self._rests(now_s, self._retry_s * self._random.random())
+            return
+        self._rest_s, self._retry_s = REST_S, RETRY_S
+        self._executed(decision.moved)
+        self._rests(now_s, 0.0)
+
+    def _executed(self, moved: Moved) -> None:
+        self.level = max(self.level, moved.level)
+        for module, _, target, version in moved.motion:
+            if module == self.module:
+                self.taken_to(site_from_json(target), version)
+        for _, module, version, content in moved.notes:
+            if module == self.module and content is not None:
+                self.taken_to(self.site, version)
+        if moved.generator is not None:
+            self._done += 1
+
+    def _rests(self, now_s: float, seconds: float) -> None:
+        self.state, self.due_s, self.dirty = "resting", now_s + seconds, True
+
+    # What it does.
+
+    def step(self, now_s: float, sensing: Sensing) -> list[Ask]:
+        """Do what is to be done now; return what is asked of which keeper."""
+        match self.state:
+            case "entering":
+                return self._enter(now_s)
+            case "pending":
+                return self._ask_again(now_s)
+            case "thinking":
+                return self._thought(now_s, sensing)
+            case _:
+                return self._choose(now_s, sensing)
+
+    def _enter(self, now_s: float) -> list[Ask]:
+        if now_s < self.due_s:
+            return []
+        self._wait_for_answer(now_s)
+        enter = Enter(self.module, self._birth)
+        return [(keeper, enter) for keeper in range(self._tiles.keepers)]
+
+    def _wait_for_answer(self, now_s: float) -> None:
+        self.due_s = now_s + self._again_s
+        self._again_s = min(2 * self._again_s, AGAIN_S_MAX)
+
+    def _ask_again(self, now_s: float) -> list[Ask]:
+        attempt = self._attempt
+        if attempt is None or now_s < self.due_s:
+            return []
+        self._wait_for_answer(now_s)
+        return [(self._first, attempt)]
+
+    def _thought(self, now_s: float, sensing: Sensing) -> list[Ask]:
+        attempt = self._attempt
+        if now_s < self.due_s or attempt is None:
+            return []
+        if not self._holds(attempt, sensing):
+            self._attempt = None
+            self._rests(now_s, 0.0)
+            return self._choose(now_s, sensing)
+        return self._send(attempt, now_s)
+
+    def _holds(self, attempt: Attempt, sensing: Sensing) -> bool:
+        """Return whether, as far as it can tell, what it sensed when it began to think holds."""
+        place_of = self._system.place_of
+        if site_from_json(attempt.site) != self.site:
+            return False
+        for unit, shown in attempt.sensed:
+            at = site_from_json(unit)
+            place = at if self._system.labels is not None else place_of(at)
+            on = sensing.place(place).site
+            found = on if self._system.labels is not None or on == at else None
+            if to_json(found) != shown:
+                return False
+        return all(
+            list(sensing.place(site_from_json(place)).note) == list(note)
+            for place, note, _ in attempt.notes
+        )
+
+    def _send(self, attempt: Attempt, now_s: float) -> list[Ask]:
+        self.state = "pending"
+        self._again_s = AGAIN_S
+        self._wait_for_answer(now_s)
+        self._first = planned(self._system, self._tiles, attempt).chain[0]
+        return [(self._first, attempt)]
+
+    def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
+        """Let the rule choose, if it is due and everything that it senses is known."""
+        if self.halted:
+            self.due_s = now_s + REST_S_MAX
+            return []
+        if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):
+            return []
+        here = sensing.place(self._system.place_of(self.site))
+        if here.module != self.module or here.module_version != self._version:
+            self.due_s = now_s + AGAIN_S  # what it has just done is not shown yet
+            return []
+        place = self._system.place_of(self.site)
+        near = [each for each in self._system.sensed(place) if each is not None]
+        if self._note_length:
+            near += self._system.reach(place)
+        if not sensing.sees(each for each in near if self._system.has_place(each)):
+            self.due_s = now_s + AGAIN_S
+            return []
+        self.dirty = False
+        self._turn += 1
+        attempt = self._own_attempt(sensing) if self._own is not None else self._asked(sensing)
+        if attempt is None:
+            self.state, self.due_s = "resting", now_s + self._rest_s
+            self._rest_s = min(2 * self._rest_s, REST_S_MAX)
+            return []
+        self._rest_s = REST_S
+        self._attempt = attempt
+        if self._pace.factor:
+            longer = 1.0 + self._pace.jitter * self._random.random()
+            self.state, self.due_s = "thinking", now_s + self._pace.factor * THINK_S * longer
+            return []
+        return self._send(attempt, now_s)
+
+    def _asked(self, sensing: Sensing) -> Attempt | None:
+        """Ask the rule; return the attempt that follows from its choice."""
+        system = self._system
+        place = system.place_of(self.site)
+        occupants: dict[Site, Site] = {}
+        sensed = []
+        for near in system.sensed(place):
+            known = None if near is None else sensing.place(near)
+            sensed.append(-1 if known is None else known.version)
+            if near is not None and known is not None and known.site is not None:
+                occupants[near] = known.site
+        own = sensing.place(place)
+        notes: dict[Site, tuple[int, ...]] = {}
+        heard: list[tuple[int, int]] = []
+        if self._note_length:
+            for near in system.reach(place):
+                known = sensing.place(near)
+                heard.append((known.version, known.module_version))
+                if known.note:
+                    notes[near] = known.note
+        observation = observe(
+            system,
+            self.site,
+            occupants,
+            goals=self._goals,
+            notes=notes,
+            note_length=self._note_length,
+            register=own.note if self._note_length else None,
+        )
+        actor = self._actor
+        if actor is None:
+            raise AssertionError(f"module_{self.module} acts before it has entered")
+        try:
+            choice = actor.act(observation)
+        except RuleError as error:
+            choice = Choice(failed=str(error))
+        attempt = attempt_of(
+            system,
+            self._tiles,
+            module=self.module,
+            epoch=self._epoch,
+            number=self._number + 1,
+            turn=self._turn,
+            site=self.site,
+            occupants={**occupants, place: self.site},
+            notes=notes,
+            register=own.note,
+            choice=choice,
+        )
+        self._on_record(choice, sensed, heard, attempt)
+        return attempt
+
+    def _on_record(
+        self,
+        choice: Choice,
+        sensed: list[int],
+        heard: list[tuple[int, int]],
+        attempt: Attempt | None,
+    ) -> None:
+        self.turns.append(
+            Turn(
+                module=self.module,
+                epoch=self._epoch,
+                turn=self._turn,
+                site=to_json(self.site),
+                version=self._version,
+                sensed=sensed,
+                action=choice.action,
+                heard=heard,
+                note=None if choice.note is None else list(choice.note),
+                guards=[to_json(site) for site in choice.guards],
+                heeds=[to_json(site) for site in choice.heeds],
+                exchanges=[(to_json(at), list(note)) for at, note in choice.exchanges.items()],
+                number=None if attempt is None else attempt.number,
+                failed=choice.failed,
+            )
+        )
+
+    def _own_attempt(self, sensing: Sensing) -> Attempt | None:
+        """Return the next move of its schedule, if those that it depends on are done."""
+        if self._own is None or self._done >= len(self._own):
+            return None
+        due = self._own[self._done]
+        move = self._system.move_named(
+            self.site, due.placed.generator, site_from_json(due.placed.at)
+        )
+        if move is None or not self._ready(due, sensing):
+            return None
+        place = self._system.place_of(self.site)
+        shown = {
+            near: on
+            for near in {place, *self._system.sensed(place)}
+            if near is not None and (on := sensing.place(near).site) is not None
+        }
+        action = self._system.moves(self.site).index(move) + 1
+        attempt = attempt_of(
+            self._system,
+            self._tiles,
+            module=self.module,
+            epoch=self._epoch,
+            number=self._number + 1,
+            turn=self._turn,
+            site=self.site,
+            occupants=shown,
+            notes={},
+            register=(),
+            choice=Choice(action if move.possible(_on(shown, self._system.filled)) else STAY),
+        )
+        if attempt is None:
+            return None
+        return Attempt(
+            **{
+                name: getattr(attempt, name)
+                for name in attempt.__struct_fields__
+                if name != "after"
+            },
+            after=due.after,
+        )
+
+    def _ready(self, due: OwnMove, sensing: Sensing) -> bool:
+        for unit, version, reads in due.after:
+            at = site_from_json(unit)
+            place = at if self._system.labels is not None else self._system.place_of(at)
+            known = {site: (v, r) for site, v, r in sensing.place(place).reads}
+            found, times = known.get(at, (0, 0))
+            if found != version or reads not in (None, times):
+                return False
+        return True
+
+
+def _on(shown: dict[Site, Site], filled: Iterable[Site]) -> set[Site]:
+    return {*shown.values(), *filled}
+
+
+def paces(speeds: dict[int, float], jitter: float, module: int) -> Pace:
+    """Return the pace of a module; without a speed of its own it does not think at all."""
+    factor = speeds.get(module, 0.0)
+    return Pace(factor, jitter if factor else 0.0)

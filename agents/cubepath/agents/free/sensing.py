@@ -1,0 +1,151 @@
+"""What keepers have shown to the modules of a process.
+
+Room: agents. A process hears of whole tiles; a module is given only the places that it senses, and
+the registers within its reach. What is shown of a tile is numbered, so a gap is noticed at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, field
+
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.system import System
+from cubepath.protocol.wire.free_messages import Shown, Shows
+from cubepath.protocol.wire.tiles import Tiles
+
+LOOK_S, LOOK_S_MAX = 0.2, 4.0
+"""How soon a process looks again at a tile that was not shown, and how rarely at the least."""
+KEEP_S = 2.0
+"""How long a tile is kept after the last module that needs it has gone."""
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """What is known of a place; `site` None: nobody is there."""
+
+    version: int = 0
+    site: Site | None = None
+    module: int | None = None
+    note: tuple[int, ...] = ()
+    module_version: int = 0
+    reads: tuple[tuple[Site, int, int], ...] = ()
+
+
+NOTHING = Place()
+
+
+@dataclass(slots=True)
+class _Tile:
+    serial: int = -1
+    whole: bool = False
+    places: dict[Site, Place] = field(default_factory=dict)
+    look_s: float = 0.0
+    every_s: float = LOOK_S
+    needed_s: float = 0.0
+
+
+class Sensing:
+    """The tiles that the modules of a process need."""
+
+    def __init__(self, system: System, tiles: Tiles) -> None:
+        """Begin with none."""
+        self._system = system
+        self._tiles = tiles
+        self._known: dict[str, _Tile] = {}
+
+    def place(self, place: Site) -> Place:
+        """Return what is known of a place in a tile that `sees` it."""
+        tile = self._known.get(self._tiles.tile_of(place))
+        return NOTHING if tile is None else tile.places.get(place, NOTHING)
+
+    def sees(self, places: Iterable[Site]) -> bool:
+        """Return whether the tiles of these places were shown, with nothing missing."""
+        known, tile_of = self._known, self._tiles.tile_of
+        for place in places:
+            tile = known.get(tile_of(place))
+            if tile is None or not tile.whole:
+                return False
+        return True
+
+    def need(self, tiles: Collection[str], now_s: float) -> tuple[list[str], list[str]]:
+        """Need exactly these tiles; return those to listen to, and those to listen to no more."""
+        for tile in tiles:
+            known = self._known.get(tile)
+            if known is not None:
+                known.needed_s = now_s
+        new = [tile for tile in sorted(tiles) if tile not in self._known]
+        for tile in new:
+            self._known[tile] = _Tile(look_s=now_s, needed_s=now_s)
+        old = [
+            tile
+            for tile, known in self._known.items()
+            if tile not in tiles and now_s - known.needed_s > KEEP_S
+        ]
+        for tile in old:
+            del self._known[tile]
+        return new, old
+
+    def due(self, now_s: float) -> list[tuple[str, int]]:
+        """Return the tiles to look at now, each with the number of what was last shown of it."""
+        found = []
+        for name, tile in self._known.items():
+            if now_s >= tile.look_s:
+                found.append((name, tile.serial if tile.whole else -1))
+                tile.look_s = now_s + tile.every_s
+                tile.every_s = min(2 * tile.every_s, LOOK_S_MAX)
+        return found
+
+    @property
+    def next_s(self) -> float:
+        """Return when a tile is to be looked at next."""
+        return min((tile.look_s for tile in self._known.values()), default=float("inf"))
+
+    def take(self, shows: Shows, now_s: float) -> tuple[list[Site], bool]:
+        """Take what is shown; return the places of which something new is known.
+
+        And whether all of the tile is known now, so that places are empty of which nothing is said.
+        """
+        tile = self._known.get(shows.tile)
+        if tile is None:
+            return [], False
+        changed: list[Site] = []
+        now_whole = shows.whole and not tile.whole
+        for shown in shows.parts:
+            place = site_from_json(shown.place)
+            if self._newer(tile, place, shown):
+                tile.places[place] = _known(shown)
+                changed.append(place)
+        if shows.whole:
+            if shows.serial >= tile.serial:
+                tile.serial, tile.whole = shows.serial, True
+                tile.every_s = LOOK_S_MAX
+                tile.look_s = now_s + tile.every_s
+        elif tile.whole and shows.serial == tile.serial + 1:
+            tile.serial = shows.serial
+            tile.look_s = now_s + LOOK_S_MAX
+        elif shows.serial > tile.serial:
+            tile.every_s = LOOK_S  # something between was not shown
+            tile.look_s = min(tile.look_s, now_s)
+        return changed, now_whole
+
+    def _newer(self, tile: _Tile, place: Site, shown: Shown) -> bool:
+        known = tile.places.get(place)
+        if known is None:
+            return True
+        if shown.version != known.version:
+            return shown.version > known.version
+        if shown.module_version != known.module_version:
+            return shown.module_version > known.module_version
+        return sum(reads for _, _, reads in shown.reads) > sum(r for _, _, r in known.reads)
+
+
+def _known(shown: Shown) -> Place:
+    return Place(
+        shown.version,
+        None if shown.site is None else site_from_json(shown.site),
+        shown.module,
+        tuple(shown.note),
+        shown.module_version,
+        tuple((site_from_json(unit), version, reads) for unit, version, reads in shown.reads),
+    )

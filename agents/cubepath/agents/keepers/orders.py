@@ -1,0 +1,26 @@
+"""What a keeper is told at its birth.
+
+Room: agents. The fleet and the simulator give the same orders.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from cubepath.protocol.wire.credentials import GUEST, Credentials
+
+
+class KeeperOrders(msgspec.Struct, frozen=True):
+    """What a keeper is told."""
+
+    endpoint: str
+    run: str
+    keeper: int
+    keepers: int
+    modules_of: list[list[int]]
+    """The modules of every process: who speaks for whom."""
+    scene: str
+    log: str
+    """The path of the keeper's log."""
+    tell_reads: bool = False
+    credentials: Credentials = GUEST

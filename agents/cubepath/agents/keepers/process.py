@@ -1,0 +1,36 @@
+"""A keeper in a process of its own, on one zenoh session, with its log in a file.
+
+Room: agents. Started as ``python -m cubepath.agents.keepers.process`` with its `KeeperOrders`; it
+ends when it is told to, or with its parent.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from cubepath.agents.keepers.journal import FileJournal
+from cubepath.agents.keepers.keeper import Keeper
+from cubepath.agents.keepers.node import KeeperNode
+from cubepath.agents.keepers.orders import KeeperOrders
+from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire.child import serve
+from cubepath.protocol.wire.shell import Shell
+from cubepath.protocol.wire.tiles import Tiles
+
+
+def keep(orders: KeeperOrders) -> None:
+    """Come back from the log if there is one, and serve until `Go` says "stop"."""
+    scene = scene_from_toml(orders.scene, "the orders")
+    tiles = Tiles(scene.system, orders.keepers)
+    with FileJournal(Path(orders.log)) as journal:
+        keeper = Keeper(orders.keeper, scene, tiles, journal, tell_reads=orders.tell_reads)
+        node = KeeperNode(keeper, orders.run, orders.modules_of)
+        with Shell(node, orders.endpoint, credentials=orders.credentials) as shell:
+            shell.start()
+            while not shell.ended:
+                shell.step()
+
+
+if __name__ == "__main__":
+    sys.exit(serve(KeeperOrders, lambda orders: orders.endpoint, keep))

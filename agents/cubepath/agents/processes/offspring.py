@@ -1,0 +1,106 @@
+"""Child processes by name: started with their orders, watched, and ended.
+
+Room: agents. Their orders go over standard input, never on a command line.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+import time
+from typing import IO, NamedTuple
+
+import msgspec
+
+from cubepath.protocol.wire.child import TOLD
+
+_STDERR = 2
+
+
+class Ended(NamedTuple):
+    """How a process ended: its exit code or minus a signal, and its last line if it has one."""
+
+    name: str
+    code: int
+    last: str
+
+    @property
+    def told(self) -> bool:
+        """Whether its last line fully describes the error."""
+        return self.code == TOLD and bool(self.last)
+
+    @property
+    def how(self) -> str:
+        """Return how it ended, for people."""
+        how = f"killed by signal {-self.code}" if self.code < 0 else f"exit code {self.code}"
+        return how + (f": {self.last}" if self.last else "")
+
+
+class Offspring:
+    """Child processes, each of which runs a module of this project."""
+
+    def __init__(self) -> None:
+        """Start with none."""
+        self.by_name: dict[str, subprocess.Popen[bytes]] = {}
+        self._complaints: dict[str, IO[bytes]] = {}
+
+    def spawn(self, name: str, module: str, orders: msgspec.Struct) -> None:
+        """Start a process; one of the same name has ended before."""
+        self._drop(name)
+        complaints = self._complaints[name] = tempfile.TemporaryFile()  # noqa: SIM115 - closed in `_drop`
+        child = self.by_name[name] = subprocess.Popen(
+            # -P: processes import nothing from the folder in which the run was started.
+            [sys.executable, "-P", "-m", module],
+            stdin=subprocess.PIPE,
+            stdout=_STDERR,  # what a rule prints is for people
+            stderr=complaints,
+            # A terminal's interrupt goes to the coordinator, which ends its processes properly.
+            process_group=0,
+        )
+        if child.stdin is None:  # it was requested above
+            raise AssertionError("no pipe to the process")
+        with contextlib.suppress(BrokenPipeError):  # it died at once: noticed when waiting
+            child.stdin.write(msgspec.json.encode(orders) + b"\n")
+            child.stdin.flush()
+
+    def ended(self) -> list[Ended]:
+        """Return those that have ended, each time it is asked."""
+        return [
+            Ended(name, code, self._last_line(name))
+            for name, child in self.by_name.items()
+            if (code := child.poll()) is not None
+        ]
+
+    def _last_line(self, name: str) -> str:
+        complaints = self._complaints[name]
+        complaints.seek(0)
+        return complaints.read().decode(errors="replace").strip().rpartition("\n")[2]
+
+    def forget(self, name: str) -> None:
+        """Forget a process that has ended."""
+        self._drop(name)
+
+    def end(self, patience_s: float) -> None:
+        """Wait so long for processes that were told to stop, and kill those that do not."""
+        deadline = time.monotonic() + patience_s
+        try:
+            for child in self.by_name.values():
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    child.wait(max(0.0, deadline - time.monotonic()))
+        finally:
+            for name, child in list(self.by_name.items()):
+                if child.poll() is None:
+                    child.kill()
+                    child.wait()
+                self._drop(name)
+
+    def _drop(self, name: str) -> None:
+        child = self.by_name.pop(name, None)
+        if child is not None and child.stdin is not None:
+            with contextlib.suppress(OSError):
+                child.stdin.close()
+        complaints = self._complaints.pop(name, None)
+        if complaints is not None:
+            complaints.close()

@@ -1,0 +1,144 @@
+"""A node that collects what is said in a run without rounds, and asks keepers for what it lacks.
+
+Room: coordinator. It decides nothing, and nobody waits for it: it may come late, or go and come
+back, as keepers have logged everything that was committed.
+"""
+
+from __future__ import annotations
+
+from cubepath.agents.processes.judge import RefusedError
+from cubepath.agents.processes.refusals import Refusals
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Fetch,
+    Moved,
+    Passes,
+    Shows,
+    Tail,
+    Tells,
+    Turns,
+    decode_free,
+    free_key,
+    free_kind,
+)
+from cubepath.protocol.wire.keys import everything, topic_in_key
+from cubepath.protocol.wire.messages import (
+    MESSAGE_BYTES_MAX,
+    Go,
+    NoMessageError,
+    Refused,
+    encode,
+)
+from cubepath.protocol.wire.nodes import Effect, Keep, Listen, Node, Put, Timer
+
+LOOK_S = 0.25
+"""How often it looks for what it lacks."""
+TAIL_LOOKS = 8
+"""After so many looks without anything new it asks keepers whether there is more."""
+
+
+class Collector(Node):
+    """Hears everything in a run, and passes it on to the gatherer and to the record."""
+
+    def __init__(self, run: str, gatherer: FreeGatherer, keepers: int) -> None:
+        """Gather a run of so many keepers."""
+        self.gatherer = gatherer
+        self.level = 0
+        """The greatest level heard of."""
+        self.moves = 0
+        """How many moves and exchanges were heard of; some may come twice."""
+        self.tails: dict[int, Tail] = {}
+        """The last answer of each keeper, since these were last cleared."""
+        self._run = run
+        self._keepers = keepers
+        self._refusals = Refusals()
+        self._quiet = 0
+
+    def start(self) -> list[Effect]:
+        """Listen, and ask keepers what there was before."""
+        return [Listen((everything(self._run),)), *self.fetch(), Timer(LOOK_S)]
+
+    def receive(self, key: str, data: bytes) -> list[Effect]:
+        """Take a message; CheckError if commits contradict each other, or cannot be."""
+        try:
+            message = _read(self._run, key, data)
+        except RefusedError as error:
+            return list(self._refusals.add(self.level, key, data, error))
+        more: list[Effect] = []
+        match message:
+            case Moved():
+                self._quiet = 0
+                self._heard_of(message)
+            case Tail():
+                for moved in message.parts:
+                    self._heard_of(moved)
+                self.tails[message.keeper] = message
+                if message.parts and message.parts[-1].serial < message.serial:
+                    more = self._fetch(message.keeper, message.parts[-1].serial)
+            case _:
+                pass
+        self.gatherer.take(message)
+        return [Keep(data, message), *more]
+
+    def _heard_of(self, moved: Moved) -> None:
+        self.moves += 1
+        self.level = max(self.level, moved.level)
+
+    def tick(self) -> list[Effect]:
+        """Ask for commits that are missing; when all is quiet, ask whether there are any."""
+        self._quiet += 1
+        effects: list[Effect] = list(self._refusals.told())
+        missing = self.gatherer.missing()
+        if missing:
+            for keeper, serial in missing.items():
+                effects += self._fetch(keeper, serial)
+        elif self._quiet >= TAIL_LOOKS:
+            self._quiet = 0
+            effects += self.fetch()
+        return [*effects, Timer(LOOK_S)]
+
+    def fetch(self) -> list[Effect]:
+        """Ask every keeper for what was committed after what is known of it."""
+        return [
+            effect
+            for keeper in range(self._keepers)
+            for effect in self._fetch(keeper, self.gatherer.known(keeper))
+        ]
+
+    def _fetch(self, keeper: int, serial: int) -> list[Effect]:
+        return self.say(Fetch(keeper, serial))
+
+    def say(self, message: Fetch | Go) -> list[Effect]:
+        """Return how a message of the coordinator is put."""
+        return [Put(free_key(self._run, message), encode(message))]
+
+    @property
+    def settled(self) -> bool:
+        """Return whether every keeper has answered, nothing is under way, and nothing is lacking."""
+        tails = self.tails.values()
+        return (
+            len(self.tails) == self._keepers
+            and all(tail.prepared == 0 for tail in tails)
+            and self.gatherer.unfinished is None
+        )
+
+
+def _read(run: str, key: str, data: bytes) -> Asks | Passes | Tells | Shows | Moved | Turns | Tail:
+    if len(data) > MESSAGE_BYTES_MAX:
+        raise RefusedError("too large", f"{len(data)} bytes, expected at most {MESSAGE_BYTES_MAX}")
+    try:
+        message = decode_free(data)
+    except NoMessageError as error:
+        raise RefusedError("malformed", str(error)) from None
+    if key != free_key(run, message):
+        where, due = topic_in_key(key), topic_in_key(free_key(run, message))
+        raise RefusedError("wrong key", f"{free_kind(message)} put on {where}, expected {due}")
+    if isinstance(message, Asks | Passes | Tells | Shows | Moved | Turns | Tail):
+        return message
+    raise RefusedError("out of place", f"{free_kind(message)} is the coordinator's own")
+
+
+def refusals_in(kept: Keep) -> int:
+    """Return how many refused messages a message on record tells of."""
+    return kept.message.count if isinstance(kept.message, Refused) else 0

@@ -1,0 +1,184 @@
+"""A run without rounds: keepers and modules in processes, what they did gathered and on record.
+
+Room: coordinator. It starts the fleet and listens; nothing in the run waits for it. It ends when the
+modules are at their goal, at a level, or when nothing has come of anyone for long.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from cubepath.agents.free.fleet import Crash, FreeFleet
+from cubepath.coordinator.runs.collector import Collector, refusals_in
+from cubepath.coordinator.runs.conductor import Ending, results_of
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.coordinator.runs.free_schedule import own_moves
+from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
+from cubepath.coordinator.runs.plan import Plan, Task
+from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.wire.free_messages import FreeMessage, free_topic
+from cubepath.protocol.wire.messages import Go, encode
+from cubepath.protocol.wire.nodes import Keep
+from cubepath.protocol.wire.shell import Shell
+
+_STEP_S = 0.05
+_LOOK_S = 0.2
+_FLUSH_S = 0.5
+_SETTLE_S_MAX = 5.0
+"""How long the end of a run waits for what is under way."""
+
+
+@dataclass(slots=True)
+class FreeRun:
+    """A run in progress: messages are recorded as they arrive, and gathered by their versions."""
+
+    plan: Plan
+    task: Task
+    writer: RecordingWriter
+    say: Callable[[str], None]
+    watch: Callable[[Gathered], None] | None = None
+    refused: int = 0
+    crashes: list[Crash] = field(default_factory=list)
+    gatherer: FreeGatherer = field(init=False)
+    _collector: Collector = field(init=False)
+    _flushed: float = 0.0
+    _looked: float = 0.0
+    _heard: float = 0.0
+    """When anything was last committed."""
+
+    def __post_init__(self) -> None:
+        self.gatherer = FreeGatherer(self.task.scene, self.plan.keepers)
+
+    def play(self) -> Ending:
+        """Run to the end, and write what came of it."""
+        try:
+            ending = self._play()
+        except Interrupted:
+            ending = Ending("interrupted", "interrupted")
+        except CubepathError as problem:
+            ending = Ending("failed", str(problem))
+        except MemoryError:
+            ending = Ending("failed", "out of memory")
+        try:
+            for message in results_of(self.gatherer, ending, refused=self.refused):
+                self._write(message, encode(message), time.time_ns())
+            self.writer.close()
+        except CubepathError as problem:
+            ending = Ending("failed", ending.error or str(problem))
+        return ending
+
+    def _play(self) -> Ending:
+        plan, task = self.plan, self.task
+        if self.gatherer.reached and task.assignment is None:
+            return Ending("goal")
+        with (
+            interrupts() as check,
+            FreeFleet(
+                task.scene,
+                task.rule,
+                seed=plan.seed,
+                hesitate=plan.hesitate,
+                processes=plan.processes,
+                keepers=plan.keepers,
+                speeds=plan.speeds,
+                jitter=plan.jitter,
+                on_crash=plan.on_crash,
+                schedule=None if task.assignment is None else own_moves(task.scene, task.assignment),
+                logs=plan.keeper_logs,
+            ) as fleet,
+        ):
+            collector = self._collector = Collector(fleet.run, self.gatherer, plan.keepers)
+            credentials = fleet.credentials()
+            with Shell(collector, fleet.endpoint, self._keep, credentials=credentials) as shell:
+                shell.start()
+                try:
+                    return self._until_the_end(shell, fleet, check)
+                finally:
+                    shell.carry_out(collector.say(Go(collector.level, "stop")))
+
+    def _until_the_end(
+        self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]
+    ) -> Ending:
+        collector = self._collector
+        self._heard = time.monotonic()
+        ending: Ending | None = None
+        while True:
+            moves = self.gatherer.moves
+            came = shell.step(_STEP_S)
+            check()
+            self._look_after(fleet)
+            if self.gatherer.moves > moves:
+                self._heard = time.monotonic()
+                if self.watch is not None:
+                    self.watch(self.gatherer)
+            elif came and ending is None:
+                continue
+            ending = self._ended()
+            if ending is None:
+                continue
+            shell.carry_out(collector.say(Go(collector.level, "over")))
+            self._settle(shell, fleet, check)
+            if ending.ended != "goal" or self.gatherer.reached:
+                return ending
+            shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
+
+    def _ended(self) -> Ending | None:
+        gatherer, collector, plan = self.gatherer, self._collector, self.plan
+        if gatherer.failed is not None:
+            return Ending("failed", gatherer.failed)
+        if self.task.assignment is not None:
+            if gatherer.moves >= sum(map(len, self.task.assignment.cubes)):
+                return Ending("goal")
+        elif gatherer.reached:
+            return Ending("goal")
+        if collector.level >= self.task.max_rounds:
+            return Ending("max-rounds")
+        if time.monotonic() - self._heard > plan.patience:
+            return Ending("failed", self._stuck())
+        return None
+
+    def _stuck(self) -> str:
+        dead = sorted({crash.name for crash in self.crashes if not crash.restarted})
+        who = f"; {', '.join(dead)} had died" if dead else ""
+        return f"nothing was committed for {self.plan.patience:g} s{who}"
+
+    def _settle(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> None:
+        """Wait until nothing is under way, and everything that was committed is known."""
+        collector = self._collector
+        until = time.monotonic() + _SETTLE_S_MAX
+        asked = 0.0
+        collector.tails.clear()
+        while not collector.settled and time.monotonic() < until:
+            check()
+            self._look_after(fleet)
+            if time.monotonic() - asked > _LOOK_S:
+                asked = time.monotonic()
+                collector.tails.clear()
+                shell.carry_out(collector.fetch())
+            shell.step(_STEP_S)
+
+    def _look_after(self, fleet: FreeFleet) -> None:
+        now = time.monotonic()
+        if now - self._looked < _LOOK_S:
+            return
+        self._looked = now
+        for crash in fleet.look():
+            self.crashes.append(crash)
+            again = ", and was started again" if crash.restarted else ""
+            self.say(f"{crash.name} has died ({crash.how}){again}")
+        if now - self._flushed >= _FLUSH_S:
+            self._flushed = now
+            self.writer.flush()
+
+    def _keep(self, kept: Keep, wall_ns: int) -> None:
+        self.refused += refusals_in(kept)
+        self._write(kept.message, kept.data, wall_ns)
+
+    def _write(self, message: FreeMessage, data: bytes, wall_ns: int) -> None:
+        level = self._collector.level if hasattr(self, "_collector") else 0
+        at = wall_ns if self.plan.log_time == "wall" else level
+        self.writer.write(free_topic(message), data, round_number=at, wall_ns=wall_ns)
