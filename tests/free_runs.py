@@ -11,17 +11,17 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from random import Random
-from typing import Any
 
-from cubepath.agents.keepers.attempts import support_units
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
-from cubepath.agents.local.observation import observe, view_of
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, as_choice
+from cubepath.agents.local.observation import observe
+from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.attempting import attempt_of
+from cubepath.agents.rules.rule import InitialKnowledge
 from cubepath.agents.rules.streams import RULE, stream
 from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
-from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
+from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording, RecordingWriter, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -65,7 +65,7 @@ class _Module:
     turns: int = 0
     version: int = 0
     note: list[int] = field(default_factory=list)
-    rule: Rule | None = None
+    actor: Actor | None = None
     asked: Attempt | None = None
 
 
@@ -202,7 +202,7 @@ class FreeRun:
 
     def _restart(self, module: _Module) -> None:
         module.birth += 1
-        module.epoch, module.asked, module.rule = None, None, None
+        module.epoch, module.asked, module.actor = None, None, None
         self._enter(module)
 
     def _told(self, part: Decision | Entered) -> None:
@@ -213,16 +213,15 @@ class FreeRun:
             module.site, module.epoch = site_from_json(part.site), part.occupant.epoch
             module.version, module.note = part.occupant.version, part.occupant.note
             module.attempts = module.turns = 0
-            module.rule = GOSSIP.make(
-                InitialKnowledge(
-                    self.system,
-                    module.number,
-                    len(self.modules),
-                    module.site,
-                    self.scene.goals[module.number] if self.scene.goals else (),
-                    stream(self.seed, module.number, RULE),
-                )
+            knowledge = InitialKnowledge(
+                self.system,
+                module.number,
+                len(self.modules),
+                module.site,
+                self.scene.goals[module.number] if self.scene.goals else (),
+                stream(self.seed, module.number, RULE),
             )
+            module.actor = Actor(GOSSIP, knowledge, clock="free")
             return
         module = self.modules[part.module]
         asked = module.asked
@@ -261,12 +260,23 @@ class FreeRun:
             note_length=2,
             register=tuple(module.note),
         )
-        label = module.site[1] if system.labels is not None else None  # type: ignore[index]
-        assert module.rule is not None
+        assert module.actor is not None
         assert module.epoch is not None
-        choice = as_choice(module.rule(view_of(system, seen, label)))
+        choice = module.actor.act(seen)
         module.turns += 1
-        attempt = self._attempt(module, choice, occupants, notes)
+        attempt = attempt_of(
+            system,
+            self.tiles,
+            module=module.number,
+            epoch=module.epoch,
+            number=module.attempts + 1,
+            turn=module.turns,
+            site=module.site,
+            occupants={**occupants, place: module.site},
+            notes=notes,
+            register=tuple(module.note),
+            choice=choice,
+        )
         if attempt is not None:
             module.attempts += 1
         turn = Turn(
@@ -287,59 +297,6 @@ class FreeRun:
         self.record.append(Turns(self._process(module), [turn]))
         if attempt is not None:
             self._ask(module, attempt)
-
-    def _attempt(
-        self,
-        module: _Module,
-        choice: Choice,
-        occupants: dict[Site, Site],
-        notes: dict[Site, tuple[int, ...]],
-    ) -> Attempt | None:
-        system = self.system
-        place = system.place_of(module.site)
-        move = system.moves(module.site)[choice.action - 1] if choice.action else None
-        if move is None and choice.note is None and not choice.exchanges:
-            return None
-        sensed: list[tuple[Any, Any]] = []
-        if move is not None:
-            on = {place: module.site, **occupants}
-            here = {*on.values()}
-            reads, writes = support_units(system, self.tiles, move)
-            guards = {
-                unit
-                for near in choice.guards
-                if system.has_place(near)
-                for unit in ([near] if system.labels is not None or not system.letters else [])
-            }
-            for unit in in_order(reads | writes | guards):
-                there = (
-                    on.get(unit) if system.labels is not None else unit if unit in here else None
-                )
-                sensed.append((to_json(unit), None if there is None else to_json(there)))
-        listed: list[tuple[Any, list[int], list[int] | None]] = []
-        for at, new in choice.exchanges.items():
-            listed.append((to_json(at), list(notes[at]), list(new)))
-        listed += [
-            (to_json(at), list(notes[at]), None)
-            for at in choice.heeds
-            if at not in choice.exchanges
-        ]
-        if choice.note is not None:
-            listed.append((to_json(place), list(module.note), list(choice.note)))
-        elif move is None:
-            listed.append((to_json(place), list(module.note), None))
-        assert module.epoch is not None
-        return Attempt(
-            module.number,
-            module.epoch,
-            module.attempts + 1,
-            module.turns,
-            to_json(module.site),
-            None if move is None else move.generator,
-            None if move is None else to_json(move.at),
-            sensed,
-            listed,
-        )
 
     def _ask(self, module: _Module, attempt: Attempt) -> None:
         module.asked = attempt

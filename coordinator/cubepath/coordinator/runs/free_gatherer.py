@@ -175,6 +175,10 @@ class FreeGatherer(Gathered):
             return f"{named(waiting[0])} finds {found} as no commit has left it"
         return next(self.lacking(), None)
 
+    def known(self, keeper: int) -> int:
+        """Return up to which serial number all commits of a keeper have come."""
+        return len(self._commits[keeper].in_order)
+
     def missing(self) -> dict[int, int]:
         """Return which keepers have more, each with the last commit before those to fetch.
 
