@@ -41,7 +41,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.verification.recording import Check, Verification
+    from cubepath.coordinator.verification.findings import Check, Verification
     from cubepath.protocol.recordings.recording import Recording
 
 
