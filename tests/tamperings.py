@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from cubepath.coordinator.verification.recording import Verification, verify
+from cubepath.coordinator.verification.findings import Verification
+from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording

@@ -10,7 +10,8 @@ import pytest
 
 from cubepath.agents.processes.join_messages import PROTOCOL
 from cubepath.agents.processes.orders import Orders
-from cubepath.protocol.wire.messages import KINDS, schema_of
+from cubepath.protocol.wire.messages import KINDS
+from cubepath.protocol.wire.on_record import schema_of
 
 PAGE = (Path(__file__).parents[3] / "docs" / "protocol.md").read_text()
 SPECIFICATION = PAGE.partition("## Specification")[2]

@@ -17,7 +17,8 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.verification.recording import Check, Verification, verify
+from cubepath.coordinator.verification.findings import Check, Verification
+from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording

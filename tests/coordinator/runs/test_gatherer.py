@@ -14,7 +14,9 @@ from msgspec.structs import replace
 
 from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.runs.gatherer import Gatherer, Step, gathered
+from cubepath.coordinator.runs.edge_path import Step
+from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Scene

@@ -25,7 +25,8 @@ import zenoh
 from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.runs.gatherer import Gatherer, PathDigest
+from cubepath.coordinator.runs.edge_path import PathDigest
+from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify

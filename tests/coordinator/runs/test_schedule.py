@@ -14,7 +14,8 @@ from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.contents import info, render
-from cubepath.coordinator.runs.gatherer import PathDigest, gathered
+from cubepath.coordinator.runs.edge_path import PathDigest
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.playback import replay

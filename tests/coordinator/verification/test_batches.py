@@ -14,7 +14,7 @@ import tamperings_of_runs
 import tamperings_of_schedules
 from batched import first_batch, singles
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.runs.gatherer import gathered
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import Record, Recording

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.runs.gatherer import gathered
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.recordings.recording import Recording, read_recording

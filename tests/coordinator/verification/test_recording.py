@@ -24,9 +24,10 @@ import tamperings_of_runs
 import tamperings_of_schedules
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.runs.gatherer import gathered
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification import rounds as rederive
-from cubepath.coordinator.verification.recording import CHECKS, Verification, recover, verify
+from cubepath.coordinator.verification.findings import Verification
+from cubepath.coordinator.verification.recording import CHECKS, recover, verify
 from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement

@@ -17,7 +17,8 @@ import tamperings_of_runs
 import tamperings_of_schedules
 from batched import singles
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.verification.recording import Check, Verification, verify
+from cubepath.coordinator.verification.findings import Check, Verification
+from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec

@@ -25,7 +25,8 @@ from cubepath.protocol.recordings.recording import (
     read_recording,
 )
 from cubepath.protocol.recordings.salvaging import MAGIC
-from cubepath.protocol.wire.messages import Report, decode, schema_of
+from cubepath.protocol.wire.messages import Report, decode
+from cubepath.protocol.wire.on_record import schema_of
 from damaged import (
     PARAMETERS,
     ROUNDS,
@@ -118,12 +119,12 @@ def test_a_recording_of_something_else_is_refused(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="no cubepath recording") as caught:
             read_recording(path)
         shown = "'cubepath-recording-99'" if metadata else "none"
-        read = "'cubepath-recording-1' or 'cubepath-recording-2'"
+        read = " or ".join(f"'cubepath-recording-{number}'" for number in (1, 2, 3))
         assert str(caught.value).endswith(f": format {shown}, expected {read}")
 
 
 @pytest.mark.parametrize("written_as", FORMATS)
-def test_both_formats_are_read_and_kept_by_a_copy(written_as: str, tmp_path: Path) -> None:
+def test_all_formats_are_read_and_kept_by_a_copy(written_as: str, tmp_path: Path) -> None:
     """A recording says which format it has, and so does a copy, which has the same messages."""
     path, out = tmp_path / "a.mcap", tmp_path / "b.mcap"
     path.write_bytes(files()[1].replace(FORMAT.encode(), written_as.encode()))

@@ -6,7 +6,8 @@ Room: coordinator.
 from __future__ import annotations
 
 from cubepath.coordinator.auditing.playing import Playing
-from cubepath.coordinator.verification.recording import Progress, Verification, verify
+from cubepath.coordinator.verification.findings import Verification
+from cubepath.coordinator.verification.recording import Progress, verify
 from cubepath.protocol.recordings.recording import Recording
 
 

@@ -129,7 +129,7 @@ def _is_recording(file: InputFile) -> bool:
 
 
 def _recorded(options: argparse.Namespace, file: InputFile) -> _Drawn:
-    from cubepath.coordinator.runs.gatherer import gathered  # noqa: PLC0415
+    from cubepath.coordinator.runs.gathering import gathered  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     if options.system is not None or options.format is not None or options.companions:
@@ -146,7 +146,7 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> _Drawn:
     return _Drawn(
         file.path,
         recording.scene,
-        "round",
+        "level" if recording.clock == "free" else "round",
         steps,
         lambda: (gatherer.heap.cube_path(), gatherer.heap.normal_form()),
     )

@@ -41,7 +41,7 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
 
 if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.verification.recording import Check, Verification
+    from cubepath.coordinator.verification.findings import Check, Verification
     from cubepath.protocol.recordings.recording import Recording
 
 
@@ -74,7 +74,8 @@ def add_recording_commands(command: AddCommand) -> None:
             "a number of at least 0.00001 (about a round a day)", lambda rate: rate >= 1e-5
         ),
         metavar="R",
-        help="rounds a second (default: as fast as it goes)",
+        help="rounds or levels a second; or times as fast as it was, if log time is the wall clock"
+        " (default: as fast as it goes)",
     )
     replay.add_argument(
         "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: privately)"

@@ -13,12 +13,10 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
-    from cubepath.coordinator.runs.films import (
-        FILM_SUFFIXES,
-        FRAMES_PER_SECOND,
-        animate,
-    )
-    from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+    from cubepath.coordinator.runs.edge_path import Gathered
+    from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
+    from cubepath.coordinator.runs.gatherer import Gatherer
+    from cubepath.coordinator.runs.gathering import gathered
     from cubepath.coordinator.runs.launch import Outcome, run
     from cubepath.coordinator.runs.plan import Plan
     from cubepath.coordinator.runs.playback import Replayed, replay
@@ -29,8 +27,10 @@ else:
             "conductor": "Conductor Ending",
             "contents": "info render",
             "drawing": "PICTURE_SUFFIXES run_picture save_figure",
+            "edge_path": "Gathered",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
-            "gatherer": "Gatherer gathered",
+            "gatherer": "Gatherer",
+            "gathering": "gathered",
             "launch": "Outcome run",
             "plan": "Plan",
             "playback": "Replayed replay",
@@ -43,6 +43,7 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "Conductor",
     "Ending",
+    "Gathered",
     "Gatherer",
     "Outcome",
     "Plan",

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from cubepath.coordinator.normal_form.certificate import encodable_certificate
-from cubepath.coordinator.runs.gatherer import Gatherer, Step
+from cubepath.coordinator.runs.edge_path import Step
+from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import (

@@ -29,6 +29,7 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "processes": int,
     "modules": int,
     "max_rounds": int,
+    "keepers": int,
 }
 _ENDED = {
     "goal": "the goal was reached",
@@ -53,6 +54,7 @@ def info(recording: Recording) -> dict[str, Any]:
     return {
         "log": str(recording.path),
         "format": recording.format,
+        "clock": recording.clock,
         **{key: _described(parameters, key) for key in _DESCRIBED},
         "modules": len(recording.scene.start),
         "versions": {key: parameters[key] for key in _VERSIONS if key in parameters},
@@ -172,9 +174,10 @@ def render(document: Mapping[str, Any]) -> str:
         ("system", document["system"]),
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),
+        *([("keepers", document["keepers"])] if document["clock"] == "free" else []),
         ("ended", ended + (f": {document['error']}" if document["error"] else "")),
         ("complete", "yes" if document["complete"] else "no"),
-        ("rounds", document["rounds"]),
+        ("levels" if document["clock"] == "free" else "rounds", document["rounds"]),
         ("moves", document["moves"]),
     ]
     if document["ended"] is not None:

@@ -2,8 +2,8 @@
 
 Room: coordinator. The messages of module processes go through a router from one session to another,
 under their original keys but a new run id; in recordings of format 1 modules put messages of their
-own, which go on the key of their topic. Anything else that is connected to the router receives them
-too.
+own, which go on the key of their topic. Without rounds what keepers say is put back too. Anything
+else that is connected to the router receives them as well.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from typing import Any
 
 import zenoh
 
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.coordinator.verification.transcript import RECOVERED
@@ -26,6 +28,7 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.free_messages import decode_free, free_key
 from cubepath.protocol.wire.keys import everything, key_of, topic_in_key, topic_key
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -44,6 +47,8 @@ _PARTS = ("here", "note", "claim", "verdict", "report", "observed")
 """What modules say, which is put back; in format 1 each as a message of its own."""
 SAID = ("said", "reports", "observations", *_PARTS)
 """The kinds of messages that are put back."""
+FREE_SAID = ("ask", "pass", "tell", "shows", "moved", "turns", "tail")
+"""The same of a run without rounds: what modules and keepers say."""
 
 Progress = Callable[[int], object]
 """Called now and then with the number of messages that have arrived since the last call."""
@@ -100,25 +105,33 @@ def replay(
     recording: Recording,
     *,
     rate: float | None = None,
-    kinds: Collection[str] = SAID,
+    kinds: Collection[str] | None = None,
     endpoint: str | None = None,
     announce: Announce | None = None,
     progress: Progress | None = None,
 ) -> Replayed:
     """Put the messages of modules back on zenoh, gather them from there, and compare the results.
 
-    `rate` is in rounds a second (as fast as possible if None), `kinds` are the kinds of `SAID` to
-    put, and `endpoint` is where the router listens, for example "tcp/127.0.0.1:7447"; None means a
-    unix socket at which others of this user can listen. InputError for bad options and malformed
-    messages; CheckError if reports contradict each other or messages do not arrive.
+    `rate` is in rounds or levels a second, or times as fast as it was if log time is the wall clock
+    (as fast as possible if None); `kinds` are the kinds of `SAID` or `FREE_SAID` to put (all of
+    them if None), and `endpoint` is where the router listens, for example "tcp/127.0.0.1:7447";
+    None means a unix socket at which others of this user can listen. InputError for bad options and
+    malformed messages; CheckError if reports contradict each other or messages do not arrive.
     """
     if rate is not None and not rate > 0:
         raise InputError(f"rate={rate}: expected more than 0 rounds a second")
-    stray = sorted(set(kinds) - set(SAID))
+    said, gathered = (
+        (FREE_SAID, {"moved", "tail"})
+        if recording.clock == "free"
+        else (SAID, {"reports", "report"})
+    )
+    kinds = said if kinds is None else kinds
+    stray = sorted(set(kinds) - set(said))
     if stray:
-        raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(SAID)}")
-    if not {"reports", "report"} & set(kinds):
-        raise InputError("kinds without reports: without reports there is nothing to gather")
+        raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(said)}")
+    if not gathered & set(kinds):
+        named = "commits" if recording.clock == "free" else "reports"
+        raise InputError(f"kinds without {named}: without {named} there is nothing to gather")
     with contextlib.ExitStack() as resources:
         router = resources.enter_context(Router(endpoint))
         player = _Player(recording, router, resources)
@@ -136,7 +149,12 @@ class _Player:
         self.run = uuid.uuid4().hex[:12]
         endpoint = self._endpoint = router.endpoint
         self._recording = recording
-        self._gatherer = Gatherer(recording.scene)
+        self._free = recording.clock == "free"
+        self._lockstep_gatherer = Gatherer(recording.scene)
+        self._free_gatherer = (
+            FreeGatherer(recording.scene, keepers_in(recording)) if self._free else None
+        )
+        self._gatherer: Gathered = self._free_gatherer or self._lockstep_gatherer
         self._queue: SimpleQueue[tuple[str, bytes]] = SimpleQueue()
         self._arrived = 0
         self._progress: Progress | None = None
@@ -158,12 +176,17 @@ class _Player:
         began = time.monotonic()
         self._progress = progress
         sent = 0
+        first: int | None = None
         for record in self._recording.records:
             if record.kind not in kinds:
                 continue
-            key = key_of(self.run, _message(self._recording, record))
+            if first is None:
+                first = record.wall_ns
+            key = self._key(record)
             if rate is not None:
-                self._rest_until(began + (record.round - 1) / rate)
+                by_wall = self._recording.parameters.get("log_time") == "wall"
+                passed = (record.wall_ns - first) / 1e9 if by_wall else record.round - 1
+                self._rest_until(began + passed / rate)
             put(self._mouth, key, record.data)
             sent += 1
             self._gather_what_is_there()
@@ -188,6 +211,14 @@ class _Player:
             messages=self._arrived,
             seconds=round(time.monotonic() - began, 3),
         )
+
+    def _key(self, record: Record) -> str:
+        if not self._free:
+            return key_of(self.run, _message(self._recording, record))
+        try:
+            return free_key(self.run, decode_free(record.data))
+        except CubepathError as error:
+            raise InputError(f"{_where(self._recording, record)}: {error}") from None
 
     def _rest_until(self, due: float) -> None:
         while (left := due - time.monotonic()) > 0:
@@ -214,7 +245,9 @@ class _Player:
         if topic_in_key(key).startswith(("reports/", "report/")):
             for part in parts_of(decode(data)):
                 if isinstance(part, Report):
-                    self._gatherer.receive(part)
+                    self._lockstep_gatherer.receive(part)
+        elif self._free_gatherer is not None:
+            self._free_gatherer.take(decode_free(data))
         if self._progress is not None:
             self._progress(1)
 
@@ -235,6 +268,8 @@ class _Player:
                 case _:
                     pass
         cut_off = self._recovered and summary is None
+        if not cut_off and self._gatherer.unfinished is not None:
+            yield self._gatherer.unfinished
         yield from self._other_edges(edges, cut_off=cut_off)
         if summary is None and not self._recovered:
             yield "no summary is on record, so there is no result to compare with"
@@ -245,16 +280,17 @@ class _Player:
         yield from self._not_proved()
 
     def _other_edges(self, recorded: dict[int, Edges], *, cut_off: bool) -> Iterator[str]:
-        steps = self._gatherer.steps
+        steps, step_name = self._gatherer.steps, "level" if self._free else "round"
         for step in steps:
             known = recorded.pop(step.round, None)
             # A run that was killed may have had no time to write the edges of its last round.
             if known is None and not (cut_off and step is steps[-1]):
-                yield f"round {step.round}: gathered, but its edges are not on record"
+                yield f"{step_name} {step.round}: gathered, but its edges are not on record"
             elif known is not None and known.moves != list(step.executed):
-                yield f"round {step.round}: other moves were gathered than its edges on record"
+                yield f"{step_name} {step.round}: other moves were gathered than are on record"
         if recorded:
-            yield f"round {min(recorded)}: edges on record, but not all modules reported it"
+            why = "no keeper reported a move of it" if self._free else "not all modules reported it"
+            yield f"{step_name} {min(recorded)}: edges on record, but {why}"
 
     @property
     def _recovered(self) -> bool:
@@ -308,5 +344,8 @@ def _message(recording: Recording, record: Record) -> Message:
     try:
         return decode(record.data)
     except CubepathError as error:
-        where = f"{recording.path}: message {record.sequence} ({record.topic})"
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"{_where(recording, record)}: {error}") from None
+
+
+def _where(recording: Recording, record: Record) -> str:
+    return f"{recording.path}: message {record.sequence} ({record.topic})"

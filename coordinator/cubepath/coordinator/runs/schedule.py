@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cubepath.coordinator.normal_form.definitions import is_cube
-from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
@@ -228,7 +229,7 @@ class ScheduleExecution:
         self.over = False
         """True once the schedule is done or has stopped, also while the rule goes on from there."""
 
-    def look(self, gatherer: Gatherer) -> None:
+    def look(self, gatherer: Gathered) -> None:
         """Look at the reports of the last round; before the first round there are none."""
         if self.over:
             return

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Literal
 
 from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
-from cubepath.coordinator.runs.gatherer import Gatherer, gathered
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
@@ -177,11 +178,8 @@ class _Reading:
         recording = read_undamaged(self._file)
         gatherer = gathered(recording)
         path = self._file.path
-        if gatherer.begun > gatherer.rounds + 1:
-            raise InputError(
-                f"{path}: round {gatherer.rounds + 1} is not complete, but there are reports of"
-                f" round {gatherer.begun}: expected all rounds up to the last"
-            )
+        if gatherer.unfinished is not None:
+            raise InputError(f"{path}: {gatherer.unfinished}")
         numbered = number_moves(_recorded(path, gatherer), self._progress)
         return PathInput(path, "recording", numbered, self._seconds, recording.scene)
 
@@ -227,7 +225,7 @@ def _form_of(file: InputFile) -> Form:
     return "scenario" if is_scenario(file) else "moves"
 
 
-def _recorded(path: Path, gatherer: Gatherer) -> Iterator[PathMove]:
+def _recorded(path: Path, gatherer: Gathered) -> Iterator[PathMove]:
     """Yield the moves of the complete rounds of a recording, from its reports."""
     state = set(gatherer.scene.start_state)
     for step in gatherer.steps:

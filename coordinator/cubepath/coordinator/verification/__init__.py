@@ -15,14 +15,8 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
     from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
     from cubepath.coordinator.verification.proof import check_proof
-    from cubepath.coordinator.verification.recording import (
-        Check,
-        Progress,
-        Recovered,
-        Verification,
-        recover,
-        verify,
-    )
+    from cubepath.coordinator.verification.findings import Check, Verification
+    from cubepath.coordinator.verification.recording import Progress, Recovered, recover, verify
     from cubepath.coordinator.verification.transcript import RECOVERED, Transcript, site_in
 else:
     __getattr__, __dir__ = lazy_face(
@@ -32,7 +26,8 @@ else:
             "choices": "Arrays Moment Observing",
             "parameters": "hesitation_in seed_in",
             "proof": "check_proof",
-            "recording": "Check Progress Recovered Verification recover verify",
+            "findings": "Check Verification",
+            "recording": "Progress Recovered recover verify",
             "transcript": "RECOVERED Transcript site_in",
         },
     )

@@ -7,45 +7,36 @@ neither the gatherer nor the heap, nor anything from the agents.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 from math import inf
 from pathlib import Path
-from typing import Any, NamedTuple
 
-from cubepath.coordinator.normal_form.definitions import is_cube, too_late
 from cubepath.coordinator.verification.certificate import check_recorded_certificate
 from cubepath.coordinator.verification.choices import Moment, Player
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.ending import Course
+from cubepath.coordinator.verification.findings import Failures, Missing, Verification
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
-from cubepath.coordinator.verification.rounds import Rederivation, make, why_not
+from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
+from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
-    Fail,
     OutOfOrder,
     Round,
     Sorting,
-    Transcript,
-    site_in,
     transcript_of,
 )
-from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import (
     Record,
     Recording,
     copy_recording,
     read_recording,
 )
-from cubepath.protocol.wire.messages import Cube, Summary
 
 CHECKS = {
     "readable": "the file is whole",
@@ -80,55 +71,6 @@ Progress = Callable[[int], object]
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
-    """One check: `detail` says in one line where it first fails, and is empty if it holds.
-
-    If it was not made, or not on all of the recording, `checked` is False and `detail` says why.
-    """
-
-    name: str
-    ok: bool
-    detail: str
-    checked: bool = True
-
-
-class Missing(NamedTuple):
-    """How much is known to be missing: at least so much was there, and is not on record."""
-
-    rounds: int
-    """Rounds that were begun, and that not every module has reported."""
-    messages: int
-    """Messages by their numbers, and those of the last phase that were counted."""
-
-
-@dataclass(frozen=True, slots=True)
-class Verification:
-    """The result of verifying a recording; the numbers are derived, not read from the recording.
-
-    `complete` is False if the end is missing. What was recovered of a run that was cut off is `ok`
-    if it is correct as far as it goes.
-    """
-
-    ok: bool
-    complete: bool
-    missing: Missing
-    checks: tuple[Check, ...]
-    moves: int
-    rounds: int
-    cubes: int
-    path_digest: str
-
-    def document(self) -> dict[str, Any]:
-        """Return the keys of ``cubepath verify --json``."""
-        checks = [
-            {key: getattr(check, key) for key in ("name", "ok", "checked", "detail")}
-            for check in self.checks
-        ]
-        found = {key: getattr(self, key) for key in self.__slots__}
-        return found | {"checks": checks, "missing": self.missing._asdict()}
-
-
-@dataclass(frozen=True, slots=True)
 class Recovered:
     """The readable part of a damaged recording, written to a new file."""
 
@@ -137,42 +79,6 @@ class Recovered:
     rounds: int
     """The number of rounds, from the first on, that every module has reported."""
     problems: tuple[str, ...]
-
-
-class _Failures:
-    """The first failure of each check, and the number of failures.
-
-    Rounds are derived while later ones are still being sorted. Which failure is the first does not
-    depend on when a round was closed: what is found by sorting comes before what is derived.
-    """
-
-    def __init__(self) -> None:
-        self._first: dict[str, tuple[int, str]] = {}
-        self._count: dict[str, int] = dict.fromkeys(CHECKS, 0)
-
-    def stage(self, number: int) -> Fail:
-        """Return what to call for a failure found in a stage; earlier stages come first."""
-
-        def fail(check: str, detail: str) -> None:
-            known = self._first.get(check)
-            if known is None or number < known[0]:
-                self._first[check] = number, detail
-            self._count[check] += 1
-
-        return fail
-
-    def checks(self, unchecked: Mapping[str, str]) -> tuple[Check, ...]:
-        """Return all checks; `unchecked` says why one was not made, by its name."""
-        return tuple(
-            Check(name, ok=False, detail=self._said(name), checked=name not in unchecked)
-            if count
-            else Check(name, ok=True, detail=unchecked.get(name, ""), checked=name not in unchecked)
-            for name, count in self._count.items()
-        )
-
-    def _said(self, name: str) -> str:
-        more = self._count[name] - 1
-        return self._first.get(name, (0, ""))[1] + (f" (and {more} more)" if more > 0 else "")
 
 
 def verify(
@@ -206,7 +112,7 @@ def _verified(
     progress: Progress | None,
     player: Callable[[], Player] | None,
 ) -> Verification:
-    failures = _Failures()
+    failures = Failures(CHECKS)
     for problem in recording.problems:
         failures.stage(0)("readable", problem)
     pacing = Pacing(recording, failures.stage(0))
@@ -235,11 +141,11 @@ def _verified(
     check_schedule(recording, transcript, fail)
     derived.check_edges(transcript)
     normal_form = cubes_of(derived.actions)
-    cubes = _recorded_cubes(recording.scene, transcript, fail)
+    cubes = recorded_cubes(recording.scene, transcript, fail)
     whole = transcript.summary is not None
     check_dependencies(derived.actions, derived.ends, cubes, fail, whole=whole)
     if cubes is not None:  # without all actions nothing more can be checked
-        _check_cubes(recording.scene, cubes, derived, normal_form, fail, whole=whole)
+        check_cubes(recording.scene, cubes, derived.state, normal_form, fail, whole=whole)
     check_recorded_certificate(recording.scene, transcript, derived.actions, fail)
     if transcript.summary is not None:
         expected = {
@@ -253,7 +159,7 @@ def _verified(
             "path_digest": derived.digest,
             "refused": transcript.refused,
         }
-        _check_summary(transcript.summary, expected, fail)
+        check_summary(transcript.summary, expected, fail)
     checks = failures.checks(_unchecked(playing))
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
@@ -277,7 +183,7 @@ def recover(source: Path | Recording, out: Path) -> Recovered:
     is the recording itself, or if `out` cannot be written.
     """
     recording = source if isinstance(source, Recording) else read_recording(source)
-    transcript = transcript_of(recording, _Failures().stage(0))
+    transcript = transcript_of(recording, Failures(CHECKS).stage(0))
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
     lost = f"; at least {transcript.gap} more are missing" if transcript.gap else ""
@@ -294,91 +200,3 @@ def _unchecked(playing: Player | None) -> dict[str, str]:
     """Return why checks were not made, by name."""
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     return {} if why is None else {"choices": f"not checked: {why}"}
-
-
-def _recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
-    """Return the cubes on record, None if a move of them is none of the system."""
-    cubes: list[list[Action]] = []
-    for cube in transcript.result:
-        actions = _actions(scene, cube, fail)
-        if actions is None:
-            return None
-        cubes.append(actions)
-    return cubes
-
-
-def _check_cubes(
-    scene: Scene,
-    cubes: Sequence[Sequence[Action]],
-    derived: Rederivation,
-    normal_form: Sequence[Sequence[Action]],
-    fail: Fail,
-    *,
-    whole: bool,
-) -> None:
-    _check_normal(cubes, fail)
-    end = _end(scene, cubes, fail)
-    if not whole:
-        # That the end is missing is reported already: the cubes on record must be the first ones.
-        normal_form = normal_form[: len(cubes)]
-    elif end is not None and end != derived.state:
-        stray = min(end ^ derived.state, key=repr)
-        where = "cubes" if stray in end else "moves"
-        fail("ends", f"after the {where} {stray!r} is on, but not after the other")
-    for number, (one, other) in enumerate(zip(cubes, normal_form, strict=False), 1):
-        apart = _apart(frozenset(one), frozenset(other))
-        if apart is not None:
-            fail("class", f"cube {number} is not that of the moves: {apart}")
-            return
-    if len(cubes) != len(normal_form):
-        fail("class", f"{len(cubes)} cubes, the moves have {len(normal_form)}")
-
-
-def _actions(scene: Scene, cube: Cube, fail: Fail) -> list[Action] | None:
-    found = []
-    for placed in cube.moves:
-        try:
-            found.append(scene.system.action(placed.generator, site_in(placed.at)))
-        except InputError as error:
-            fail("normal", f"cube {cube.index}: {error}")
-            return None
-    return found
-
-
-def _check_normal(cubes: Sequence[Sequence[Action]], fail: Fail) -> None:
-    for number, cube in enumerate(cubes, 1):
-        if not cube:
-            fail("normal", f"cube {number} holds no move")
-        elif not is_cube(cube):
-            fail("normal", f"cube {number}: its moves do not commute")
-    for number, (cube, following) in enumerate(pairwise(cubes), 2):
-        for action in too_late(cube, following) if is_cube(cube) else ():
-            fail("normal", f"cube {number}: {action.label} belongs in the cube before")
-
-
-def _end(scene: Scene, cubes: Sequence[Sequence[Action]], fail: Fail) -> set[Site] | None:
-    """Return the state after the cubes, None if one is not admissible."""
-    state = set(scene.start) | scene.system.filled
-    for number, cube in enumerate(cubes, 1):
-        for action in cube:
-            why = why_not(action, state)
-            if why is not None:
-                fail("ends", f"cube {number}: {why}")
-                return None
-            make(action, state)
-    return state
-
-
-def _apart(one: frozenset[Action], other: frozenset[Action]) -> str | None:
-    if one == other:
-        return None
-    extra = min((action.label for action in one - other), default=None)
-    if extra is not None:
-        return f"{extra} is too many"
-    return f"{min(action.label for action in other - one)} is missing"
-
-
-def _check_summary(summary: Summary, expected: Mapping[str, object], fail: Fail) -> None:
-    for key, value in expected.items():
-        if getattr(summary, key) != value:
-            fail("summary", f"{key} is {getattr(summary, key)}, derived is {value}")

@@ -12,6 +12,7 @@ from hashlib import sha256
 import msgspec
 
 from cubepath.protocol.recordings.salvaging import Salvage, kind_in
+from cubepath.protocol.wire.on_record import SHOWN
 
 METADATA = "cubepath-counts"
 """The name of the metadata record that closes a recording."""
@@ -20,13 +21,18 @@ BATCHES = {
     "reports": frozenset({"report"}),
     "observations": frozenset({"observed"}),
     "acts": frozenset({"act"}),
+    "ask": frozenset({"attempt", "enter", "look"}),
+    "pass": frozenset({"passed", "decision", "inquiry", "settled"}),
+    "tell": frozenset({"decision", "entered"}),
+    "shows": frozenset({SHOWN}),
+    "turns": frozenset({"turn"}),
 }
 """The kinds of messages that are batches, with the kinds of their parts."""
 _PARTS = frozenset[str]().union(*BATCHES.values())
 
 
 class _Part(msgspec.Struct):
-    kind: str
+    kind: str = SHOWN
 
 
 class _Batch(msgspec.Struct):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
@@ -15,13 +16,26 @@ from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.scenes.toml import scene_from_toml
 
 FORMAT = "cubepath-recording-2"
-"""The format that is written: modules may say messages in batches, `said` and `reports`."""
-FORMATS = ("cubepath-recording-1", FORMAT)
+"""The format of runs with rounds: modules say messages in batches, `said` and `reports`."""
+FREE_FORMAT = "cubepath-recording-3"
+"""The format of runs without rounds, which have keepers, versions and levels."""
+FORMATS = ("cubepath-recording-1", FORMAT, FREE_FORMAT)
 """The formats that are read. In the first every part is a message of its own."""
+Clock: TypeAlias = Literal["lockstep", "free"]
 METADATA = "cubepath"
 """The name of the metadata record with the parameters."""
 SCENE = "scene.toml"
 SCHEDULE = "schedule.jsonl"
+
+
+def format_of(parameters: Mapping[str, str]) -> str:
+    """Return the format that a new recording has, by the clock of its run."""
+    return FREE_FORMAT if parameters.get("clock") == "free" else FORMAT
+
+
+def clock_of(written_as: str) -> Clock:
+    """Return the clock of the runs that a format is for."""
+    return "free" if written_as == FREE_FORMAT else "lockstep"
 
 
 def metadata_of(parameters: Mapping[str, str], written_as: str) -> dict[str, str]:

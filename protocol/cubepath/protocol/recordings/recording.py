@@ -1,11 +1,11 @@
 """Recordings: one MCAP file per run, written during the run and checked when read back.
 
 A recording holds every message as the exact bytes that were on the wire, on the topic KIND/SENDER,
-with its JSON Schema. Log time is the logical round, publish time the wall clock in nanoseconds, and
-sequence the order of writing. The parameters and versions of the run are a metadata record, the
-scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
-CRCs and are flushed every few messages, or bytes, so a killed process loses at most the messages
-since the last flush.
+with its JSON Schema. Log time is the logical round, or without rounds the level or the wall clock;
+publish time is the wall clock in nanoseconds, and sequence the order of writing. The parameters and
+versions of the run are a metadata record, the scene is the attachment `scene.toml`, and an executed
+schedule is `schedule.jsonl`. Chunks carry CRCs and are flushed every few messages, or bytes, so a
+killed process loses at most the messages since the last flush.
 """
 
 from __future__ import annotations
@@ -36,6 +36,9 @@ from cubepath.protocol.recordings.description import (
     METADATA,
     SCENE,
     SCHEDULE,
+    Clock,
+    clock_of,
+    format_of,
     metadata_of,
     parameters_in,
     scene_in,
@@ -50,13 +53,7 @@ from cubepath.protocol.recordings.salvaging import (
 )
 from cubepath.protocol.recordings.stored import Stored
 from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import (
-    decode,
-    encode,
-    parts_of,
-    schema_of,
-)
+from cubepath.protocol.wire.on_record import parts_said, schema_of, topic_said
 
 FLUSH_EVERY = 50
 """Messages between two flushes: a kill loses fewer than this, and those still in a queue."""
@@ -85,16 +82,17 @@ class RecordingWriter:
         *,
         stream: IO[bytes] | None = None,
         flushes: tuple[int, int] = (FLUSH_EVERY, FLUSH_BYTES),
-        written_as: str = FORMAT,
+        written_as: str | None = None,
     ) -> None:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
         of a new file: it stays open, and its errors propagate. `flushes` is after how many messages
         and after how many bytes of them they are written; each time takes some memory for good.
-        `written_as` is the format that its messages are in, which is told and not looked at.
+        `written_as` is the format that its messages are in, which is told and not looked at; if it
+        is left out, it follows from the clock in the parameters.
         """
-        self._format = written_as
+        self._format = written_as or format_of(parameters)
         self._flushes = flushes
         self.path = path
         self.messages = 0
@@ -142,7 +140,7 @@ class RecordingWriter:
             ) from None
 
     def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
-        """Append a message with the bytes that were on the wire.
+        """Append a message with the bytes that were on the wire, at its log time.
 
         Raises RecordingFull if the disk is full, or the file was removed, moved or cut.
         """
@@ -273,6 +271,7 @@ class Record:
     topic: str
     data: bytes
     round: int
+    """The log time: a round, or without rounds a level or a wall time in nanoseconds."""
     wall_ns: int
     sequence: int
 
@@ -291,12 +290,12 @@ class Record:
             yield self
             return
         try:
-            parts = parts_of(decode(self.data))
+            parts = parts_said(self.kind, self.data)
         except InputError:
             yield self
             return
-        for part in parts:
-            yield replace(self, topic=topic_of(part), data=encode(part))
+        for topic, data in parts:
+            yield replace(self, topic=topic, data=data)
 
 
 class _StoredRecords(Sequence[Record]):
@@ -355,8 +354,9 @@ class _StoredRecords(Sequence[Record]):
 
     def _records(self, messages: Iterable[Message]) -> Iterator[Record]:
         topics = self._topics
+        # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
         for channel, sequence, number, wall_ns, data in messages:
-            topic = topics.get(channel) or _topic_said(data)
+            topic = topics.get(channel) or topic_said(data)
             if topic is not None:
                 yield Record(topic, data, number, wall_ns, sequence)
 
@@ -378,6 +378,11 @@ class Recording:
     size: int = 0
     """Number of bytes read."""
     format: str = FORMAT
+
+    @property
+    def clock(self) -> Clock:
+        """Return the clock of the run: "lockstep" has rounds, "free" has none."""
+        return clock_of(self.format)
 
     def of_kind(self, *kinds: str) -> Iterator[Record]:
         """Yield the messages of these kinds in order, also those that are parts of batches."""
@@ -462,14 +467,6 @@ def read_undamaged(source: Source) -> Recording:
             f" 'cubepath verify {path} --recover OUT' writes what can be read"
         )
     return recording
-
-
-def _topic_said(data: bytes) -> str | None:
-    # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
-    try:
-        return topic_of(decode(data))
-    except InputError:
-        return None
 
 
 def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:

@@ -21,6 +21,39 @@ if TYPE_CHECKING:
         certificate_files,
         process_name,
     )
+    from cubepath.protocol.wire.free_messages import (
+        FREE_KINDS,
+        Asks,
+        Attempt,
+        Decision,
+        Enter,
+        Entered,
+        Fetch,
+        FreeMessage,
+        Inquiry,
+        Look,
+        Moved,
+        Occupant,
+        Passed,
+        Passes,
+        Register,
+        Settled,
+        Shown,
+        Shows,
+        Tail,
+        Tells,
+        Turn,
+        Turns,
+        decode_free,
+        free_key,
+        free_kind,
+        free_sender,
+        free_topic,
+        heard_by_keeper,
+        heard_by_process,
+        heard_of_tile,
+        level_of,
+    )
     from cubepath.protocol.wire.keys import (
         addressees,
         belongs,
@@ -66,9 +99,9 @@ if TYPE_CHECKING:
         encode,
         kind_of,
         parts_of,
-        schema_of,
     )
     from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
+    from cubepath.protocol.wire.on_record import SHOWN, parts_said, schema_of, topic_said
     from cubepath.protocol.wire.router import Router, check_secure, without_tls
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
@@ -82,6 +115,7 @@ if TYPE_CHECKING:
     )
     from cubepath.protocol.wire.shell import Shell
     from cubepath.protocol.wire.sockets import discard
+    from cubepath.protocol.wire.tiles import Tiles
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -89,6 +123,12 @@ else:
             "access": "PROCESSES_MAX",
             "authority": "make_certificates",
             "credentials": "COORDINATOR GUEST ROUTER Credentials certificate_files process_name",
+            "free_messages": (
+                "FREE_KINDS Asks Attempt Decision Enter Entered Fetch FreeMessage Inquiry Look "
+                "Moved Occupant Passed Passes Register Settled Shown Shows Tail Tells Turn Turns "
+                "decode_free free_key free_kind free_sender free_topic heard_by_keeper "
+                "heard_by_process heard_of_tile level_of"
+            ),
             "keys": (
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
@@ -96,63 +136,89 @@ else:
                 "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Count Cube Edges "
                 "Executed Go Here Message Name Note Observations Observed Part Ready Reason "
                 "Refused Report Reports Reset Said Stopped Summary Verdict Waiting decode encode "
-                "kind_of parts_of schema_of"
+                "kind_of parts_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
+            "on_record": "SHOWN parts_said schema_of topic_said",
             "router": "Router check_secure without_tls",
             "sessions": (
-                "check_descriptors check_endpoint open_client put routers_of subscribe"
-                " wait_for_subscriber watch"
+                "check_descriptors check_endpoint open_client put routers_of subscribe "
+                "wait_for_subscriber watch"
             ),
             "shell": "Shell",
             "sockets": "discard",
+            "tiles": "Tiles",
         },
     )
 
 __all__ = [
     "COORDINATOR",
+    "FREE_KINDS",
     "GUEST",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
     "ROUTER",
+    "SHOWN",
     "Act",
     "Acts",
     "Again",
+    "Asks",
+    "Attempt",
     "Certified",
     "Claim",
     "Count",
     "Credentials",
     "Cube",
+    "Decision",
     "Edges",
     "Effect",
     "End",
+    "Enter",
+    "Entered",
     "Executed",
+    "Fetch",
+    "FreeMessage",
     "Go",
     "Here",
     "Ignore",
+    "Inquiry",
     "Keep",
     "Listen",
+    "Look",
     "Message",
+    "Moved",
     "Name",
     "NoMessageError",
     "Node",
     "Note",
     "Observations",
     "Observed",
+    "Occupant",
     "Part",
+    "Passed",
+    "Passes",
     "Put",
     "Ready",
     "Reason",
     "Refused",
+    "Register",
     "Report",
     "Reports",
     "Reset",
     "Router",
     "Said",
+    "Settled",
     "Shell",
+    "Shown",
+    "Shows",
     "Stopped",
     "Summary",
+    "Tail",
+    "Tells",
+    "Tiles",
     "Timer",
+    "Turn",
+    "Turns",
     "Verdict",
     "Waiting",
     "addressees",
@@ -162,14 +228,24 @@ __all__ = [
     "check_endpoint",
     "check_secure",
     "decode",
+    "decode_free",
     "discard",
     "encode",
     "everything",
+    "free_key",
+    "free_kind",
+    "free_sender",
+    "free_topic",
+    "heard_by_keeper",
+    "heard_by_process",
+    "heard_of_tile",
     "key_of",
     "kind_of",
+    "level_of",
     "make_certificates",
     "open_client",
     "parts_of",
+    "parts_said",
     "process_name",
     "put",
     "routers_of",
@@ -179,6 +255,7 @@ __all__ = [
     "topic_in_key",
     "topic_key",
     "topic_of",
+    "topic_said",
     "wait_for_subscriber",
     "watch",
     "without_tls",

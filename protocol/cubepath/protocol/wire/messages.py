@@ -15,12 +15,12 @@ message; a field that is not known is of a later version, and is passed over.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
+from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.path_files.certificates import Certificate
 
 MESSAGE_BYTES_MAX = 1 << 24
@@ -417,10 +417,3 @@ def kind_of(message: Message) -> str:
     """Return the name of a message's kind."""
     tag = message.__struct_config__.tag
     return str(tag)
-
-
-def schema_of(kind: str) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a kind of message, as recordings hold it."""
-    # Viewers want the top object itself, not a reference to it.
-    top, definitions = schema_with_definitions(KINDS[kind])
-    return {**top, "$defs": definitions} if definitions else top

@@ -1,0 +1,49 @@
+"""Gathering a recording again, of a run with rounds or without.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
+from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.free_messages import decode_free
+from cubepath.protocol.wire.messages import Report, decode
+
+
+def gathered(recording: Recording) -> Gathered:
+    """Gather what modules or keepers of a recording reported.
+
+    Incomplete rounds are left out, and commits that depend on others which are not on record.
+    InputError if a message on record is malformed, CheckError as for `Gatherer.receive` and
+    `FreeGatherer.receive`.
+    """
+    return _free(recording) if recording.clock == "free" else _lockstep(recording)
+
+
+def _lockstep(recording: Recording) -> Gatherer:
+    gatherer = Gatherer(recording.scene)
+    for record in recording.of_kind("report"):
+        where = f"{recording.path}: report {record.sequence} ({record.topic})"
+        try:
+            report = decode(record.data)
+            if not isinstance(report, Report):
+                raise InputError("another kind of message, expected a report")
+            gatherer.receive(report)
+        except CubepathError as error:
+            raise type(error)(f"{where}: {error}") from None
+    return gatherer
+
+
+def _free(recording: Recording) -> FreeGatherer:
+    gatherer = FreeGatherer(recording.scene, keepers_in(recording))
+    for record in recording.of_kind("moved", "tail", "turns"):
+        where = f"{recording.path}: message {record.sequence} ({record.topic})"
+        try:
+            gatherer.take(decode_free(record.data))
+        except CubepathError as error:
+            raise type(error)(f"{where}: {error}") from None
+    return gatherer

@@ -1,0 +1,109 @@
+"""What the coordinator says of a run at its end, compared with what was derived.
+
+Room: coordinator. Part of `cubepath verify`; runs with rounds and without end alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
+from itertools import pairwise
+
+from cubepath.coordinator.normal_form.definitions import is_cube, too_late
+from cubepath.coordinator.verification.rounds import make, why_not
+from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.messages import Cube, Summary
+
+
+def recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
+    """Return the cubes on record, None if a move of them is none of the system."""
+    cubes: list[list[Action]] = []
+    for cube in transcript.result:
+        actions = _actions(scene, cube, fail)
+        if actions is None:
+            return None
+        cubes.append(actions)
+    return cubes
+
+
+def check_cubes(
+    scene: Scene,
+    cubes: Sequence[Sequence[Action]],
+    state: AbstractSet[Site],
+    normal_form: Sequence[Sequence[Action]],
+    fail: Fail,
+    *,
+    whole: bool,
+) -> None:
+    """Check the cubes on record against those derived, and the state after them."""
+    _check_normal(cubes, fail)
+    end = _end(scene, cubes, fail)
+    if not whole:
+        # That the end is missing is reported already: the cubes on record must be the first ones.
+        normal_form = normal_form[: len(cubes)]
+    elif end is not None and end != state:
+        stray = min(end ^ state, key=repr)
+        where = "cubes" if stray in end else "moves"
+        fail("ends", f"after the {where} {stray!r} is on, but not after the other")
+    for number, (one, other) in enumerate(zip(cubes, normal_form, strict=False), 1):
+        apart = _apart(frozenset(one), frozenset(other))
+        if apart is not None:
+            fail("class", f"cube {number} is not that of the moves: {apart}")
+            return
+    if len(cubes) != len(normal_form):
+        fail("class", f"{len(cubes)} cubes, the moves have {len(normal_form)}")
+
+
+def _actions(scene: Scene, cube: Cube, fail: Fail) -> list[Action] | None:
+    found = []
+    for placed in cube.moves:
+        try:
+            found.append(scene.system.action(placed.generator, site_in(placed.at)))
+        except InputError as error:
+            fail("normal", f"cube {cube.index}: {error}")
+            return None
+    return found
+
+
+def _check_normal(cubes: Sequence[Sequence[Action]], fail: Fail) -> None:
+    for number, cube in enumerate(cubes, 1):
+        if not cube:
+            fail("normal", f"cube {number} holds no move")
+        elif not is_cube(cube):
+            fail("normal", f"cube {number}: its moves do not commute")
+    for number, (cube, following) in enumerate(pairwise(cubes), 2):
+        for action in too_late(cube, following) if is_cube(cube) else ():
+            fail("normal", f"cube {number}: {action.label} belongs in the cube before")
+
+
+def _end(scene: Scene, cubes: Sequence[Sequence[Action]], fail: Fail) -> set[Site] | None:
+    """Return the state after the cubes, None if one is not admissible."""
+    state = set(scene.start) | scene.system.filled
+    for number, cube in enumerate(cubes, 1):
+        for action in cube:
+            why = why_not(action, state)
+            if why is not None:
+                fail("ends", f"cube {number}: {why}")
+                return None
+            make(action, state)
+    return state
+
+
+def _apart(one: frozenset[Action], other: frozenset[Action]) -> str | None:
+    if one == other:
+        return None
+    extra = min((action.label for action in one - other), default=None)
+    if extra is not None:
+        return f"{extra} is too many"
+    return f"{min(action.label for action in other - one)} is missing"
+
+
+def check_summary(summary: Summary, expected: Mapping[str, object], fail: Fail) -> None:
+    """Compare the summary with what was derived."""
+    for key, value in expected.items():
+        if getattr(summary, key) != value:
+            fail("summary", f"{key} is {getattr(summary, key)}, derived is {value}")

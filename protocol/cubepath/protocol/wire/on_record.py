@@ -1,0 +1,81 @@
+"""Messages as they stand on record, under either clock: their schemas, topics and parts.
+
+Room: protocol.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import schema_with_definitions
+from cubepath.protocol.wire.free_messages import (
+    FREE_KINDS,
+    Asks,
+    Attempt,
+    Decision,
+    Enter,
+    Entered,
+    Inquiry,
+    Look,
+    Passed,
+    Passes,
+    Settled,
+    Shown,
+    Shows,
+    Tells,
+    Turn,
+    Turns,
+    decode_free,
+    free_sender,
+    free_topic,
+)
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import KINDS, decode, encode, parts_of
+
+_Part: TypeAlias = (
+    Attempt | Enter | Look | Passed | Decision | Inquiry | Settled | Entered | Shown | Turn
+)
+SHOWN = "shown"
+"""The kind of the parts of `shows`, which need not say it."""
+
+
+def schema_of(kind: str) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of a kind of message, as recordings hold it."""
+    # Viewers want the top object itself, not a reference to it.
+    top, definitions = schema_with_definitions({**KINDS, **FREE_KINDS}[kind])
+    return {**top, "$defs": definitions} if definitions else top
+
+
+def topic_said(data: bytes) -> str | None:
+    """Return the topic of a message by what it says itself; None if it is none."""
+    try:
+        return topic_of(decode(data))
+    except InputError:
+        pass
+    try:
+        return free_topic(decode_free(data))
+    except InputError:
+        return None
+
+
+def parts_said(kind: str, data: bytes) -> list[tuple[str, bytes]]:
+    """Return topic and bytes of each part of a batch; InputError if it is none."""
+    if kind in FREE_KINDS:
+        return _free_parts(data)
+    return [(topic_of(part), encode(part)) for part in parts_of(decode(data))]
+
+
+def _free_parts(data: bytes) -> list[tuple[str, bytes]]:
+    message = decode_free(data)
+    parts: Sequence[_Part] = ()
+    if isinstance(message, Asks | Passes | Tells | Shows | Turns):
+        parts = message.parts
+    who = free_sender(message)
+    found = []
+    for part in parts:
+        # A module speaks for itself, a keeper and a process for all that they have.
+        speaker = f"module_{part.module}" if isinstance(part, Attempt | Enter | Turn) else who
+        found.append((f"{part.__struct_config__.tag or SHOWN}/{speaker}", encode(part)))
+    return found
