@@ -31,6 +31,7 @@ from cubepath.protocol.wire.free_messages import (
     Decision,
     Enter,
     Entered,
+    Held,
     FreeMessage,
     Look,
     Moved,
@@ -171,7 +172,8 @@ class FreeRun:
                     self.keepers[to].hear(keeper, said)
             case Tells(parts=parts):
                 for told in parts:
-                    self._told(told)
+                    if not isinstance(told, Held):  # nobody asks for that here
+                        self._told(told)
             case Shows(parts=parts):
                 for shown in self.shown:
                     for each in parts:

@@ -62,7 +62,7 @@ class Coordinator:
                 return [*found, *(e for e in self.pacer.stop() if not isinstance(e, Keep)), End()]
             effects = self.pacer.begin_round()
 
-    def _keep(self, kept: Keep) -> None:
+    def _keep(self, kept: Keep[Message]) -> None:
         if isinstance(kept.message, Again | Waiting | Refused):
             return
         assert kept.data not in self.kept, "it is kept twice"

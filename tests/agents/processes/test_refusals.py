@@ -16,7 +16,7 @@ def add(
     return told(refusals.add(number, f"cubepath/run/ready/{who}", b"bytes", error))
 
 
-def told(kept: list[Keep]) -> list[Refused]:
+def told(kept: list[Keep[Refused]]) -> list[Refused]:
     """Return what goes on record, which is what it was kept as."""
     found = [keep.message for keep in kept if isinstance(keep.message, Refused)]
     assert kept == [Keep(encode(each), each) for each in found]

@@ -25,8 +25,7 @@ import zenoh
 from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
-from cubepath.coordinator.runs.edge_path import PathDigest
-from cubepath.coordinator.runs.gatherer import Gatherer
+from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify
@@ -248,7 +247,7 @@ def test_a_log_that_is_removed_ends_the_run(tmp_path: Path) -> None:
     """The folder of the log goes in the second round: the run fails in one line, soon."""
     logs = tmp_path / "logs"
 
-    def remove(gatherer: Gatherer) -> None:
+    def remove(gatherer: Gathered) -> None:
         if gatherer.rounds == 2:
             shutil.rmtree(logs)
 
@@ -292,7 +291,7 @@ def running() -> Fleet:
 def test_nonsense_is_on_record(tmp_path: Path) -> None:
     """Bytes that are no message change nothing, are counted, and told of with their key."""
 
-    def nonsense(gatherer: Gatherer) -> None:
+    def nonsense(gatherer: Gathered) -> None:
         if gatherer.rounds != 3:
             return
         fleet = running()
@@ -520,7 +519,7 @@ def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
     guest: list[zenoh.Session] = []
     heard: SimpleQueue[zenoh.Sample] = SimpleQueue()
 
-    def meddle(gatherer: Gatherer) -> None:
+    def meddle(gatherer: Gathered) -> None:
         if not guest:
             fleet = running()
             credentials = fleet._credentials(COORDINATOR)

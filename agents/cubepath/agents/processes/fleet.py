@@ -240,7 +240,7 @@ class Fleet:
             return None
         return {module: dict(self._schedule.get(module, {})) for module in modules}
 
-    def _keep(self, kept: Keep, wall_ns: int) -> None:
+    def _keep(self, kept: Keep[Message], wall_ns: int) -> None:
         if self._sink is not None:
             self._sink(kept.message, kept.data, wall_ns)
 

@@ -25,6 +25,7 @@ from cubepath.protocol.wire.messages import (
     Message,
     Observations,
     Ready,
+    Refused,
     Reports,
     Reset,
     Said,
@@ -93,7 +94,7 @@ class Pacer:
         self._told: dict[int, bytes] = {}
         self._asked: dict[int, int] = {}
         self._through: set[int] = set()
-        self._held: dict[int, list[Keep]] = {}
+        self._held: dict[int, list[Keep[Message]]] = {}
         self._false: set[int] = set()
         self._there: set[int] = set()
         self._waited: set[int] = set()
@@ -301,7 +302,7 @@ class Pacer:
             return [*found, *self._next()]
         return found
 
-    def _refuse_answer(self, process: int, error: RefusedError) -> list[Keep]:
+    def _refuse_answer(self, process: int, error: RefusedError) -> list[Keep[Refused]]:
         """Refuse what a process says of its phase, after all of that has come."""
         self._false.add(process)
         self._through.discard(process)

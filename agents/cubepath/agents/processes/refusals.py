@@ -32,7 +32,9 @@ class Refusals:
         self._more: Counter[tuple[str, Reason]] = Counter()
         self._round = -1
 
-    def add(self, round_number: int, key: str, data: bytes, error: RefusedError) -> list[Keep]:
+    def add(
+        self, round_number: int, key: str, data: bytes, error: RefusedError
+    ) -> list[Keep[Refused]]:
         """Count a message that was refused; return what there is to tell of it now."""
         told = [] if round_number == self._round else self._begin(round_number)
         self.count += 1
@@ -55,7 +57,7 @@ class Refusals:
         )
         return [*told, _keep(self.last)]
 
-    def told(self) -> list[Keep]:
+    def told(self) -> list[Keep[Refused]]:
         """Return how many more there were of each kind since this was asked."""
         found = []
         for kind, more in self._more.items():
@@ -66,12 +68,12 @@ class Refusals:
         self._more.clear()
         return found
 
-    def _begin(self, round_number: int) -> list[Keep]:
+    def _begin(self, round_number: int) -> list[Keep[Refused]]:
         found = self.told()
         self._known.clear()
         self._round = round_number
         return found
 
 
-def _keep(refused: Refused) -> Keep:
+def _keep(refused: Refused) -> Keep[Refused]:
     return Keep(encode(refused), refused)

@@ -12,6 +12,7 @@ from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Fetch,
+    FreeMessage,
     Moved,
     Passes,
     Shows,
@@ -139,6 +140,6 @@ def _read(run: str, key: str, data: bytes) -> Asks | Passes | Tells | Shows | Mo
     raise RefusedError("out of place", f"{free_kind(message)} is the coordinator's own")
 
 
-def refusals_in(kept: Keep) -> int:
+def refusals_in(kept: Keep[FreeMessage]) -> int:
     """Return how many refused messages a message on record tells of."""
     return kept.message.count if isinstance(kept.message, Refused) else 0

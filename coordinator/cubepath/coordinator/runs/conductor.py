@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from cubepath.coordinator.normal_form.certificate import encodable_certificate
-from cubepath.coordinator.runs.edge_path import Step
+from cubepath.coordinator.runs.edge_path import Gathered, Step
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.coordinator.runs.schedule import Assignment, ScheduleExecution, told
 from cubepath.protocol.core.system import Scene
@@ -135,28 +135,46 @@ class Conductor:
         stopped = self.stopped
         return Ending("failed", error if stopped is None else f"{told(stopped)}; then {error}")
 
-    def results(self, ending: Ending) -> Iterator[Message]:
+    def results(self, ending: Ending) -> Iterator[Cube | Certified | Summary]:
         """Yield what came of the run: its cubes, their certificate and the summary."""
-        gatherer = self.gatherer
-        for index, cube in enumerate(gatherer.cubes(), 1):
-            yield Cube(gatherer.rounds, index, list(cube))
-        heap = gatherer.heap
-        proof = encodable_certificate(
-            gatherer.path, start=self._scene.start_state, found=heap.normal_form()
-        )
-        yield Certified(gatherer.rounds, proof)
-        yield Summary(
-            round=gatherer.rounds,
-            ended=ending.ended,
-            error=ending.error,
-            rounds=gatherer.rounds,
-            moves=heap.moves,
-            reduced_moves=heap.reduced_moves,
-            cubes=heap.cubes,
-            max_cube_dimension=heap.max_cube_dimension,
-            goal_reached=gatherer.reached,
-            path_digest=gatherer.digest,
+        return results_of(
+            self.gatherer,
+            ending,
+            refused=self.refused,
             schedule_cubes=self.schedule_cubes,
             schedule_stopped=self.stopped,
-            refused=self.refused,
         )
+
+
+def results_of(
+    gatherer: Gathered,
+    ending: Ending,
+    *,
+    refused: int,
+    schedule_cubes: int | None = None,
+    schedule_stopped: Stopped | None = None,
+) -> Iterator[Cube | Certified | Summary]:
+    """Yield what came of a run: its cubes, their certificate and the summary."""
+    rounds = gatherer.rounds
+    for index, cube in enumerate(gatherer.cubes(), 1):
+        yield Cube(rounds, index, list(cube))
+    heap = gatherer.heap
+    proof = encodable_certificate(
+        gatherer.path, start=gatherer.scene.start_state, found=heap.normal_form()
+    )
+    yield Certified(rounds, proof)
+    yield Summary(
+        round=rounds,
+        ended=ending.ended,
+        error=ending.error,
+        rounds=rounds,
+        moves=heap.moves,
+        reduced_moves=heap.reduced_moves,
+        cubes=heap.cubes,
+        max_cube_dimension=heap.max_cube_dimension,
+        goal_reached=gatherer.reached,
+        path_digest=gatherer.digest,
+        schedule_cubes=schedule_cubes,
+        schedule_stopped=schedule_stopped,
+        refused=refused,
+    )

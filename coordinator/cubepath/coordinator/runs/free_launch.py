@@ -21,7 +21,7 @@ from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.recordings.recording import RecordingWriter
 from cubepath.protocol.wire.free_messages import FreeMessage, free_topic
-from cubepath.protocol.wire.messages import Go, encode
+from cubepath.protocol.wire.messages import Edges, Go, encode
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.shell import Shell
 
@@ -64,6 +64,9 @@ class FreeRun:
         except MemoryError:
             ending = Ending("failed", "out of memory")
         try:
+            for step in self.gatherer.steps:
+                edges = Edges(step.round, list(step.executed))
+                self._write(edges, encode(edges), time.time_ns())
             for message in results_of(self.gatherer, ending, refused=self.refused):
                 self._write(message, encode(message), time.time_ns())
             self.writer.close()
@@ -174,7 +177,7 @@ class FreeRun:
             self._flushed = now
             self.writer.flush()
 
-    def _keep(self, kept: Keep, wall_ns: int) -> None:
+    def _keep(self, kept: Keep[FreeMessage], wall_ns: int) -> None:
         self.refused += refusals_in(kept)
         self._write(kept.message, kept.data, wall_ns)
 

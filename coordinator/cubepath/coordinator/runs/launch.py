@@ -119,7 +119,6 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
         parameters_of(plan, task),
         schedule,
         flushes=_FLUSHES,
-        written_as=FREE_FORMAT if plan.is_free else FORMAT,
     ) as writer:
         if plan.is_free:
             return _play_free(plan, task, writer, watch, say)

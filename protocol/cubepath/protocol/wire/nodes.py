@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from typing import Any, Generic, Protocol, TypeAlias, TypeVar
 
-from cubepath.protocol.wire.messages import Message
+M = TypeVar("M")
+"""The kinds of messages that a node puts on record."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,11 +45,11 @@ class Timer:
 
 
 @dataclass(frozen=True, slots=True)
-class Keep:
+class Keep(Generic[M]):
     """A message, put or received, that belongs on record; each comes once."""
 
     data: bytes
-    message: Message
+    message: M
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ class End:
     """The node has come to its end: nothing more needs to be told to it."""
 
 
-Effect: TypeAlias = Put | Listen | Ignore | Timer | Keep | End
+Effect: TypeAlias = Put | Listen | Ignore | Timer | Keep[Any] | End
 
 
 class Node(Protocol):

@@ -16,6 +16,8 @@ from cubepath.protocol.wire.free_messages import (
     Attempt,
     Decision,
     Enter,
+    Held,
+    Hold,
     Entered,
     Inquiry,
     Look,
@@ -35,7 +37,18 @@ from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import KINDS, decode, encode, parts_of
 
 _Part: TypeAlias = (
-    Attempt | Enter | Look | Passed | Decision | Inquiry | Settled | Entered | Shown | Turn
+    Attempt
+    | Enter
+    | Hold
+    | Look
+    | Passed
+    | Decision
+    | Inquiry
+    | Settled
+    | Entered
+    | Held
+    | Shown
+    | Turn
 )
 SHOWN = "shown"
 """The kind of the parts of `shows`, which need not say it."""
@@ -76,6 +89,8 @@ def _free_parts(data: bytes) -> list[tuple[str, bytes]]:
     found = []
     for part in parts:
         # A module speaks for itself, a keeper and a process for all that they have.
-        speaker = f"module_{part.module}" if isinstance(part, Attempt | Enter | Turn) else who
+        speaker = (
+            f"module_{part.module}" if isinstance(part, Attempt | Enter | Hold | Turn) else who
+        )
         found.append((f"{part.__struct_config__.tag or SHOWN}/{speaker}", encode(part)))
     return found

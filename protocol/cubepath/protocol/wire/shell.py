@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from queue import Empty, SimpleQueue
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import zenoh
 
@@ -35,7 +35,7 @@ class Shell:
         self,
         node: Node,
         endpoint: str,
-        keep: Callable[[Keep, int], None] | None = None,
+        keep: Callable[[Keep[Any], int], None] | None = None,
         *,
         credentials: Credentials = GUEST,
     ) -> None:
@@ -144,7 +144,7 @@ class Shell:
                 case End():
                     self.ended = True
 
-    def _on_record(self, kept: Keep) -> None:
+    def _on_record(self, kept: Keep[Any]) -> None:
         if self._keep is not None:
             data, wall_ns = self._received
             self._keep(kept, wall_ns if kept.data is data else time.time_ns())
