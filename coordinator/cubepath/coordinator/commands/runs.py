@@ -170,6 +170,12 @@ def _add_free(run: argparse.ArgumentParser) -> None:
         help="with the free clock: what to do when a process has died (default stop)",
     )
     run.add_argument(
+        "--resume",
+        type=input_path,
+        metavar="RECORDING",
+        help="take up a run with the free clock that was cut off, where its keepers' logs end",
+    )
+    run.add_argument(
         "--log-time",
         choices=("level", "wall"),
         default="level",
@@ -259,6 +265,7 @@ def _run(options: argparse.Namespace) -> int:
         jitter=options.jitter,
         on_crash=options.on_crash,
         log_time=options.log_time,
+        resume=options.resume,
     )
     to_others = options.listen or options.connect or options.secure
     with progress_bar(None, "run", " rounds") as bar:

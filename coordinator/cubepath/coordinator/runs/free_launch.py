@@ -6,6 +6,7 @@ modules are at their goal, at a level, or when nothing has come of anyone for lo
 
 from __future__ import annotations
 
+import shutil
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -18,9 +19,10 @@ from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_schedule import own_moves
 from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.plan import Plan, Task
+from cubepath.coordinator.runs.resuming import is_said, keeper_logs
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.recordings.recording import RecordingWriter
-from cubepath.protocol.wire.free_messages import FreeMessage, free_topic
+from cubepath.protocol.recordings.recording import Recording, RecordingWriter
+from cubepath.protocol.wire.free_messages import FreeMessage, decode_free, free_topic, level_of
 from cubepath.protocol.wire.messages import Edges, Go, encode
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.shell import Shell
@@ -41,10 +43,13 @@ class FreeRun:
     writer: RecordingWriter
     say: Callable[[str], None]
     watch: Callable[[Gathered], None] | None = None
+    before: Recording | None = None
+    """What is on record of a run that is taken up again."""
     refused: int = 0
     crashes: list[Crash] = field(default_factory=list)
     gatherer: FreeGatherer = field(init=False)
     _collector: Collector = field(init=False)
+    _level: int = 0
     _flushed: float = 0.0
     _looked: float = 0.0
     _heard: float = 0.0
@@ -72,12 +77,17 @@ class FreeRun:
             self.writer.close()
         except CubepathError as problem:
             ending = Ending("failed", ending.error or str(problem))
+        if ending.ended != "failed" or self.gatherer.failed is not None:
+            shutil.rmtree(keeper_logs(self.plan.resume or self.writer.path), ignore_errors=True)
         return ending
 
     def _play(self) -> Ending:
         plan, task = self.plan, self.task
+        self._take_up()
         if self.gatherer.reached and task.assignment is None:
             return Ending("goal")
+        path = plan.resume or self.writer.path
+        logs = keeper_logs(path) if path.is_file() else None  # beside a device there is no room
         with (
             interrupts() as check,
             FreeFleet(
@@ -93,7 +103,7 @@ class FreeRun:
                 schedule=None
                 if task.assignment is None
                 else own_moves(task.scene, task.assignment),
-                logs=None,
+                logs=logs,
             ) as fleet,
         ):
             collector = self._collector = Collector(fleet.run, self.gatherer, plan.keepers)
@@ -104,6 +114,19 @@ class FreeRun:
                     return self._until_the_end(shell, fleet, check)
                 finally:
                     shell.carry_out(collector.say(Go(collector.level, "stop")))
+
+    def _take_up(self) -> None:
+        """Take up what is on record already."""
+        for record in self.before.records if self.before is not None else ():
+            if not is_said(record.kind):
+                continue
+            self.writer.write(
+                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
+            )
+            if record.kind in ("moved", "tail", "turns"):
+                message = decode_free(record.data)
+                self.gatherer.take(message)
+                self._level = max(self._level, level_of(message))
 
     def _until_the_end(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> Ending:
         collector = self._collector
@@ -182,6 +205,6 @@ class FreeRun:
         self._write(kept.message, kept.data, wall_ns)
 
     def _write(self, message: FreeMessage, data: bytes, wall_ns: int) -> None:
-        level = self._collector.level if hasattr(self, "_collector") else 0
-        at = wall_ns if self.plan.log_time == "wall" else level
+        self._level = max(self._level, level_of(message))
+        at = wall_ns if self.plan.log_time == "wall" else self._level
         self.writer.write(free_topic(message), data, round_number=at, wall_ns=wall_ns)

@@ -27,9 +27,10 @@ from cubepath.coordinator.runs.plan import (
     parameters_of,
     task_of,
 )
-from cubepath.protocol.core.errors import CubepathError
+from cubepath.coordinator.runs.resuming import keeper_logs, resumed
+from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.recording import Recording, RecordingWriter
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Message,
@@ -102,7 +103,11 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
     dies, a rule that gives up, a full disk, an interrupt) is part of the outcome. `watch` is called
     after each round. `say` is told in a line where others can join, and who is waited for.
     """
-    task = task_of(plan)
+    recording: Recording | None = None
+    if plan.resume is None:
+        task = task_of(plan)
+    else:
+        plan, task, recording = resumed(plan, plan.resume)
     modules = len(task.scene.start)
     own = min(plan.processes, modules)
     plan.network.check(modules, own)
@@ -111,6 +116,8 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
     keepers = plan.keepers if plan.is_free else 0
     check_descriptors(own + keepers + bool(plan.wait_for), files=1)
     path = plan.log or Path("logs") / file_name(plan, task)
+    if plan.is_free and plan.resume is None and keeper_logs(path).exists():
+        raise InputError(f"{keeper_logs(path)}: exists already, expected no logs of another run")
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
     with RecordingWriter(
@@ -121,15 +128,20 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
         flushes=_FLUSHES,
     ) as writer:
         if plan.is_free:
-            return _play_free(plan, task, writer, watch, say)
+            return _play_free(plan, task, writer, watch, say, recording)
         return _Run(plan, task, writer, say).play(watch)
 
 
 def _play_free(
-    plan: Plan, task: Task, writer: RecordingWriter, watch: Watch | None, say: Say | None
+    plan: Plan,
+    task: Task,
+    writer: RecordingWriter,
+    watch: Watch | None,
+    say: Say | None,
+    before: Recording | None,
 ) -> Outcome:
     began = time.monotonic()
-    free = FreeRun(plan, task, writer, say or (lambda _: None), watch)
+    free = FreeRun(plan, task, writer, say or (lambda _: None), watch, before)
     ending = free.play()
     return _outcome(
         plan,

@@ -81,6 +81,8 @@ class Plan:
     """By what share at most it thinks longer than that, at random."""
     on_crash: OnCrash = "stop"
     """What happens when a process has died."""
+    resume: Path | None = None
+    """The recording of a run that was cut off, to be taken up where its keepers' logs end."""
     log_time: Literal["level", "wall"] = "level"
     """What the log time of messages is: the greatest level so far, or the wall clock."""
 
@@ -143,6 +145,7 @@ def _check_lockstep(plan: Plan) -> None:
         ("jitter", plan.jitter, 0.0),
         ("on-crash", plan.on_crash, "stop"),
         ("log-time", plan.log_time, "level"),
+        ("resume", plan.resume, None),
     ):
         if value != default:
             raise InputError(f"{key}: only for runs without rounds, expected clock=free beside it")
