@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,7 +29,8 @@ class Actor:
     """Acts for one module: asks its rule for a choice, and may hesitate to claim it.
 
     With `hesitate` P the module makes no claim in a round with probability P. Its rule is still
-    asked and its note is still sent, as if the claim had been lost.
+    asked and its note is still sent, as if the claim had been lost. Under the free clock nothing
+    comes of the whole choice, as if the attempt had been refused.
     """
 
     def __init__(
@@ -38,13 +40,15 @@ class Actor:
         *,
         hesitate: float = 0.0,
         doubt: np.random.Generator | None = None,
+        clock: str = "lockstep",
     ) -> None:
         """Make the rule for this module, with all that it knows; `doubt` decides hesitations."""
-        self.note_length = rule.note_length(knowledge.modules)
+        self.note_length = rule.length(knowledge.modules, clock)
+        self._clock = clock
         self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
             with _blamed_on(self._who):
-                self._rule = rule.make(knowledge)
+                self._rule = rule.made(knowledge, clock)
         except RuleError as error:
             if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
                 raise error.__cause__ from None
@@ -62,8 +66,16 @@ class Actor:
                 legal = view.mask.nonzero()[0].tolist()
                 raise InputError(f"chose action {choice.action}, legal were {legal}")
             note = None if choice.note is None else checked_note(choice.note, self.note_length)
+            exchanges = {
+                place: checked_note(new, self.note_length)
+                for place, new in choice.exchanges.items()
+            }
         hesitates = self._doubt is not None and self._doubt.random() < self._hesitate
-        return Choice(STAY if hesitates else choice.action, note, choice.failed)
+        if self._clock == "lockstep":
+            return Choice(STAY if hesitates else choice.action, note, choice.failed)
+        if hesitates:
+            return Choice(failed=choice.failed)
+        return replace(choice, note=note, exchanges=exchanges)
 
 
 @contextmanager
@@ -86,6 +98,7 @@ def actors_for(
     hesitate: float,
     modules: list[int] | None = None,
     sites: Mapping[int, Site] | None = None,
+    clock: str = "lockstep",
 ) -> dict[int, Actor]:
     """Return an actor for each of the modules (by default all).
 
@@ -105,6 +118,7 @@ def actors_for(
             ),
             hesitate=hesitate,
             doubt=stream(seed, module, HESITATE) if hesitate else None,
+            clock=clock,
         )
         for module in (range(count) if modules is None else modules)
     }
