@@ -1,12 +1,12 @@
 """The random rule, for every system: any of the legal actions, including stay.
 
-Room: agents.
+Room: agents. Without rounds every move is still legal: its support is checked when it is committed.
 """
 
 from __future__ import annotations
 
 from cubepath.agents.local.observation import View
-from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
@@ -25,4 +25,5 @@ RANDOM = RuleType(
     source="none needed",
     fits=lambda _: True,
     make=make,
+    free=FreeRule(why="every commit is a legal move, and nothing more is promised"),
 )
