@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 from cubepath.agents.free.orders import OwnMove
@@ -75,7 +76,7 @@ class Mover:
         """Begin outside: it does not know where it stands. `own` are its moves of a schedule."""
         self.module = module
         self.site: Site = scene.start[module]
-        self.state: Literal["entering", "resting", "thinking", "pending"] = "entering"
+        self.state: Literal["entering", "resting", "thinking", "pending", "superseded"] = "entering"
         self.due_s = 0.0
         self.dirty = True
         """Whether anything that it senses may have changed since it chose last."""
@@ -159,11 +160,12 @@ class Mover:
         attempt = self._attempt
         if attempt is None or self.state != "pending":
             return
-        if decision.epoch > attempt.epoch or decision.number != attempt.number:
+        if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
             return
         if decision.why.startswith("fenced"):
-            self.state, self.due_s, self._again_s = "entering", now_s, AGAIN_S
-            self._birth += 1
+            # A later birth has taken its place. To enter again would fence that one off in turn,
+            # under a number of birth that may be given to yet another.
+            self.state, self.due_s = "superseded", inf
             return
         self._attempt = None
         self._number = decision.number
@@ -200,6 +202,8 @@ class Mover:
                 return self._ask_again(now_s)
             case "thinking":
                 return self._thought(now_s, sensing)
+            case "superseded":
+                return []
             case _:
                 return self._choose(now_s, sensing)
 
