@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import inf
 from typing import Any, Literal
 
 from cubepath.agents.free.orders import OwnMove
@@ -52,7 +53,7 @@ HOLD_TICKS = 20
 PACE = 2
 """What its pace is drawn for, beside `RULE` and `HESITATE`."""
 
-State = Literal["entering", "resting", "thinking", "pending", "holding"]
+State = Literal["entering", "resting", "thinking", "pending", "holding", "superseded"]
 Ask = tuple[int, Attempt | Enter | Hold | Look]
 """What is asked of which keeper."""
 
@@ -183,11 +184,12 @@ class Mover:
         attempt = self._attempt
         if attempt is None or self.state != "pending":
             return
-        if decision.epoch > attempt.epoch or decision.number != attempt.number:
+        if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
             return
         if decision.why.startswith("fenced"):
-            self.state, self.due_s, self._again_s = "entering", now_s, AGAIN_S
-            self._birth += 1
+            # A later birth has taken its place. To enter again would fence that one off in turn,
+            # under a number of birth that may be given to yet another.
+            self.state, self.due_s = "superseded", inf
             return
         self._attempt = None
         self._number = decision.number
@@ -229,6 +231,8 @@ class Mover:
                 return self._thought(now_s, sensing)
             case "holding":
                 return self._wait_to_hold(now_s)
+            case "superseded":
+                return []
             case _:
                 return self._choose(now_s, sensing)
 

@@ -102,10 +102,10 @@ class FileJournal:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file; InputError if that fails, or a record but the last is damaged."""
+        """Open or create the file; InputError if that fails, or a record is damaged."""
         self.path = path
         self._commits = array("q")
-        """The offset of each commit."""
+        """The offset of each commit, and its length."""
         self._end = 0
         try:
             self._file = path.open("a+b")
@@ -118,15 +118,13 @@ class FileJournal:
     def _scan(self) -> None:
         self._file.seek(0)
         for number, line in enumerate(self._file, 1):
-            record = _record(line)
-            if record is None:
-                if self._file.read(1):
-                    raise InputError(f"{self.path}: line {number} is damaged, expected a record")
+            if not line.endswith(b"\n"):  # cut off: whoever was to be answered was not
                 self._file.truncate(self._end)
                 break
-            if isinstance(record, Committed):
-                self._commits.append(self._end)
-            self._end += len(line)
+            record = _record(line)
+            if record is None:
+                raise InputError(f"{self.path}: line {number} is damaged, expected a record")
+            self._added(record, line)
 
     def __enter__(self) -> FileJournal:
         """Return the journal."""
@@ -148,8 +146,11 @@ class FileJournal:
             raise CheckError(
                 f"{self.path}: the log of the keeper stopped: {error.strerror or error}"
             ) from None
+        self._added(record, line)
+
+    def _added(self, record: Record, line: bytes) -> None:
         if isinstance(record, Committed):
-            self._commits.append(self._end)
+            self._commits.extend((self._end, len(line)))
         self._end += len(line)
 
     def records(self) -> Iterator[Record]:
@@ -162,8 +163,9 @@ class FileJournal:
 
     def commit(self, serial: int) -> Moved:
         """Return the commit of this serial number, from 1."""
-        self._file.seek(self._commits[serial - 1])
-        record = _record(self._file.readline())
+        # Not by a buffered file: it would not know where what was appended since lies.
+        offset, length = self._commits[2 * serial - 2 : 2 * serial]
+        record = _record(os.pread(self._file.fileno(), length, offset))
         if not isinstance(record, Committed):
             raise CheckError(f"{self.path}: commit {serial} was changed since it was written")
         return _moved(record)
