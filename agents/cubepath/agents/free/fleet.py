@@ -135,12 +135,17 @@ class FreeFleet:
             raise CubepathError("the fleet has ended: start another")
         return self._router.credentials(name)
 
+    def endpoint_for(self, name: str) -> str:
+        """Return where the one of this name finds the router."""
+        del name
+        return self.endpoint
+
     def _keep(self, keeper: int) -> None:
         name = keeper_name(keeper)
         if self._folder is None:
             raise CubepathError("the fleet has ended: start another")
         orders = KeeperOrders(
-            endpoint=self.endpoint,
+            endpoint=self.endpoint_for(name),
             run=self.run,
             keeper=keeper,
             keepers=self.keepers,
@@ -156,7 +161,7 @@ class FreeFleet:
         name, modules = process_name(process), self.modules_of[process]
         schedule = self._schedule
         orders = FreeOrders(
-            endpoint=self.endpoint,
+            endpoint=self.endpoint_for(name),
             run=self.run,
             process=process,
             modules=modules,

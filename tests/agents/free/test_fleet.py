@@ -1,0 +1,158 @@
+"""Keepers and modules in real processes, killed, stopped and cut off: nothing is lost or doubled."""
+
+import contextlib
+import signal
+import time
+from collections.abc import Iterator
+
+import pytest
+from relay import Relay
+from watched_fleets import listened, watched
+
+from cubepath.agents.processes.pacer import ProcessDied
+from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.protocol.core.actions import apply
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.free_messages import Moved
+
+pytestmark = pytest.mark.slow
+
+CHAIN = "hex:n=7"
+
+
+def legal(watch: object) -> None:
+    """Assert that the path gathered is legal from the start on, level by level."""
+    found = watch.gatherer  # type: ignore[attr-defined]
+    state = found.scene.start_state
+    for step in found.steps:
+        assert is_cube(step.actions)
+        for action in step.actions:
+            state = apply(action, state)
+    assert state == frozenset(found.sites) | found.scene.system.filled
+
+
+def test_modules_reach_the_goal_and_each_move_is_told_once() -> None:
+    with watched(scene_from_spec(CHAIN), "chain", processes=2, keepers=2) as watch:
+        watch.until(watch.reached)
+        watch.settle()
+        legal(watch)
+        commits = [each for each in watch.heard if isinstance(each, Moved)]
+        names = [(each.module, each.epoch, each.number) for each in commits]
+        assert len(set(names)) == len(names)
+        assert watch.gatherer.moves == sum(each.generator is not None for each in commits)
+
+
+def test_a_coordinator_that_comes_late_finds_everything() -> None:
+    """Nobody listens while modules go to the goal; keepers have it all in their logs."""
+    scene = scene_from_spec(CHAIN)
+    with watched(scene, "chain", processes=1, keepers=2, listening=False) as watch:
+        time.sleep(1.0)  # whatever came of it, the rest comes later
+        with listened(watch):
+            watch.until(watch.reached)
+            watch.settle()
+            legal(watch)
+
+
+@pytest.mark.parametrize("name", ["process_0", "keeper_0", "keeper_1", "router"])
+def test_a_process_that_is_killed_and_started_again_takes_its_place(name: str) -> None:
+    scene = scene_from_spec("hex:n=9")
+    with watched(scene, "chain", processes=2, keepers=2, on_crash="restart") as watch:
+        watch.moves(5)
+        watch.kill(name)
+        watch.until(lambda: bool(watch.crashes))
+        assert watch.crashes[0].name == name
+        assert watch.crashes[0].restarted
+        watch.until(watch.reached)
+        watch.settle()
+        legal(watch)
+
+
+@pytest.mark.parametrize("name", ["process_0", "keeper_0", "router"])
+def test_a_process_that_is_stopped_for_a_while_goes_on(name: str) -> None:
+    with watched(scene_from_spec(CHAIN), "chain", processes=2, keepers=2) as watch:
+        watch.moves(3)
+        watch.kill(name, signal.SIGSTOP)
+        time.sleep(1.0)
+        watch.kill(name, signal.SIGCONT)
+        watch.until(watch.reached)
+        watch.settle()
+        legal(watch)
+
+
+def test_the_living_reach_their_goals_where_the_dead_do_not_block_them() -> None:
+    """Two corridors: the vehicles of one die, those of the other do not notice."""
+    scene = scene_from_spec("agv:graph=grid6x2,n=4")
+    with watched(scene, "random", processes=4, keepers=2, on_crash="continue") as watch:
+        watch.moves(3)
+        watch.kill("process_1")
+        watch.until(lambda: bool(watch.crashes))
+        assert not watch.crashes[0].restarted
+        dead = watch.fleet.modules_of[1][0]
+        place = watch.gatherer.sites[dead]
+        watch.moves(30)
+        watch.settle()
+        legal(watch)
+        late = [each for each in watch.heard if isinstance(each, Moved)][-20:]
+        assert dead not in {each.module for each in late}
+        assert watch.gatherer.sites[dead] == place or watch.gatherer.moves > 0
+
+
+def test_a_death_ends_the_run_unless_told_otherwise() -> None:
+    with (
+        pytest.raises(ProcessDied, match=r"^keeper_1 has ended: killed by signal 9$"),
+        watched(scene_from_spec(CHAIN), "random", processes=1, keepers=2) as watch,
+    ):
+        watch.moves(2)
+        watch.kill("keeper_1")
+        watch.moves(10**6)
+
+
+@contextlib.contextmanager
+def relays(names: list[str], delay_s: float) -> Iterator[tuple[dict[str, object], dict[str, Relay]]]:
+    """Yield the ways of processes through relays of their own."""
+    made: dict[str, Relay] = {}
+    with contextlib.ExitStack() as stack:
+
+        def way(name: str) -> object:
+            def through(endpoint: str) -> str:
+                made[name] = stack.enter_context(Relay(endpoint, delay_s=delay_s))
+                return made[name].endpoint
+
+            return through
+
+        yield {name: way(name) for name in names}, made
+
+
+@pytest.mark.parametrize("name", ["process_0", "keeper_1"])
+def test_who_is_cut_off_for_a_while_goes_on_where_it_was(name: str) -> None:
+    with (
+        relays([name], 0.0) as (ways, made),
+        watched(scene_from_spec(CHAIN), "chain", ways=ways, processes=2, keepers=2) as watch,  # type: ignore[arg-type]
+    ):
+        watch.moves(3)
+        made[name].cut()
+        time.sleep(1.5)
+        made[name].heal()
+        watch.until(watch.reached)
+        assert made[name].passed
+        watch.settle()
+        legal(watch)
+
+
+def test_slow_links_only_take_longer() -> None:
+    with (
+        relays(["keeper_0", "process_0"], 0.05) as (ways, _),
+        watched(scene_from_spec("hex:n=5"), "chain", ways=ways, processes=2, keepers=2) as watch,  # type: ignore[arg-type]
+    ):
+        watch.until(watch.reached)
+        watch.settle()
+        legal(watch)
+
+
+@pytest.mark.parametrize(("key", "number"), [("processes", 0), ("keepers", 0)])
+def test_a_fleet_has_processes_and_keepers(key: str, number: int) -> None:
+    with pytest.raises(InputError, match=f"^{key}=0: expected 1 or more$"):
+        WatchedFleetOptions = {key: number}
+        with watched(scene_from_spec(CHAIN), "chain", **WatchedFleetOptions):
+            pass

@@ -1,0 +1,129 @@
+"""A fleet without rounds that a test watches, wounds and asks what came of it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from cubepath.agents.free.fleet import Crash, FreeFleet
+from cubepath.coordinator.runs.collector import Collector
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.free_messages import FreeMessage, Turns
+from cubepath.protocol.wire.messages import Go
+from cubepath.protocol.wire.nodes import Keep
+from cubepath.protocol.wire.shell import Shell
+
+PATIENCE_S = 60.0
+
+
+class WatchedFleet(FreeFleet):
+    """A fleet some of whose processes reach the router by ways of their own."""
+
+    ways: Mapping[str, Callable[[str], str]] = {}
+
+    def endpoint_for(self, name: str) -> str:
+        way = self.ways.get(name)
+        return self.endpoint if way is None else way(self.endpoint)
+
+
+class Watch:
+    """What was said in a run so far, and the fleet."""
+
+    def __init__(self, fleet: FreeFleet, scene: Scene) -> None:
+        self.fleet = fleet
+        self.gatherer = FreeGatherer(scene, fleet.keepers)
+        self.collector = Collector(fleet.run, self.gatherer, fleet.keepers)
+        self.heard: list[FreeMessage] = []
+        self.crashes: list[Crash] = []
+        self._shell: Shell | None = None
+
+    def keep(self, kept: Keep[Any], _wall_ns: int) -> None:
+        self.heard.append(kept.message)
+
+    def until(self, what: Callable[[], bool], patience_s: float = PATIENCE_S) -> None:
+        """Listen until something holds."""
+        assert self._shell is not None
+        end = time.monotonic() + patience_s
+        while not what():
+            self._shell.step(0.02)
+            self.crashes += self.fleet.look()
+            assert time.monotonic() < end, f"not within {patience_s} s: {self.state()}"
+
+    def moves(self, more: int) -> None:
+        """Listen until there are so many more moves."""
+        enough = self.gatherer.moves + more
+        self.until(lambda: self.gatherer.moves >= enough)
+
+    def reached(self) -> bool:
+        return self.gatherer.reached
+
+    def state(self) -> str:
+        found = self.gatherer
+        turns = sum(len(each.parts) for each in self.heard if isinstance(each, Turns))
+        return f"{found.moves} moves, {turns} turns, {found.unfinished}, {self.crashes}"
+
+    def kill(self, name: str, how: int = signal.SIGKILL) -> None:
+        os.kill(self.fleet.pids[name], how)
+
+    def settle(self) -> None:
+        """Halt the modules, and wait until everything that was committed is known."""
+        assert self._shell is not None
+        self._shell.carry_out(self.collector.say(Go(0, "over")))
+        self.collector.tails.clear()
+        asked = 0.0
+        end = time.monotonic() + PATIENCE_S
+        while not self.collector.settled:
+            assert time.monotonic() < end, self.state()
+            if time.monotonic() - asked > 0.3:
+                asked = time.monotonic()
+                self.collector.tails.clear()
+                self._shell.carry_out(self.collector.fetch())
+            self._shell.step(0.02)
+            self.crashes += self.fleet.look()
+
+
+@contextmanager
+def watched(
+    scene: Scene,
+    rule: str,
+    *,
+    ways: Mapping[str, Callable[[str], str]] | None = None,
+    listening: bool = True,
+    logs: Path | None = None,
+    **options: Any,
+) -> Generator[Watch]:
+    """Start a fleet and listen to it; at the end nothing of it is left."""
+    fleet = WatchedFleet(scene, rule, logs=logs, **options)
+    fleet.ways = ways or {}
+    with fleet:
+        watch = Watch(fleet, scene)
+        pids = list(fleet.pids.values())
+        if listening:
+            with listened(watch):
+                yield watch
+        else:
+            yield watch
+    for pid in pids:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(pid, 0)
+            raise AssertionError(f"process {pid} is left")
+
+
+@contextmanager
+def listened(watch: Watch) -> Generator[None]:
+    """Listen to the fleet, and tell it to stop at the end."""
+    fleet, collector = watch.fleet, watch.collector
+    with Shell(collector, fleet.endpoint, watch.keep, credentials=fleet.credentials()) as shell:
+        watch._shell = shell
+        shell.start()
+        try:
+            yield
+        finally:
+            shell.carry_out(collector.say(Go(0, "stop")))
