@@ -5,9 +5,10 @@ Room: coordinator.
 
 from __future__ import annotations
 
+from cubepath.coordinator.auditing.free_playing import FreePlaying
 from cubepath.coordinator.auditing.playing import Playing
-from cubepath.coordinator.verification.findings import Verification
-from cubepath.coordinator.verification.recording import Progress, verify
+from cubepath.coordinator.verification.findings import Progress, Verification
+from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import Recording
 
 
@@ -17,4 +18,9 @@ def audit(recording: Recording, progress: Progress | None = None) -> Verificatio
     Where the rule is not installed, or the recording does not say how it chose, that check is
     marked as not checked. Nothing is raised, unless the file is changed while it is read.
     """
-    return verify(recording, progress, player=lambda: Playing(recording))
+    return verify(
+        recording,
+        progress,
+        player=lambda: Playing(recording),
+        free_player=lambda: FreePlaying(recording),
+    )

@@ -13,10 +13,10 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
-    from cubepath.coordinator.verification.findings import Check, Verification
     from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
     from cubepath.coordinator.verification.proof import check_proof
-    from cubepath.coordinator.verification.recording import Progress, Recovered, recover, verify
+    from cubepath.coordinator.verification.findings import Check, Progress, Verification
+    from cubepath.coordinator.verification.recording import Recovered, recover, verify
     from cubepath.coordinator.verification.transcript import RECOVERED, Transcript, site_in
 else:
     __getattr__, __dir__ = lazy_face(
@@ -26,8 +26,8 @@ else:
             "choices": "Arrays Moment Observing",
             "parameters": "hesitation_in seed_in",
             "proof": "check_proof",
-            "findings": "Check Verification",
-            "recording": "Progress Recovered recover verify",
+            "findings": "Check Progress Verification",
+            "recording": "Recovered recover verify",
             "transcript": "RECOVERED Transcript site_in",
         },
     )

@@ -8,6 +8,7 @@ derives or reads; of a run it shares the catalogue and the neighbourhoods of the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from collections.abc import Set as AbstractSet
 from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -68,19 +69,41 @@ class Observing:
             if isinstance(message, Note) and is_note(message.note, note_length):
                 notes[place_of(moment.sites[message.module])] = message.note
         return [
-            self._observation(module, moment, standing, notes, note_length)
-            for module in range(len(moment.sites))
+            self._observation(module, site, (standing, moment.state), notes, note_length)
+            for module, site in enumerate(moment.sites)
         ]
+
+    def seen(
+        self,
+        module: int,
+        site: Site,
+        standing: Mapping[Site, Site],
+        notes: Mapping[Site, list[int]],
+        note_length: int,
+        register: list[int],
+    ) -> Arrays:
+        """Return what a module observes without rounds, from what it was shown.
+
+        `standing` has what is on at the places sensed and at its own, `notes` the registers within
+        reach that are not empty; `register` is its own.
+        """
+        state = frozenset(standing.values()) | self._system.filled
+        found = self._observation(module, site, (standing, state), notes, note_length)
+        if note_length:
+            own = register or [_NOTHING_HEARD] * note_length
+            found["register"] = np.array(own, dtype=np.int32)
+        return found
 
     def _observation(
         self,
         module: int,
-        moment: Moment,
-        standing: Mapping[Site, Site],
+        site: Site,
+        found_there: tuple[Mapping[Site, Site], AbstractSet[Site]],
         notes: Mapping[Site, list[int]],
         note_length: int,
     ) -> Arrays:
-        system, site = self._system, moment.sites[module]
+        system = self._system
+        standing, state = found_there
         place = system.place_of(site)
         goals = self._goals[module] if self._goals else frozenset[Site]()
         shown = [*system.encode_site(site), int(not goals.isdisjoint((site, place)))]
@@ -98,8 +121,8 @@ class Observing:
         for move in system.moves(site):
             possible = (
                 move is not None
-                and why_not(move.action, moment.state) is None
-                and all(source in moment.state for source, _ in move.motion)
+                and why_not(move.action, state) is None
+                and all(source in state for source, _ in move.motion)
             )
             mask.append(int(possible))
         found: Arrays = {

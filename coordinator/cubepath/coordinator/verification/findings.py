@@ -5,11 +5,15 @@ Room: coordinator. Part of `cubepath verify`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from cubepath.coordinator.verification.transcript import Fail
+
+
+Progress = Callable[[int], object]
+"""Called now and then with the number of rounds, or levels, checked since the last call."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ def check_parameters(recording: Recording, fail: Fail) -> None:
     modules = len(scene.start)
 
     def wrong(key: str, expected: str) -> None:
-        fail(CHECK, f"{key}={told[key]!r}: expected {expected}")
+        fail(CHECK, f"{key}={told.get(key)!r}: expected {expected}")
 
-    for key in ("seed", "max_rounds", "processes", "modules"):
+    for key in ("seed", "max_rounds", "processes", "modules", "keepers"):
         if key in told and _number(told[key]) is None:
             wrong(key, "a whole number of at least 0")
     if "hesitate" in told and hesitation_in(told) is None:
@@ -34,7 +34,18 @@ def check_parameters(recording: Recording, fail: Fail) -> None:
     for key, value in (("system", scene.spec), ("family", scene.family)):
         if told.get(key, value) != value:
             wrong(key, f"{value!r}, as in the scene")
+    _check_clock(recording, wrong)
     _check_schedule(recording, wrong)
+
+
+def _check_clock(recording: Recording, wrong: Callable[[str, str], None]) -> None:
+    told = recording.parameters
+    if told.get("clock", "lockstep") != recording.clock:
+        wrong("clock", f"{recording.clock!r}, as {recording.format} has it")
+    if recording.clock == "free" and keepers_of(recording) is None:
+        wrong("keepers", "how many there were")
+    if told.get("log_time", "level") not in ("level", "wall"):
+        wrong("log_time", "'level' or 'wall'")
 
 
 def _check_schedule(recording: Recording, wrong: Callable[[str, str], None]) -> None:
@@ -71,6 +82,11 @@ def processes_of(recording: Recording) -> int | None:
     """Return the number of processes, 1 for modules in a thread; None if it is not known."""
     found = _number(recording.parameters.get("processes", ""))
     return None if found is None or found > len(recording.scene.start) else max(found, 1)
+
+
+def keepers_of(recording: Recording) -> int | None:
+    """Return the number of keepers; None if it is missing or malformed."""
+    return _number(recording.parameters.get("keepers", "")) or None
 
 
 def hesitation_in(parameters: Mapping[str, str]) -> float | None:

@@ -17,7 +17,9 @@ from cubepath.coordinator.verification.certificate import check_recorded_certifi
 from cubepath.coordinator.verification.choices import Moment, Player
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.ending import Course
-from cubepath.coordinator.verification.findings import Failures, Missing, Verification
+from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
+from cubepath.coordinator.verification.free import free_results, verify_free
+from cubepath.coordinator.verification.free_turns import FreePlayer
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
@@ -66,9 +68,6 @@ CHECKS = {
 }
 """The checks by name, with what holds if they pass."""
 
-Progress = Callable[[int], object]
-"""Called now and then with the number of rounds checked since the last call."""
-
 
 @dataclass(frozen=True, slots=True)
 class Recovered:
@@ -86,6 +85,7 @@ def verify(
     progress: Progress | None = None,
     *,
     player: Callable[[], Player] | None = None,
+    free_player: Callable[[], FreePlayer] | None = None,
 ) -> Verification:
     """Derive everything in a recording again from its start state, and compare.
 
@@ -95,11 +95,16 @@ def verify(
     raised, unless the file is changed while it is read.
 
     The rules of the modules are asked again by a `player`, a new one of which is made for each
-    pass; without one, `choices` is not checked. `cubepath.coordinator.auditing` has one.
+    pass, or by a `free_player` if the run had no rounds; without one, `choices` is not checked.
+    `cubepath.coordinator.auditing` has both.
+
+    A recording of a run without rounds has other checks: `FREE_CHECKS`.
 
     Messages stand in the order of their rounds, more or less: a round is checked and dropped as
     soon as nothing of it can be still to come.
     """
+    if recording.clock == "free":
+        return verify_free(recording, progress, free_player)
     try:
         return _verified(recording, recording.blocks(), progress, player)
     except OutOfOrder:
@@ -183,7 +188,11 @@ def recover(source: Path | Recording, out: Path) -> Recovered:
     is the recording itself, or if `out` cannot be written.
     """
     recording = source if isinstance(source, Recording) else read_recording(source)
-    transcript = transcript_of(recording, Failures(CHECKS).stage(0))
+    transcript = (
+        free_results(recording)
+        if recording.clock == "free"
+        else transcript_of(recording, Failures(CHECKS).stage(0))
+    )
     count = len(recording.records)
     problems = "; ".join(recording.problems) or "no problems"
     lost = f"; at least {transcript.gap} more are missing" if transcript.gap else ""

@@ -202,7 +202,7 @@ class Sorting:
         if self.found.gap and self._undamaged:
             self._fail("complete", f"{self.found.gap} messages before the last one are missing")
         self._check_reports()
-        _check_complete(self.found, self._fail, cut_off=self._cut_off)
+        check_complete(self.found, self._fail, cut_off=self._cut_off)
 
     def _sort(self, message: Message) -> None:
         match message:
@@ -340,7 +340,8 @@ def named(message: ModuleMessage | Report) -> str:
     return f"round {message.round}, module_{message.module}: {kind_of(message)}"
 
 
-def _check_complete(found: Transcript, fail: Fail, *, cut_off: bool) -> None:
+def check_complete(found: Transcript, fail: Fail, *, cut_off: bool) -> None:
+    """Check that there is a summary, and as many cubes as it counts."""
     summary = found.summary
     if summary is None:
         if cut_off:

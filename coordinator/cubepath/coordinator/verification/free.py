@@ -1,0 +1,275 @@
+"""Verifying a run without rounds: everything derived again from the start and the versions.
+
+Room: coordinator. Part of `cubepath verify`: it uses neither keepers nor the gatherer nor the heap.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+from hashlib import sha256
+from itertools import groupby
+
+from cubepath.coordinator.verification.certificate import check_recorded_certificate
+from cubepath.coordinator.verification.dependencies import check_dependencies
+from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
+from cubepath.coordinator.verification.free_attempts import Attempts
+from cubepath.coordinator.verification.free_history import Carried, History
+from cubepath.coordinator.verification.free_shown import Shownness, Tails
+from cubepath.coordinator.verification.free_transcript import FreeReading, FreeTranscript
+from cubepath.coordinator.verification.free_turns import FreePlayer, TurnsOfModules
+from cubepath.coordinator.verification.normal_form import cubes_of
+from cubepath.coordinator.verification.parameters import (
+    check_parameters,
+    keepers_of,
+    max_rounds_in,
+)
+from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
+from cubepath.coordinator.verification.transcript import (
+    RECOVERED,
+    Fail,
+    Transcript,
+    check_complete,
+    site_in,
+)
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Executed, Summary, encode
+from cubepath.protocol.wire.tiles import Tiles
+
+FREE_CHECKS = {
+    "readable": "the file is whole",
+    "parameters": "they are those of a run, and fit the scene",
+    "messages": "each message decodes, stands under its own topic and log time, and names no others",
+    "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
+    "serials": "the commits of each keeper are numbered without gap, and no number has two",
+    "versions": "each version of a unit or a module follows on the one before, and none has two",
+    "readers": "whoever overwrites a version counts those who read it",
+    "order": "all can have happened one after another, each guard while its version stood",
+    "units": "a move reads its support and writes its trace, and nothing else",
+    "admissible": "every move was admissible when it was made",
+    "levels": "a move is one level above the highest of those that it depends on",
+    "sites": "modules stand where the moves have taken them",
+    "attempts": "each commit answers an attempt, and what that sensed was there at its versions",
+    "registers": "registers were as sensed, and became what was asked",
+    "decisions": "what keepers say of an attempt, to each other and to modules, is what came of it",
+    "entries": "a module acts in the epoch in which it entered, and epochs grow with births",
+    "shown": "what was shown at a version was there",
+    "tails": "keepers count the commits and the versions that are on record",
+    "turns": "rules were shown what had been shown, and attempts are what they chose",
+    "choices": "each module chose as its rule does, with the seed's randomness",
+    "schedule": "the moves are those of the schedule, if there is one, in its order",
+    "dependencies": "what is not undone finds its sites at the same versions in levels and cubes",
+    "edges": "the coordinator's edges are the moves committed",
+    "normal": "no action of a cube is in the cube before or commutes with all of it",
+    "ends": "the cubes are admissible from the start on, and end where the moves end",
+    "class": "the cubes are the normal form of the moves: the same homotopy class",
+    "certificate": "the certificate, if there is one, proves that none in the class is shorter",
+    "summary": "the numbers and the digest of the summary are those of the moves",
+    "ended": "the run ended as the summary says",
+}
+"""The checks of a run without rounds by name, with what holds if they pass."""
+
+
+def free_results(recording: Recording) -> Transcript:
+    """Return what the coordinator says of a run, and how many messages are missing."""
+    failures = Failures(FREE_CHECKS)
+    transcript = FreeReading(recording, failures.stage(0)).read(recording)
+    levels = (moved.level for moved in transcript.of_keepers())
+    transcript.results.complete_rounds = max(levels, default=0)
+    return transcript.results
+
+
+def verify_free(
+    recording: Recording,
+    progress: Progress | None = None,
+    player: Callable[[], FreePlayer] | None = None,
+) -> Verification:
+    """Derive everything in the recording of a run without rounds, and compare.
+
+    `rounds` in the result is the greatest level. Nothing is raised, unless the file is changed
+    while it is read. Messages are kept until the end.
+    """
+    failures = Failures(FREE_CHECKS)
+    for problem in recording.problems:
+        failures.stage(0)("readable", problem)
+    check_parameters(recording, failures.stage(0))
+    transcript = FreeReading(recording, failures.stage(0)).read(recording)
+    results = transcript.results
+    check_complete(results, failures.stage(0), cut_off=RECOVERED in recording.parameters)
+    if results.gap:
+        failures.stage(0)("complete", f"{results.gap} messages are missing before the last")
+    history = History(recording.scene, transcript.of_keepers(), failures.stage(1))
+    _check_serials(transcript, failures.stage(1))
+    whole = results.summary is not None
+    playing = None if player is None else player()
+    _check_said(recording, history, transcript, failures.stage(2), playing)
+    path = history.path()
+    levels = max((each.moved.level for each in path), default=0)
+    if progress is not None:
+        progress(levels)
+    actions = [each.move.action for each in path]
+    normal_form = cubes_of(actions)
+    fail = failures.stage(3)
+    digest = _check_edges(path, transcript, fail)
+    cubes = recorded_cubes(recording.scene, results, fail)
+    counts = Counter(each.moved.level for each in path)
+    ends = [sum(counts[level] for level in range(1, last + 1)) for last in range(1, levels + 1)]
+    check_dependencies(actions, ends, cubes, fail, whole=whole)
+    if cubes is not None:
+        check_cubes(recording.scene, cubes, history.state, normal_form, fail, whole=whole)
+    check_recorded_certificate(recording.scene, results, actions, fail)
+    _check_schedule(recording, history, results.summary, fail)
+    if results.summary is not None:
+        reached = recording.scene.reached(history.sites)
+        expected = {
+            "round": levels,
+            "rounds": levels,
+            "moves": len(path),
+            "reduced_moves": sum(map(len, normal_form)),
+            "cubes": len(normal_form),
+            "max_cube_dimension": max(map(len, normal_form), default=0),
+            "goal_reached": reached,
+            "path_digest": digest,
+            "refused": results.refused,
+        }
+        check_summary(results.summary, expected, fail)
+        _check_ended(recording, transcript, results.summary, levels, reached, fail)
+    why = "the rules were not asked again" if playing is None else playing.unchecked()
+    checks = failures.checks({} if why is None else {"choices": f"not checked: {why}"})
+    sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
+    return Verification(
+        ok=all(check.ok for check in checks),
+        complete=sound and whole,
+        missing=Missing(0, results.gap),
+        checks=checks,
+        moves=len(path),
+        rounds=levels,
+        cubes=len(normal_form),
+        path_digest=digest,
+    )
+
+
+def _check_serials(transcript: FreeTranscript, fail: Fail) -> None:
+    for keeper, commits in sorted(transcript.commits.items()):
+        for number, serial in enumerate(sorted(commits), 1):
+            if serial != number:
+                fail("serials", f"keeper_{keeper}: commit {serial} comes where {number} is due")
+                break
+
+
+def _check_said(
+    recording: Recording,
+    history: History,
+    transcript: FreeTranscript,
+    fail: Fail,
+    playing: FreePlayer | None,
+) -> None:
+    """Check all that follows from what was where at which version."""
+    keepers = keepers_of(recording)
+    if keepers is None:
+        fail("attempts", "without their number it is not known which keeper has what")
+        return
+    tiles = Tiles(recording.scene.system, keepers)
+    Attempts(history, transcript, tiles, fail).check()
+    shown = Shownness(history, tiles, fail)
+    shown.check(transcript)
+    whole = transcript.results.summary is not None
+    ended = whole and RECOVERED not in recording.parameters
+    Tails(history, tiles, fail).check(transcript, keepers, whole=ended)
+    TurnsOfModules(history, shown, transcript, fail).check(playing)
+
+
+def _check_edges(path: Sequence[Carried], transcript: FreeTranscript, fail: Fail) -> str:
+    """Compare the edges on record with the moves; return the digest of the moves."""
+    digest = sha256()
+    left = dict(transcript.edges)
+    for level, group in groupby(path, key=lambda each: each.moved.level):
+        made = [Executed(each.moved.module, each.move.generator, each.moved.at) for each in group]
+        for move in made:
+            digest.update(encode([level, move.module, move.generator, move.at]) + b"\n")
+        told = left.pop(level, None)
+        if told is not None and told.moves != made:
+            fail("edges", f"level {level}: the edges are not the moves committed")
+        elif told is None and transcript.results.summary is not None:
+            fail("edges", f"level {level}: no edges on record")
+    for level in sorted(left):
+        fail("edges", f"level {level}: edges, but no move was committed")
+    return digest.hexdigest()
+
+
+def _check_schedule(
+    recording: Recording, history: History, summary: Summary | None, fail: Fail
+) -> None:
+    """Check that moves are those of the schedule, and wait for those before them."""
+    if recording.schedule is None:
+        told = summary is not None and summary.schedule_cubes is not None
+        if told or "schedule" in recording.parameters:
+            fail("schedule", "there was one, but it is not on record")
+        return
+    try:
+        cubes = schedule_from_jsonl(recording.schedule)
+    except InputError as error:
+        fail("schedule", str(error))
+        return
+    if summary is not None and summary.schedule_cubes != len(cubes):
+        fail(
+            "schedule", f"the summary counts {summary.schedule_cubes} cubes, there are {len(cubes)}"
+        )
+    due = Counter((move.generator, site_in(move.at)) for cube in cubes for move in cube)
+    made = Counter((each.move.generator, each.move.at) for each in history.carried)
+    stray = sorted((made - due).elements(), key=repr)
+    if stray:
+        fail("schedule", f"{stray[0][0]} at {stray[0][1]!r} is made too often")
+    lacking = sorted((due - made).elements(), key=repr)
+    if lacking and summary is not None and summary.ended == "goal":
+        fail("schedule", f"{lacking[0][0]} at {lacking[0][1]!r} is not made")
+    if lacking or stray:
+        return
+    actions = [
+        recording.scene.system.action(move.generator, site)
+        for cube in cubes
+        for move in cube
+        if (site := site_in(move.at)) is not None
+    ]
+    check_dependencies(
+        actions, [], [[each] for each in history.actions], partial(_in_order, fail), whole=True
+    )
+
+
+def _in_order(fail: Fail, check: str, why: str) -> None:
+    del check
+    fail("schedule", f"in another order than that of the schedule: {why}")
+
+
+def _check_ended(
+    recording: Recording,
+    transcript: FreeTranscript,
+    summary: Summary,
+    levels: int,
+    reached: bool,
+    fail: Fail,
+) -> None:
+    error = summary.error
+    if summary.ended in ("goal", "max-rounds") and error is not None:
+        fail("ended", f"it says {summary.ended}, and {error!r}")
+    if summary.ended == "goal" and not reached and recording.schedule is None:
+        fail("ended", "it says goal, which was not reached")
+    most = max_rounds_in(recording.parameters)
+    if summary.ended == "max-rounds" and most is not None and levels < most:
+        fail("ended", f"it says max-rounds at level {levels}, of {most}")
+    if summary.ended == "interrupted" and error != "interrupted":
+        fail("ended", f"it was interrupted, and says {error!r}")
+    if summary.ended == "failed" and (not error or "\n" in error):
+        fail("ended", f"it failed, and says {error!r}, expected one line")
+    gave_up = {
+        f"module_{turn.module}: {turn.failed}"
+        for turns in transcript.turns.values()
+        for turn in turns.values()
+        if turn.failed is not None
+    }
+    told = error or ""
+    if told.startswith("module_") and told not in gave_up:
+        fail("ended", f"it says {told!r}, which no module says")

@@ -1,0 +1,360 @@
+"""Whether every commit answers an attempt, and all that keepers say of attempts is what came of them.
+
+Room: coordinator. Part of `cubepath verify`. What was sensed is compared with the history at the
+versions at which it was committed.
+"""
+
+from __future__ import annotations
+
+from cubepath.coordinator.verification.free_history import (
+    NO_SITE,
+    History,
+    Standing,
+    changed_by,
+)
+from cubepath.coordinator.verification.free_transcript import (
+    AttemptId,
+    FreeTranscript,
+    Said,
+    attempt_text,
+    commit_text,
+)
+from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Decision,
+    Entered,
+    Moved,
+    Occupant,
+    Passed,
+    Settled,
+)
+from cubepath.protocol.wire.tiles import Tiles
+
+
+class Attempts:
+    """The attempts of a run, and what came of them."""
+
+    def __init__(
+        self, history: History, transcript: FreeTranscript, tiles: Tiles, fail: Fail
+    ) -> None:
+        """Find which attempts were committed."""
+        self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
+        self._system = history.system
+        self._committed: dict[AttemptId, Moved] = {}
+        self._births: dict[int, dict[int, int]] = {}
+        """By module the epoch of each birth."""
+        self._acknowledged = {
+            (name_of(said.part), said.keeper)
+            for said in transcript.said
+            if isinstance(said.part, Settled)
+        }
+        for moved in history.commits:
+            name = name_of(moved)
+            if self._committed.setdefault(name, moved) is not moved:
+                self._fail("attempts", f"{attempt_text(name)} is committed twice")
+
+    def check(self) -> None:
+        """Check all commits, and all that keepers say."""
+        for moved in self._history.commits:
+            attempt = self._said.attempts.get(name_of(moved))
+            if attempt is None:
+                self._fail("attempts", f"{commit_text(moved)} answers no attempt on record")
+            else:
+                self._guarded(commit_text(moved), "attempts", self._check_commit, moved, attempt)
+        for said in self._said.said:
+            self._guarded(said.where, "decisions", self._check_said, said)
+        self._check_births()
+
+    def _guarded(self, where: str, check: str, do: object, *values: object) -> None:
+        try:
+            do(*values)  # type: ignore[operator]
+        except NO_SITE as error:
+            self._fail(check, f"{where}: {type(error).__name__}: {error}")
+
+    # Commits.
+
+    def _check_commit(self, moved: Moved, attempt: Attempt) -> None:
+        name = commit_text(moved)
+        for key in ("turn", "generator", "at"):
+            if getattr(moved, key) != getattr(attempt, key):
+                self._fail("attempts", f"{name}: its {key} is not that of its attempt")
+        standing = self._before(moved, moved.module)
+        at = site_in(attempt.site)
+        if standing is not None and at != standing.site:
+            # Where it only writes registers, its place is enough.
+            place_of = self._system.place_of
+            if at is None or moved.generator or place_of(at) != place_of(standing.site):
+                self._fail("attempts", f"{name}: the attempt was made from where it does not stand")
+        self._check_sensed(moved, attempt)
+        self._check_registers(moved, attempt)
+        chain = self._chain(attempt)
+        if moved.keeper != chain[-1]:
+            self._fail("attempts", f"{name}: the last keeper of its chain is keeper_{chain[-1]}")
+        if not self._said.asked_of.get(name_of(moved), set()) <= {chain[0]}:
+            self._fail("attempts", f"{name}: it was asked of others than keeper_{chain[0]}")
+
+    def _before(self, moved: Moved, module: int) -> Standing | None:
+        """Return a module as a commit found it."""
+        version = changed_by(moved).get(module)
+        if version is not None:
+            return self._history.module(module, version - 1)
+        held = next((v for _, each, v, _ in moved.notes if each == module), None)
+        return None if held is None else self._history.module(module, held)
+
+    def _check_sensed(self, moved: Moved, attempt: Attempt) -> None:
+        name = commit_text(moved)
+        found = {site_in(unit): version for unit, version in (*moved.read, *moved.guarded)}
+        found |= {site_in(unit): version for unit, version, _ in moved.written}
+        told = {site_in(unit): site_in(shown) for unit, shown in attempt.sensed}
+        if len(told) != len(attempt.sensed) or told.keys() != found.keys():
+            self._fail("attempts", f"{name} names other units than its attempt has sensed")
+            return
+        for unit, shown in told.items():
+            version = found[unit]
+            if unit is None:
+                continue
+            known, there = self._history.at_unit(unit, version)
+            if known and there != shown:
+                self._fail(
+                    "attempts",
+                    f"{name}: {site_text(unit)} was sensed as {_text(shown)}, at version {version}"
+                    f" it is {_text(there)}",
+                )
+        counted = {site_in(unit): reads for unit, _, reads in moved.written}
+        for value, version, reads in attempt.after:
+            unit = site_in(value)
+            if found.get(unit) != version or (unit in counted and counted[unit] != reads):
+                self._fail("attempts", f"{name} did not wait for what its attempt names")
+
+    def _check_registers(self, moved: Moved, attempt: Attempt) -> None:
+        name = commit_text(moved)
+        here: dict[Site | None, tuple[Standing | None, object]] = {}
+        for place, module, version, content in moved.notes:
+            before = self._before(moved, module)
+            now = self._history.module(module, version)
+            if now is not None and self._system.place_of(now.site) != site_in(place):
+                self._fail("registers", f"{name}: module_{module} is not at {place!r}")
+            at = None if before is None else self._system.place_of(before.site)
+            here[at] = before, content
+        asked = {site_in(place): (shown, new) for place, shown, new in attempt.notes}
+        for at, (before, content) in here.items():
+            if before is None:
+                continue
+            if at not in asked:
+                self._fail("registers", f"{name} has a register that its attempt does not name")
+                continue
+            shown, new = asked[at]
+            if before.note != shown:
+                self._fail(
+                    "registers",
+                    f"{name}: the register at {_text(at)} is {before.note}, {shown} was sensed",
+                )
+            if content != new:
+                self._fail("registers", f"{name} writes {content}, its attempt has {new}")
+        for at, (shown, _) in asked.items():
+            if at not in here and shown:
+                self._fail("registers", f"{name}: nobody is at {_text(at)}, {shown} was sensed")
+
+    def _chain(self, attempt: Attempt) -> list[int]:
+        """Return the keepers that an attempt passes through."""
+        labelled = self._system.labels is not None
+        places = [site_in(place) for place, *_ in attempt.notes]
+        for value, _ in attempt.sensed:
+            unit = site_in(value)
+            if unit is not None:
+                places.append(unit if labelled else self._system.place_of(unit))
+        keepers = {self._tiles.keeper_of(place) for place in places if place is not None}
+        return sorted(keepers) or [-1]
+
+    # What keepers say.
+
+    def _check_said(self, said: Said) -> None:
+        part = said.part
+        if isinstance(part, Entered):
+            self._check_entered(said, part)
+            return
+        name = name_of(part.attempt if isinstance(part, Passed) else part)
+        attempt = self._said.attempts.get(name)
+        if attempt is None:
+            self._fail("decisions", f"{said.where}: no {attempt_text(name)} is on record")
+            return
+        chain = self._chain(attempt)
+        if said.keeper not in chain:
+            self._fail("decisions", f"{said.where}: keeper_{said.keeper} has nothing to do with it")
+        match part:
+            case Passed():
+                self._check_passed(said, part, attempt, chain)
+            case Decision():
+                self._check_decision(said, part, name)
+            case Settled():
+                moved = self._committed.get(name)
+                if moved is None or moved.keeper != said.to:
+                    self._fail("decisions", f"{said.where}: {attempt_text(name)} is acknowledged")
+            case _:
+                if said.to != chain[-1]:
+                    self._fail("decisions", f"{said.where}: keeper_{said.to} is not the last one")
+
+    def _check_decision(self, said: Said, decision: Decision, name: AttemptId) -> None:
+        moved = self._committed.get(name)
+        if decision.moved is None:
+            # Who has acknowledged a commit does not ask; a question that was under way is answered
+            # by one who has forgotten it.
+            if moved is not None and (name, said.to) not in self._acknowledged:
+                self._fail("decisions", f"{said.where}: {attempt_text(name)} was not refused")
+            if not decision.why or decision.occupants:
+                self._fail("decisions", f"{said.where}: a refusal needs a reason and nothing else")
+            return
+        if decision.moved != moved or decision.why:
+            self._fail("decisions", f"{said.where}: {attempt_text(name)} came to something else")
+            return
+        changed = changed_by(moved)
+        told = [occupant.module for _, occupant in decision.occupants]
+        if sorted(told) != sorted(changed):
+            self._fail("decisions", f"{said.where}: it tells of other modules than it changed")
+        for site, occupant in decision.occupants:
+            if occupant.version != changed.get(occupant.module):
+                self._fail(
+                    "decisions", f"{said.where}: module_{occupant.module} has another version"
+                )
+            self._check_occupant(said.where, site, occupant)
+
+    def _check_passed(self, said: Said, passed: Passed, attempt: Attempt, chain: list[int]) -> None:
+        where, history = said.where, self._history
+        if passed.attempt != attempt:
+            self._fail("decisions", f"{where}: another attempt than was made")
+        if passed.process not in self._said.asked_by.get(attempt.module, ()):
+            self._fail("decisions", f"{where}: process_{passed.process} did not ask for it")
+        if said.keeper in chain[:-1] and said.to != chain[chain.index(said.keeper) + 1]:
+            self._fail("decisions", f"{where}: keeper_{said.to} is not the next one")
+        moved = self._committed.get(name_of(attempt))
+        so_far = {keeper for keeper in chain if keeper <= said.keeper}
+        if moved is not None:
+            for key in ("read", "written", "guarded"):
+                due = sorted(
+                    (each for each in getattr(moved, key) if self._of(each[0]) in so_far), key=repr
+                )
+                if sorted(getattr(passed, key), key=repr) != due:
+                    self._fail("decisions", f"{where}: its units {key} are not those committed")
+        level = self._level_of(passed)
+        if level is not None and passed.level != level:
+            self._fail("decisions", f"{where}: it has level {passed.level}, derived is {level}")
+        for value, version, *_ in (*passed.read, *passed.written, *passed.guarded):
+            unit = site_in(value)
+            if unit is None or not history.at_unit(unit, version)[0]:
+                self._fail("decisions", f"{where}: {value!r} never had version {version}")
+        self._check_taken(where, passed, so_far)
+
+    def _check_taken(self, where: str, passed: Passed, so_far: set[int]) -> None:
+        """Check the modules that are passed on, those of the motion and those of registers."""
+        attempt, site = passed.attempt, site_in(passed.attempt.site)
+        move = None
+        if attempt.generator is not None and site is not None:
+            moves = (each for each in self._system.moves(site) if each is not None)
+            named = (attempt.generator, site_in(attempt.at))
+            move = next((each for each in moves if (each.generator, each.at) == named), None)
+        motion = () if move is None else move.motion
+        if len(passed.occupants) != len(motion):
+            self._fail("decisions", f"{where}: it takes along {len(passed.occupants)} modules")
+        for (source, _), occupant in zip(motion, passed.occupants, strict=False):
+            due = self._tiles.keeper_of(self._system.place_of(source)) in so_far
+            if (occupant is not None) != due:
+                self._fail("decisions", f"{where}: who is at {site_text(source)} is misplaced")
+            elif occupant is not None:
+                self._check_occupant(where, source, occupant)
+        for value, occupant in passed.noted:
+            self._check_occupant(where, value, occupant)
+            at = site_in(value)
+            if at is None or self._system.place_of(at) not in {
+                site_in(place) for place, *_ in attempt.notes
+            }:
+                self._fail("decisions", f"{where}: nobody asked for the register at {value!r}")
+
+    def _of(self, value: Json) -> int:
+        unit = site_in(value)
+        if unit is None:
+            return -1
+        labelled = self._system.labels is not None
+        return self._tiles.keeper_of(unit if labelled else self._system.place_of(unit))
+
+    def _level_of(self, passed: Passed) -> int | None:
+        """Return the greatest level of what it depends on so far; None if a version never was."""
+        history, found = self._history, [0]
+        written = [(unit, version) for unit, version, _ in passed.written]
+        for value, version in (*passed.read, *written):
+            unit = site_in(value)
+            if unit is None or not history.at_unit(unit, version)[0]:
+                return None
+            found.append(history.levels.get(unit, [0])[version])
+        if name_of(passed.attempt) in self._committed:
+            for value, version in written:
+                found.append(history.read_levels.get(site_in(value), [0])[version])  # type: ignore[arg-type]
+            return max(found)
+        return None if written else max(found)
+
+    def _check_occupant(self, where: str, site: object, occupant: Occupant) -> None:
+        """Check a module as it is told to be at one of its versions."""
+        standing = self._history.module(occupant.module, occupant.version)
+        name = f"module_{occupant.module} at version {occupant.version}"
+        if standing is None:
+            self._fail("decisions", f"{where}: there never was {name}")
+            return
+        told = site if isinstance(site, tuple) else site_in(site)  # type: ignore[arg-type]
+        if (standing.site, standing.note) != (told, occupant.note):
+            self._fail("decisions", f"{where}: {name} was elsewhere, or had another register")
+        if occupant.number != self._number_at(occupant):
+            self._fail("decisions", f"{where}: {name} has number {occupant.number}")
+        self._take_birth(where, occupant)
+
+    def _number_at(self, occupant: Occupant) -> int:
+        """Return the module's last committed attempt of this epoch that changed it, up to then."""
+        history = self._history
+        for standing in reversed(history.modules[occupant.module][1 : occupant.version + 1]):
+            moved = history.commits[standing.commit]
+            if moved.module == occupant.module:
+                return moved.number if moved.epoch == occupant.epoch else 0
+        return 0
+
+    # Births.
+
+    def _check_entered(self, said: Said, entered: Entered) -> None:
+        occupant = entered.occupant
+        if (occupant.module, entered.birth) not in self._said.entered:
+            self._fail("entries", f"{said.where}: module_{occupant.module} did not ask where it is")
+        if occupant.birth != entered.birth:
+            self._fail("entries", f"{said.where}: birth {occupant.birth} is not the one answered")
+        site = site_in(entered.site)
+        if said.to not in self._said.asked_by.get(occupant.module, ()):
+            self._fail("entries", f"{said.where}: process_{said.to} did not ask for it")
+        if site is not None and self._tiles.keeper_of(self._system.place_of(site)) != said.keeper:
+            self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
+        self._check_occupant(said.where, entered.site, occupant)
+
+    def _take_birth(self, where: str, occupant: Occupant) -> None:
+        known = self._births.setdefault(occupant.module, {0: 0})
+        if known.setdefault(occupant.birth, occupant.epoch) != occupant.epoch:
+            name = f"birth {occupant.birth} of module_{occupant.module}"
+            self._fail("entries", f"{where}: {name} has epoch {occupant.epoch}, and another")
+
+    def _check_births(self) -> None:
+        for module, known in sorted(self._births.items()):
+            births = sorted(known)
+            epochs = [known[birth] for birth in births]
+            if sorted(set(epochs)) != epochs:
+                self._fail("entries", f"module_{module}: its epochs do not grow with its births")
+            if any(birth and (module, birth) not in self._said.entered for birth in births):
+                self._fail("entries", f"module_{module} has a birth that it did not ask for")
+        for name in sorted(self._said.attempts):
+            if name[1] not in self._births.get(name[0], {}).values():
+                self._fail("entries", f"{attempt_text(name)}: it never entered so")
+
+
+def name_of(part: Attempt | Decision | Moved | Settled | object) -> AttemptId:
+    """Return which attempt this is, or is about."""
+    return part.module, part.epoch, part.number  # type: ignore[attr-defined, union-attr]
+
+
+def _text(site: Site | None) -> str:
+    return "nothing" if site is None else site_text(site)

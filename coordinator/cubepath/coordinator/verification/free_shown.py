@@ -1,0 +1,160 @@
+"""Whether what keepers show, and tell at the end, is what was there.
+
+Room: coordinator. Part of `cubepath verify`.
+"""
+
+from __future__ import annotations
+
+from cubepath.coordinator.verification.free_history import NO_SITE, History
+from cubepath.coordinator.verification.free_transcript import FreeTranscript
+from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.wire.free_messages import Shown, Shows, Tail
+from cubepath.protocol.wire.tiles import Tiles
+
+
+class Shownness:
+    """What was shown of each place, by version."""
+
+    def __init__(self, history: History, tiles: Tiles, fail: Fail) -> None:
+        """Begin with nothing shown."""
+        self._history, self._tiles, self._fail = history, tiles, fail
+        self._system = history.system
+        self.versions: dict[Site, set[tuple[int, int]]] = {}
+        """By place the versions of it and of its module that were ever shown."""
+        self._by_serial: dict[tuple[str, int, Site], Shown] = {}
+
+    def check(self, transcript: FreeTranscript) -> None:
+        """Check all that was shown."""
+        for where, message in transcript.shown:
+            try:
+                self._check(where, message)
+            except NO_SITE as error:
+                self._fail("shown", f"{where}: {type(error).__name__}: {error}")
+        for where, keeper, look in transcript.looks:
+            if self._tiles.keeper_of_tile(look.tile) != keeper:
+                self._fail("shown", f"{where}: keeper_{keeper} does not have tile {look.tile}")
+        self._check_serials()
+
+    def _check(self, where: str, message: Shows) -> None:
+        if self._tiles.keeper_of_tile(message.tile) != message.keeper:
+            self._fail("shown", f"{where}: keeper_{message.keeper} does not have this tile")
+        seen = set()
+        for part in message.parts:
+            place = site_in(part.place)
+            if place is None or not self._system.has_place(place) or place in seen:
+                self._fail("shown", f"{where}: {part.place!r} is no place, or shown twice")
+                continue
+            seen.add(place)
+            if self._tiles.tile_of(place) != message.tile:
+                self._fail("shown", f"{where}: {site_text(place)} is not in tile {message.tile}")
+            self._check_part(where, place, part)
+            self.versions.setdefault(place, set()).add((part.version, part.module_version))
+            known = self._by_serial.setdefault((message.tile, message.serial, place), part)
+            if known != part:
+                self._fail("shown", f"{where}: {site_text(place)} was shown otherwise before")
+
+    def _check_part(self, where: str, place: Site, part: Shown) -> None:
+        there = self._history.at_place(place, part.version)
+        name = f"{site_text(place)} at version {part.version}"
+        if there is None:
+            self._fail("shown", f"{where}: there never was {name}")
+            return
+        site = None if part.site is None else site_in(part.site)
+        if (there.site, there.module) != (site, part.module):
+            self._fail("shown", f"{where}: {name} is shown as {part.site!r}")
+            return
+        if part.module is None:
+            if part.note or part.module_version:
+                self._fail("shown", f"{where}: {name} is empty, and has a register")
+        else:
+            standing = self._history.module(part.module, part.module_version)
+            if standing is None or (standing.since, standing.note) != (there.since, part.note):
+                self._fail(
+                    "shown",
+                    f"{where}: {name} shows another register than module_{part.module} had at"
+                    f" version {part.module_version}",
+                )
+        self._check_reads(where, place, part)
+
+    def _check_reads(self, where: str, place: Site, part: Shown) -> None:
+        for value, version, reads in part.reads:
+            unit = site_in(value)
+            known = None if unit is None else self._history.reads.get(unit)
+            most = None if known is None or version >= len(known) else known[version]
+            if unit is None or self._unit_place(unit) != place or most is None or reads > most:
+                self._fail("shown", f"{where}: {value!r} at version {version}, read {reads} times")
+
+    def _unit_place(self, unit: Site) -> Site:
+        return unit if self._system.labels is not None else self._system.place_of(unit)
+
+    def _check_serials(self) -> None:
+        """Check that versions grow with the serial numbers of a tile."""
+        last: dict[Site, Shown] = {}
+        for (tile, serial, place), part in sorted(
+            self._by_serial.items(), key=lambda each: each[0][:2]
+        ):
+            known = last.get(place, part)
+            if part.version < known.version or (
+                part.module == known.module and part.module_version < known.module_version
+            ):
+                self._fail("shown", f"tile {tile}, change {serial}: {site_text(place)} goes back")
+            last[place] = part
+
+
+class Tails:
+    """What keepers tell of all their commits and units."""
+
+    def __init__(self, history: History, tiles: Tiles, fail: Fail) -> None:
+        """Know what was derived."""
+        self._history, self._tiles, self._fail = history, tiles, fail
+
+    def check(self, transcript: FreeTranscript, keepers: int, *, whole: bool) -> None:
+        """Check all tails; of a `whole` recording those at the end must fit its end."""
+        last: dict[int, tuple[str, Tail]] = {}
+        for where, tail in transcript.tails:
+            found = len(transcript.commits.get(tail.keeper, ()))
+            if tail.serial > found:
+                self._fail(
+                    "tails",
+                    f"{where}: keeper_{tail.keeper} has {tail.serial} commits, on record are"
+                    f" {found}",
+                )
+            for unit in tail.units:
+                self._check_unit(where, *unit)
+            last[tail.keeper] = where, tail
+        if not whole:
+            return
+        for keeper in range(keepers):
+            if keeper not in last:
+                self._fail("tails", f"keeper_{keeper} does not tell how many commits it has")
+                continue
+            where, tail = last[keeper]
+            if tail.serial != len(transcript.commits.get(keeper, ())):
+                self._fail("tails", f"{where}: there are later commits")
+            if not tail.prepared:
+                self._check_end(where, tail)
+
+    def _check_unit(
+        self, where: str, value: object, version: int, level: int, reads: int, shown: object
+    ) -> None:
+        history, unit = self._history, site_in(value)  # type: ignore[arg-type]
+        site = None if shown is None else site_in(shown)  # type: ignore[arg-type]
+        if unit is None or not history.at_unit(unit, version)[0]:
+            self._fail("tails", f"{where}: {value!r} never had version {version}")
+            return
+        due = history.levels.get(unit, [0])[version], history.at_unit(unit, version)[1]
+        most = history.reads.get(unit, [0])[version]
+        if due != (level, site) or reads > most:
+            self._fail("tails", f"{where}: {site_text(unit)} at version {version} is another")
+
+    def _check_end(self, where: str, tail: Tail) -> None:
+        for value, version, _, reads, _ in tail.units:
+            unit = site_in(value)
+            known = None if unit is None else self._history.reads.get(unit)
+            if known is not None and (version, reads) != (len(known) - 1, known[-1]):
+                self._fail(
+                    "tails",
+                    f"{where}: {value!r} has version {version}, read {reads} times; derived are"
+                    f" version {len(known) - 1}, read {known[-1]} times",
+                )
