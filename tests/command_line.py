@@ -1,13 +1,17 @@
-"""The command line in a process of its own, with the standard streams that a test gives it."""
+"""The command line, in a process of its own with the standard streams that a test gives it."""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 import shlex
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+
+from cubepath.coordinator.commands.main import main
 
 ROOT = Path(__file__).parent.parent
 GOLDEN = ROOT / "logs" / "golden"
@@ -20,6 +24,18 @@ def cubepath(*arguments: str | Path, **keywords: Any) -> subprocess.CompletedPro
     return subprocess.run(
         [*PYTHON, *map(str, arguments)], text=True, timeout=100, check=False, **given
     )
+
+
+def refused(*arguments: str) -> str:
+    """Run a command here, which must end with exit code 2; return the one line that it says."""
+    with contextlib.redirect_stderr(io.StringIO()) as told:
+        try:
+            code: object = main(arguments)
+        except SystemExit as stopped:
+            code = stopped.code
+    assert code == 2
+    (line,) = told.getvalue().splitlines()
+    return line
 
 
 def in_shell(line: str, **keywords: Any) -> subprocess.CompletedProcess[str]:

@@ -12,8 +12,9 @@ What stands behind the language of a block says what is done with it:
 | ``LANGUAGE ->`` | what the block before it has printed; of JSON, the document |
 | ``json -> .KEY`` | what its JSON has under that key |
 
-A shell block is run by bash, with the real command line; but one that has only commands of cubepath
-that start no processes is run here, which spares each of them half a second of imports.
+A shell block is run by bash, with the real command line; but one that has only commands of cubepath,
+each of which ends by itself, is run here, which spares each of them half a second of imports. Such a
+block may set variables, as in ``LOG=run.mcap``, and have several commands in a line.
 Times and names of logs are not compared, and ``...`` stands for any text.
 """
 
@@ -30,6 +31,7 @@ import sys
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -37,8 +39,8 @@ from command_line import GOLDEN, ROOT, in_shell
 from cubepath.coordinator.commands.main import main
 
 BLOCK = re.compile(r"^( *)```(.*)\n((?:.*\n)*?)\1```$", re.MULTILINE)
-STARTING = ("run", "replay", "router", "join")
-"""Commands that start processes or sessions."""
+ENDLESS = ("router", "join")
+"""Commands that wait for others."""
 TIMES = (
     (r"\d+\.\d+ s\b", "0 s"),
     (r"\d{8}T\d{12}", "WHEN"),
@@ -81,6 +83,8 @@ class Desk:
     printed: str = ""
     unread: set[str] = field(default_factory=set[str])
     excused: set[str] = field(default_factory=set[str])
+    installed: bool = False
+    """Something was, which this process may have looked for before."""
 
     def __post_init__(self) -> None:
         """Put into the folder what a clone has and pages read."""
@@ -119,6 +123,7 @@ class Desk:
 
     def _install(self, project: dict[str, Any]) -> None:
         """Do what ``pip install -e .`` does: note the entry points where Python looks for them."""
+        self.installed = True
         info = self.folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
         info.mkdir()
         (info / "METADATA").write_text(
@@ -148,7 +153,7 @@ class Desk:
 
     def _sh(self, text: str) -> None:
         text = self._without(text)
-        if (commands := simple_commands(text)) is not None:
+        if not self.installed and (commands := simple_commands(text)) is not None:
             self._run_here(commands)
             return
         code, self.printed, told = self._bash(f"set -eo pipefail\n{text}")
@@ -201,12 +206,25 @@ class Desk:
 
 def simple_commands(text: str) -> list[list[str]] | None:
     """Return the commands of a block, None where it takes a shell or processes of their own."""
-    whole = text.replace("\\\n", " ")
-    if re.search(r"[$|<>;&()`\\]", whole):
-        return None
-    commands = [shlex.split(line, comments=True) for line in whole.splitlines()]
-    alone = all(command[0] == "cubepath" and command[1] not in STARTING for command in commands)
-    return commands if alone else None
+    variables: dict[str, str] = {}
+    commands: list[list[str]] = []
+    for line in text.replace("\\\n", " ").splitlines():
+        words = shlex.shlex(line, posix=True, punctuation_chars=True)
+        words.whitespace_split = True
+        for end, several in groupby(words, lambda word: word == ";"):
+            command = [variables.get(word, word) for word in several]
+            assigned = re.fullmatch(r"(\w+)=(\S+)", command[0])
+            if assigned and len(command) == 1:
+                variables[f"${assigned[1]}"] = assigned[2]
+            elif not end:
+                commands.append(command)
+    plain = all(
+        command[0] == "cubepath"
+        and command[1] not in ENDLESS
+        and not re.search(r"[$|<>&()`\\]", "".join(command))
+        for command in commands
+    )
+    return commands if plain else None
 
 
 def _content(stream: io.TextIOWrapper) -> str:

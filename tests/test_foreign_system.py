@@ -222,12 +222,14 @@ def test_what_its_methods_raise_is_one_line(
 
 def test_a_schedule_is_carried_out(commands: Commands) -> None:
     """Of a recording, and of a cubes file in another scene of the class."""
-    assert commands.json("run", "--schedule=ring.mcap", "--log=again.mcap")["schedule_cubes"]
+    assert commands.json("run", "--schedule=ring.mcap", "--log=again.mcap", "--processes=2")[
+        "schedule_cubes"
+    ]
     assert commands.json("verify", "again.mcap")["ok"]
     (commands.folder / "two.cubes.jsonl").write_text(
         '{"moves": [{"generator": "flip", "at": 0}, {"generator": "flip", "at": 2}]}\n'
     )
-    run = ("run", "ring:n=7", "--schedule=two.cubes.jsonl", "--log=seven.mcap")
+    run = ("run", "ring:n=7", "--schedule=two.cubes.jsonl", "--log=seven.mcap", "--processes=0")
     assert commands.json(*run)["rounds"] == 1
 
 
@@ -244,7 +246,7 @@ def test_a_scene_of_it_is_a_file(commands: Commands, installed: dict[str, str]) 
     """A TOML file with its own table is run; a bad one is refused with its place."""
     text = 'format = "cubepath-system-1"\nstart = [[0, "off"], [1, "off"], [2, "off"]]\n'
     (commands.folder / "mine.toml").write_text(text + "[ring]\nswitches = 3\n")
-    run = ("run", "mine.toml", "--max-rounds=3", "--log=mine.mcap")
+    run = ("run", "mine.toml", "--max-rounds=3", "--log=mine.mcap", "--processes=0")
     assert commands.json(*run)["rounds"] == 3
     (commands.folder / "bad.toml").write_text(text + "[ring]\nswitches = 2\n")
     assert "bad.toml: switches=2: expected at least 3" in commands("run", "bad.toml", code=2)

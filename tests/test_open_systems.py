@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -24,12 +25,19 @@ NAMES = {"drawing", "family", "spec", "table"}
 """What a system or its scene is called."""
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    """Return the syntax tree of a source file."""
+    return ast.parse(path.read_text())
+
+
+@cache
 def systems() -> set[str]:
     """Return the names of the kinds of systems, found by their bases; `System` itself is none."""
     bases = {
         node.name: {ast.unparse(base) for base in node.bases}
         for path in SOURCES
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(tree_of(path))
         if isinstance(node, ast.ClassDef)
     }
     found = {"System"}
@@ -79,7 +87,7 @@ def test_nobody_asks() -> None:
         f"{path.relative_to(ROOT)}:{line}: {text}"
         for path in SOURCES
         if not path.relative_to(ROOT).as_posix().startswith(OWN)
-        for line, text in asked(ast.parse(path.read_text()), classes)
+        for line, text in asked(tree_of(path), classes)
     ]
     assert found == []
 

@@ -125,9 +125,9 @@ def test_two_rounds_come_to_the_same_in_every_order(name: str, processes: int) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", ["loss", "double"])
 def test_two_processes_bear_any_one_fault(fault: Fault) -> None:
-    """Any one message lost, late or doubled at any time, or any one timer too early."""
+    """Any one message lost or doubled at any time; the thorough test below has every fault."""
     run = replace(STAR, processes=2, rounds=1)
     assert explored(run, fault).states > 1.5 * explored(run).states
 

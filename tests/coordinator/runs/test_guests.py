@@ -87,7 +87,7 @@ def guest(fleet: Fleet, do: str, *, slow: bool = False) -> Generator[subprocess.
 
 
 def played(do: str | None = None, *, slow: bool = False, stop: bool = False) -> list[Reports]:
-    """Play rounds, with a guest until some time after it has done what it does."""
+    """Play rounds, with a guest until some rounds after it has done what it does."""
     told: list[Reports] = []
 
     def sink(message: Message, data: bytes, wall_ns: int) -> None:
@@ -102,13 +102,13 @@ def played(do: str | None = None, *, slow: bool = False, stop: bool = False) -> 
             return told
         with guest(fleet, do, slow=slow) as child:
             assert child.stdout is not None
-            done_s = rss = 0.0
-            while not done_s or time.monotonic() < done_s + 2 or fleet.round < ROUNDS:
+            done = 0
+            while not done or fleet.round < done + ROUNDS:
                 begun = time.monotonic()
                 fleet.play_round()
                 assert time.monotonic() - begun < LONGEST_S
-                if not done_s and is_done(child):
-                    done_s = time.monotonic()
+                if not done and is_done(child):
+                    done = fleet.round
                     if stop:
                         child.send_signal(signal.SIGSTOP)
                 assert child.poll() is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ from planted import Raises, TakesDoubles
 LINES = Asked("hex", "chain")
 
 
+@cache
 def first_failing(make: type[TakesDoubles | Raises], asked: Asked = LINES) -> int:
     """Return the first seed that fails with a planted bug."""
     return next(seed for seed in range(100) if run_of(seed, asked, make=make).failure is not None)
