@@ -271,9 +271,7 @@ class Explorer:
             self._seat(self._kind(number, scenario.scene, self._tiles, Log()))
             for number in range(self._tiles.keepers)
         )
-        modules = tuple(
-            Module("idle", 0, 0, 0, site, scenario.attempts) for site in start
-        )
+        modules = tuple(Module("idle", 0, 0, 0, site, scenario.attempts) for site in start)
         world = World(
             keepers,
             modules,
@@ -324,9 +322,7 @@ class Explorer:
 
     def _back(self, keeper: Keeper) -> Keeper:
         """Return a keeper that has come back from the journal of another."""
-        return self._kind(
-            keeper.me, self._scenario.scene, self._tiles, deepcopy(keeper._journal)
-        )
+        return self._kind(keeper.me, self._scenario.scene, self._tiles, deepcopy(keeper._journal))
 
     def _copied(self, keeper: Keeper) -> Keeper:
         fixed = (keeper._system, keeper._tiles, self._scenario.scene)
@@ -437,9 +433,7 @@ class Explorer:
                     lambda rest=rest: self._kept(rest, keeper, ("crash", 0)),
                 )
 
-    def _of_module(
-        self, world: World, number: int
-    ) -> Iterator[tuple[str, Callable[[], World]]]:
+    def _of_module(self, world: World, number: int) -> Iterator[tuple[str, Callable[[], World]]]:
         module = world.modules[number]
         faults = world.faults
         if module.phase == "idle" and module.left:
@@ -799,4 +793,3 @@ def _bottoms(following: Sequence[Sequence[int]]) -> list[list[int]]:
         for number, each in enumerate(components)
         if all(component[other] == number for node in each for other in following[node])
     ]
-

@@ -104,6 +104,7 @@ def watched(
     fleet.ways = ways or {}
     with fleet:
         watch = Watch(fleet, scene)
+        fleet.begin()
         pids = list(fleet.pids.values())
         if listening:
             with listened(watch):

@@ -99,7 +99,7 @@ class FreeFleet:
         self._offspring = Offspring()
 
     def __enter__(self) -> Self:
-        """Start the processes; they find each other as they come."""
+        """Start the router and the keepers; modules come with `begin`."""
         try:
             self._start()
         except BaseException:
@@ -126,8 +126,19 @@ class FreeFleet:
         self.endpoint = router.endpoint
         for keeper in range(self.keepers):
             self._keep(keeper)
+
+    def begin(self) -> None:
+        """Start the modules."""
         for process in range(len(self.modules_of)):
             self._host(process)
+
+    def processes_alive(self) -> set[int]:
+        """Return the numbers of the module processes that have not died."""
+        return {
+            process
+            for process in range(len(self.modules_of))
+            if process_name(process) in self._offspring.by_name
+        }
 
     def credentials(self, name: str = COORDINATOR) -> Credentials:
         """Return by what the one of this name shows who speaks."""

@@ -23,6 +23,7 @@ from cubepath.protocol.wire.free_messages import (
     Held,
     Hold,
     Look,
+    Rest,
     Shows,
     Tells,
     Turn,
@@ -76,6 +77,8 @@ class FreeHostNode(Node):
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
         self._swept_s = 0.0
+        self._to_rest = False
+        """Whether it is to say when its modules rest."""
         self._asks: list[Ask] = []
         self._needed: frozenset[str] = frozenset()
         self._due: dict[int, None] = dict.fromkeys(self.movers)
@@ -108,6 +111,7 @@ class FreeHostNode(Node):
                 for module, mover in self.movers.items():
                     mover.halted = phase == "over"
                     self._due[module] = None
+                self._to_rest = phase == "over"
             case _:
                 self.refused += 1
         return self._go_on()
@@ -181,6 +185,10 @@ class FreeHostNode(Node):
         for keeper, parts in asks.items():
             message = Asks(process, keeper, parts)
             effects.append(Put(free_key(run, message), encode(message)))
+        if self._to_rest and all(mover.rests for mover in self.movers.values()):
+            self._to_rest = False
+            rest = Rest(process)
+            effects.append(Put(free_key(run, rest), encode(rest)))
         return effects + self._timer()
 
     def _need(self) -> list[Effect]:

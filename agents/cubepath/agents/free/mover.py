@@ -123,6 +123,11 @@ class Mover:
         self._note_length = 0 if own is not None else rule.length(len(scene.start), "free")
 
     @property
+    def rests(self) -> bool:
+        """Return whether it was told to halt, and nothing can come of it any more."""
+        return self.halted and self._attempt is None and self.state in ("resting", "superseded")
+
+    @property
     def near(self) -> frozenset[Site]:
         """Return its place, those that it senses, and those within its reach."""
         if self._near[0] != self.site:
@@ -358,6 +363,7 @@ class Mover:
     def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
         """Let the rule choose, if it is due and everything that it senses is known."""
         if self.halted:
+            self.dirty = True
             self.due_s = now_s + REST_S_MAX
             return []
         if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):

@@ -6,6 +6,8 @@ back, as keepers have logged everything that was committed.
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 from cubepath.agents.processes.judge import RefusedError
 from cubepath.agents.processes.refusals import Refusals
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
@@ -15,6 +17,7 @@ from cubepath.protocol.wire.free_messages import (
     FreeMessage,
     Moved,
     Passes,
+    Rest,
     Shows,
     Tail,
     Tells,
@@ -51,6 +54,8 @@ class Collector(Node):
         """How many moves and exchanges were heard of; some may come twice."""
         self.tails: dict[int, Tail] = {}
         """The last answer of each keeper, since these were last cleared."""
+        self.resting: set[int] = set()
+        """Processes that have said so since this was last cleared."""
         self._run = run
         self._keepers = keepers
         self._refusals = Refusals()
@@ -77,6 +82,8 @@ class Collector(Node):
                 self.tails[message.keeper] = message
                 if message.parts and message.parts[-1].serial < message.serial:
                     more = self._fetch(message.keeper, message.parts[-1].serial)
+            case Rest(process=process):
+                self.resting.add(process)
             case _:
                 pass
         self.gatherer.take(message)
@@ -125,7 +132,10 @@ class Collector(Node):
         )
 
 
-def _read(run: str, key: str, data: bytes) -> Asks | Passes | Tells | Shows | Moved | Turns | Tail:
+_Said: TypeAlias = Asks | Passes | Tells | Shows | Moved | Turns | Rest | Tail
+
+
+def _read(run: str, key: str, data: bytes) -> _Said:
     if len(data) > MESSAGE_BYTES_MAX:
         raise RefusedError("too large", f"{len(data)} bytes, expected at most {MESSAGE_BYTES_MAX}")
     try:
@@ -135,7 +145,7 @@ def _read(run: str, key: str, data: bytes) -> Asks | Passes | Tells | Shows | Mo
     if key != free_key(run, message):
         where, due = topic_in_key(key), topic_in_key(free_key(run, message))
         raise RefusedError("wrong key", f"{free_kind(message)} put on {where}, expected {due}")
-    if isinstance(message, Asks | Passes | Tells | Shows | Moved | Turns | Tail):
+    if isinstance(message, Asks | Passes | Tells | Shows | Moved | Turns | Rest | Tail):
         return message
     raise RefusedError("out of place", f"{free_kind(message)} is the coordinator's own")
 

@@ -111,6 +111,8 @@ class FreeRun:
             with Shell(collector, fleet.endpoint, self._keep, credentials=credentials) as shell:
                 shell.start()
                 try:
+                    self._wait_for_keepers(shell, fleet, check)
+                    fleet.begin()
                     return self._until_the_end(shell, fleet, check)
                 finally:
                     shell.carry_out(collector.say(Go(collector.level, "stop")))
@@ -127,6 +129,23 @@ class FreeRun:
                 message = decode_free(record.data)
                 self.gatherer.take(message)
                 self._level = max(self._level, level_of(message))
+
+    def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> None:
+        """Wait until all keepers have answered: from then on everything is on record."""
+        collector = self._collector
+        asked = time.monotonic()
+        until = asked + self.plan.patience
+        while len(collector.tails) < self.plan.keepers:
+            shell.step(_STEP_S)
+            check()
+            self._look_after(fleet)
+            now = time.monotonic()
+            if now - asked > _LOOK_S:
+                asked = now
+                shell.carry_out(collector.fetch())
+            if now > until:
+                missing = set(range(self.plan.keepers)) - collector.tails.keys()
+                raise CubepathError(f"keeper_{min(missing)} did not answer in time")
 
     def _until_the_end(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> Ending:
         collector = self._collector
@@ -146,7 +165,6 @@ class FreeRun:
             ending = self._ended()
             if ending is None:
                 continue
-            shell.carry_out(collector.say(Go(collector.level, "over")))
             self._settle(shell, fleet, check)
             if ending.ended != "goal" or self.gatherer.reached:
                 return ending
@@ -173,18 +191,23 @@ class FreeRun:
         return f"nothing was committed for {self.plan.patience:g} s{who}"
 
     def _settle(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> None:
-        """Wait until nothing is under way, and everything that was committed is known."""
+        """Halt the modules, and wait until everything that was committed is known."""
         collector = self._collector
         until = time.monotonic() + _SETTLE_S_MAX
+        collector.resting.clear()
         asked = 0.0
-        collector.tails.clear()
-        while not collector.settled and time.monotonic() < until:
+        settled = False
+        while not settled and time.monotonic() < until:
             check()
             self._look_after(fleet)
-            if time.monotonic() - asked > _LOOK_S:
+            all_rest = fleet.processes_alive() <= collector.resting
+            settled = all_rest and collector.settled
+            if not settled and time.monotonic() - asked > _LOOK_S:
                 asked = time.monotonic()
                 collector.tails.clear()
-                shell.carry_out(collector.fetch())
+                # Who rests commits nothing, so what keepers tell from then on is the end.
+                say = collector.fetch() if all_rest else collector.say(Go(collector.level, "over"))
+                shell.carry_out(say)
             shell.step(_STEP_S)
 
     def _look_after(self, fleet: FreeFleet) -> None:

@@ -9,7 +9,7 @@ from cubepath.coordinator.verification.free_history import NO_SITE, History
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.wire.free_messages import Shown, Shows, Tail
+from cubepath.protocol.wire.free_messages import Held, Shown, Shows, Tail
 from cubepath.protocol.wire.tiles import Tiles
 
 
@@ -31,10 +31,32 @@ class Shownness:
                 self._check(where, message)
             except NO_SITE as error:
                 self._fail("shown", f"{where}: {type(error).__name__}: {error}")
+        for where, keeper, held in transcript.held:
+            try:
+                self._check_held(where, keeper, held, transcript)
+            except NO_SITE as error:
+                self._fail("shown", f"{where}: {type(error).__name__}: {error}")
         for where, keeper, look in transcript.looks:
             if self._tiles.keeper_of_tile(look.tile) != keeper:
                 self._fail("shown", f"{where}: keeper_{keeper} does not have tile {look.tile}")
         self._check_serials()
+
+    def _check_held(self, where: str, keeper: int, held: Held, transcript: FreeTranscript) -> None:
+        """Check that what is held was asked for, and shows what was there."""
+        name = held.module, held.epoch, held.number
+        asked = transcript.holds.get(name)
+        places = [part.place for part in held.parts]
+        if asked is None or asked[0] != keeper or asked[1].places != places:
+            self._fail("shown", f"{where}: what is held for module_{held.module} was not asked for")
+        for part in held.parts:
+            place = site_in(part.place)
+            if place is None or not self._system.has_place(place):
+                self._fail("shown", f"{where}: {part.place!r} is no place")
+                continue
+            if self._tiles.keeper_of(place) != keeper:
+                self._fail("shown", f"{where}: keeper_{keeper} does not have {site_text(place)}")
+            self._check_part(where, place, part)
+            self.versions.setdefault(place, set()).add((part.version, part.module_version))
 
     def _check(self, where: str, message: Shows) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:

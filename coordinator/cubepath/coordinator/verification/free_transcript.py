@@ -21,9 +21,12 @@ from cubepath.protocol.wire.free_messages import (
     Decision,
     Enter,
     Entered,
+    Held,
+    Hold,
     FreeMessage,
     Inquiry,
     Look,
+    Rest,
     Moved,
     Passed,
     Passes,
@@ -77,6 +80,10 @@ class FreeTranscript:
     """By module, then by epoch and turn."""
     entered: set[tuple[int, int]] = field(default_factory=set)
     """The modules with their births that asked where they stand."""
+    holds: dict[AttemptId, tuple[int, Hold]] = field(default_factory=dict)
+    """By module, epoch and number what was asked to be held, and of which keeper."""
+    held: list[tuple[str, int, Held]] = field(default_factory=list)
+    """What keepers hold, with where that stands and which keeper says it."""
     looks: list[tuple[str, int, Look]] = field(default_factory=list)
     tails: list[tuple[str, Tail]] = field(default_factory=list)
     edges: dict[int, Edges] = field(default_factory=dict)
@@ -162,7 +169,11 @@ class FreeReading:
             case Passes(keeper=keeper, to=to, parts=parts):
                 found.said += (Said(where, keeper, to, part) for part in parts)
             case Tells(keeper=keeper, process=process, parts=told):
-                found.said += (Said(where, keeper, process, part) for part in told)
+                for part in told:
+                    if isinstance(part, Held):
+                        found.held.append((where, keeper, part))
+                    else:
+                        found.said.append(Said(where, keeper, process, part))
             case Shows():
                 found.shown.append(Shown(where, message))
             case Moved():
@@ -173,6 +184,8 @@ class FreeReading:
                     if moved.keeper != keeper:
                         self._fail("serials", f"{where} tells a commit of keeper_{moved.keeper}")
                     self._moved(where, moved)
+            case Rest():
+                pass
             case Turns(parts=turns):
                 for turn in turns:
                     self._turn(where, turn)
@@ -190,6 +203,11 @@ class FreeReading:
                 found.entered.add((part.module, part.birth))
                 continue
             name = part.module, part.epoch, part.number
+            if isinstance(part, Hold):
+                asked = message.keeper, part
+                if found.holds.setdefault(name, asked) != asked:
+                    self._fail("shown", f"{where}: hold {part.number} comes twice, and differs")
+                continue
             found.asked_of.setdefault(name, set()).add(message.keeper)
             if found.attempts.setdefault(name, part) != part:
                 self._fail("attempts", f"{where}: {attempt_text(name)} comes twice, and differs")

@@ -22,7 +22,7 @@ from cubepath.protocol.wire.credentials import (
 PROCESSES_MAX = 1024
 """Processes that a router with certificates knows, which has to list them beforehand."""
 
-_OWN_KINDS = ("ready", "reports", "observations", "waiting", "again", "turns")
+_OWN_KINDS = ("ready", "reports", "observations", "waiting", "again", "turns", "rest")
 _OWN_KEYS = ("to/*", "ask/*")
 """Of a module process: what it says to a region, and what it asks of a keeper."""
 _KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")

@@ -292,6 +292,12 @@ class Turns(msgspec.Struct, frozen=True, tag_field="kind", tag="turns"):
     parts: list[Turn]
 
 
+class Rest(msgspec.Struct, frozen=True, tag_field="kind", tag="rest"):
+    """The modules of a process were told to halt, and wait for nothing any more."""
+
+    process: Count
+
+
 class Fetch(msgspec.Struct, frozen=True, tag_field="kind", tag="fetch"):
     """The coordinator asks a keeper for its commits after `serial`, some at a time."""
 
@@ -323,6 +329,7 @@ FreeMessage: TypeAlias = (
     | Shows
     | Moved
     | Turns
+    | Rest
     | Fetch
     | Tail
     | Go
@@ -340,6 +347,7 @@ FREE_KINDS: dict[str, type[msgspec.Struct]] = {
     "shows": Shows,
     "moved": Moved,
     "turns": Turns,
+    "rest": Rest,
     "fetch": Fetch,
     "tail": Tail,
 }
@@ -359,7 +367,7 @@ def decode_free(data: bytes) -> FreeMessage:
 def free_sender(message: FreeMessage) -> str:
     """Return the name of a message's sender."""
     match message:
-        case Asks(process=process) | Turns(process=process):
+        case Asks(process=process) | Turns(process=process) | Rest(process=process):
             return f"process_{process}"
         case (
             Passes(keeper=keeper)
@@ -420,5 +428,11 @@ def heard_of_tile(run: str, tile: str) -> str:
 
 
 def level_of(message: FreeMessage) -> int:
-    """Return the logical time that a message itself has: the level of a move, else 0."""
-    return message.level if isinstance(message, Moved) else 0
+    """Return the greatest level that a message tells of for itself, or 0."""
+    match message:
+        case Moved(level=level):
+            return level
+        case Tail(parts=parts):
+            return max((moved.level for moved in parts), default=0)
+        case _:
+            return 0
