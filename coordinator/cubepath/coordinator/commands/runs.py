@@ -268,12 +268,13 @@ def _run(options: argparse.Namespace) -> int:
         resume=options.resume,
     )
     to_others = options.listen or options.connect or options.secure
-    with progress_bar(None, "run", " rounds") as bar:
+    free = options.clock == "free" or options.resume is not None
+    with progress_bar(None, "run", " moves" if free else " rounds") as bar:
 
         def watch(gatherer: Any) -> None:
-            heap = gatherer.heap
+            heap = gatherer.live if free else gatherer.heap
             bar.set_postfix_str(f"{heap.moves} moves, {heap.cubes} cubes", refresh=False)
-            bar.update()
+            bar.update(heap.moves - bar.n if free else 1)
 
         def say(line: str) -> None:
             # Where a private run can be listened to is of interest to who looks on.
@@ -287,7 +288,8 @@ def _run(options: argparse.Namespace) -> int:
     rows: list[tuple[str, object]] = [
         ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
         ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),
-        ("rounds", outcome.rounds),
+        *([] if outcome.keepers is None else [("keepers", outcome.keepers)]),
+        ("levels" if free else "rounds", outcome.rounds),
         ("moves", outcome.moves),
         ("reduced moves", outcome.reduced_moves),
         ("cubes", outcome.cubes),
@@ -296,6 +298,7 @@ def _run(options: argparse.Namespace) -> int:
         ("time", f"{outcome.seconds:.2f} s"),
         ("messages", outcome.messages),
         *([("refused", outcome.refused)] if outcome.refused else []),
+        *(("died", f"{crash.name}: {crash.how}") for crash in outcome.crashes),
         ("log", outcome.log),
     ]
     if outcome.schedule_cubes is not None:

@@ -52,6 +52,7 @@ class FreeRun:
     _level: int = 0
     _flushed: float = 0.0
     _looked: float = 0.0
+    _watched: float = 0.0
     _heard: float = 0.0
     """When anything was last committed."""
 
@@ -72,7 +73,13 @@ class FreeRun:
             for step in self.gatherer.steps:
                 edges = Edges(step.round, list(step.executed))
                 self._write(edges, encode(edges), time.time_ns())
-            for message in results_of(self.gatherer, ending, refused=self.refused):
+            assignment = self.task.assignment
+            for message in results_of(
+                self.gatherer,
+                ending,
+                refused=self.refused,
+                schedule_cubes=None if assignment is None else len(assignment.cubes),
+            ):
                 self._write(message, encode(message), time.time_ns())
             self.writer.close()
         except CubepathError as problem:
@@ -158,7 +165,8 @@ class FreeRun:
             self._look_after(fleet)
             if self.gatherer.moves > moves:
                 self._heard = time.monotonic()
-                if self.watch is not None:
+                if self.watch is not None and self._heard - self._watched > _LOOK_S:
+                    self._watched = self._heard
                     self.watch(self.gatherer)
             elif came and ending is None:
                 continue
