@@ -51,6 +51,8 @@ class Said(NamedTuple):
     to: int
     """The keeper or the process that it is said to."""
     part: Passed | Decision | Inquiry | Settled | Entered
+    told: bool
+    """Whether it is said to a process."""
 
 
 class Shown(NamedTuple):
@@ -160,9 +162,9 @@ class FreeReading:
             case Asks():
                 self._asked(where, message)
             case Passes(keeper=keeper, to=to, parts=parts):
-                found.said += (Said(where, keeper, to, part) for part in parts)
+                found.said += (Said(where, keeper, to, part, told=False) for part in parts)
             case Tells(keeper=keeper, process=process, parts=told):
-                found.said += (Said(where, keeper, process, part) for part in told)
+                found.said += (Said(where, keeper, process, part, told=True) for part in told)
             case Shows():
                 found.shown.append(Shown(where, message))
             case Moved():
@@ -207,6 +209,8 @@ class FreeReading:
 
     def _result(self, where: str, message: FreeMessage) -> None:
         found, results = self.found, self.found.results
+        if isinstance(message, Cube | Certified) and self._whole and message.round != self._level:
+            self._fail("messages", f"{where} is of level {message.round}, of {self._level}")
         match message:
             case Edges(round=level):
                 if found.edges.setdefault(level, message) != message:
@@ -225,7 +229,7 @@ class FreeReading:
                     self._fail("complete", "the summary comes twice, and differs")
                 results.summary = message
             case _:
-                del where
+                pass
 
 
 def _named(message: FreeMessage, name: str) -> Iterator[int]:
