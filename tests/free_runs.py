@@ -85,16 +85,14 @@ class FreeRun:
         self.processes = processes
         self.modules = [_Module(number, site) for number, site in enumerate(self.scene.start)]
         self.shown: list[dict[Site, Shown]] = [{} for _ in range(processes)]
+        self.seen: set[str] = set()
+        """The tiles that were shown whole, to all processes."""
         self.wire: list[FreeMessage] = []
         self.record: list[FreeMessage] = []
         self.moves = 0
 
     def play(self, moves: int, *, restarts: int = 0) -> list[FreeMessage]:
         """Play until so many moves were made and all is quiet; return the messages on record."""
-        for process in range(self.processes):
-            for tile in self._all_tiles():
-                keeper = self.tiles.keeper_of_tile(tile)
-                self._put(Asks(process, keeper, [Look(tile, -1)]))
         for module in self.modules:
             self._enter(module)
         while self.moves < moves:
@@ -115,18 +113,6 @@ class FreeRun:
         self._hear_keepers()
         while self.wire:
             self._step(acting=False)
-
-    def _all_tiles(self) -> list[str]:
-        places = {
-            near
-            for site in self.scene.start
-            for near in (
-                self.system.place_of(site),
-                *self.system.sensed(self.system.place_of(site)),
-            )
-            if near is not None
-        }
-        return sorted({self.tiles.tile_of(place) for place in places})
 
     def _put(self, message: FreeMessage) -> None:
         self.wire.append(message)
@@ -175,6 +161,8 @@ class FreeRun:
                     if not isinstance(told, Held):  # nobody asks for that here
                         self._told(told)
             case Shows(parts=parts):
+                if message.whole:
+                    self.seen.add(message.tile)
                 for shown in self.shown:
                     for each in parts:
                         self._see(shown, each)
@@ -238,6 +226,14 @@ class FreeRun:
     def _turn(self, module: _Module) -> None:
         shown, system = self.shown[self._process(module)], self.system
         place = system.place_of(module.site)
+        near = {*system.sensed(place), *system.reach(place)} - {None}
+        tiles = {self.tiles.tile_of(each) for each in near if system.has_place(each)}
+        if not tiles <= self.seen:
+            tile = min(tiles - self.seen)
+            self._put(
+                Asks(self._process(module), self.tiles.keeper_of_tile(tile), [Look(tile, -1)])
+            )
+            return
         sensed = [
             None if near is None else shown.get(near, NOTHING) for near in system.sensed(place)
         ]

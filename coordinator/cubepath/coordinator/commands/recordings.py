@@ -18,6 +18,7 @@ from cubepath.coordinator.commands.certificates import (
     is_of_a_path,
     verify_certificate,
 )
+from cubepath.coordinator.commands.comparing import add_comparing_options, compare, compares
 from cubepath.coordinator.commands.console import (
     BAD_INPUT,
     DONE,
@@ -57,6 +58,7 @@ def add_recording_commands(command: AddCommand) -> None:
     )
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
     add_certificate_options(verify)
+    add_comparing_options(verify)
     verify.add_argument(
         "--recover",
         type=output_path,
@@ -96,6 +98,8 @@ class _Told:
 
 
 def _verify(options: argparse.Namespace) -> int:
+    if compares(options):
+        return compare(options)
     if is_of_a_path(options):
         return verify_certificate(options)
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
@@ -138,7 +142,8 @@ def _verified(recording: Recording, found: Verification) -> _Told:
     lines = [
         f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
     ]
-    lines.append(f"{found.rounds} rounds, {found.moves} moves, {found.cubes} cubes")
+    what = "levels" if recording.clock == "free" else "rounds"
+    lines.append(f"{found.rounds} {what}, {found.moves} moves, {found.cubes} cubes")
     if any(found.missing):
         rounds, messages = found.missing
         lines.append(f"known to be missing: {rounds} of the rounds begun, {messages} messages")

@@ -188,21 +188,64 @@ def _check_versions(
             f" {in_run[place]} times but for what it undoes",
         )
         return
-    # Each move of the cubes beside that of the run which is as often before it.
-    ours, theirs = (np.argsort(each, kind="stable") for each in (run, cubes))
-    first = np.zeros(count, np.int64)
-    np.cumsum(in_run[:-1], out=first[1:])
-    ours = ours[np.arange(len(ours)) - first[run[ours]] < in_cubes[run[ours]]]
-    pairs = _Pairs(run[ours], ours, theirs)
-    told = np.zeros(4, np.int64)
-    differs = _differs.for_work(names.work(cubes), by_entries=True)
-    if differs(pairs, _seen(run, names), _seen(cubes, names), names.table, told):
-        move, site, mine, other = told.tolist()
+    found = _first_apart(run, cubes, names)
+    if found is not None:
+        move, site, mine, other = found
         fail(
             CHECK,
             f"{names.actions[run[move]].label} finds {site_text(names.sites[site])} written"
             f" {other} times in the cubes, and in the run {mine} times but for what it undoes",
         )
+
+
+def _first_apart(
+    run: _Numbers, other: _Numbers, names: Numbered
+) -> tuple[int, int, int, int] | None:
+    """Return the first move of a path that finds a site at another version than in the other path.
+
+    No action may be more often in the other path. With it come the site and both versions.
+    """
+    count = len(names.actions)
+    in_run, in_other = (np.bincount(each, minlength=count) for each in (run, other))
+    # Each move of the other path beside that of the run which is as often before it.
+    ours, theirs = (np.argsort(each, kind="stable") for each in (run, other))
+    first = np.zeros(count, np.int64)
+    np.cumsum(in_run[:-1], out=first[1:])
+    ours = ours[np.arange(len(ours)) - first[run[ours]] < in_other[run[ours]]]
+    pairs = _Pairs(run[ours], ours, theirs)
+    told = np.zeros(4, np.int64)
+    differs = _differs.for_work(names.work(other), by_entries=True)
+    if not differs(pairs, _seen(run, names), _seen(other, names), names.table, told):
+        return None
+    move, site, mine, found = told.tolist()
+    return move, site, mine, found
+
+
+def apart(one: _Numbers, other: _Numbers, names: Numbered) -> str | None:
+    """Return in one line where two paths differ by more than the order of commuting moves."""
+    count = len(names.actions)
+    if not count:
+        return None
+    times = [np.bincount(each, minlength=count).tolist() for each in (one, other)]
+    odd = [place for place in range(count) if times[0][place] != times[1][place]]
+    if odd:
+        place = min(odd, key=lambda each: names.actions[each].label)
+        return (
+            f"{_shown(names.actions[place])} is {times[0][place]} times in the first, and"
+            f" {times[1][place]} times in the second"
+        )
+    found = _first_apart(one, other, names)
+    if found is None:
+        return None
+    move, site, mine, theirs = found
+    return (
+        f"{_shown(names.actions[one[move]])} finds {site_text(names.sites[site])} written {mine}"
+        f" times in the first, and {theirs} times in the second"
+    )
+
+
+def _shown(action: Action) -> str:
+    return action.label or f"the move of {', '.join(map(site_text, in_order(action.trace)))}"
 
 
 def _seen(path: _Numbers, names: Numbered) -> _Seen:

@@ -182,6 +182,9 @@ class Attempts:
             self._fail("decisions", f"{said.where}: no {attempt_text(name)} is on record")
             return
         chain = self._chain(attempt)
+        processes = self._said.asked_by.get(attempt.module, ())
+        if said.to not in (processes if said.told else chain):
+            self._fail("decisions", f"{said.where}: who is told has nothing to do with it")
         if said.keeper not in chain:
             self._fail("decisions", f"{said.where}: keeper_{said.keeper} has nothing to do with it")
         match part:

@@ -22,10 +22,13 @@ class Shownness:
         self._system = history.system
         self.versions: dict[Site, set[tuple[int, int]]] = {}
         """By place the versions of it and of its module that were ever shown."""
+        self._looks: set[tuple[int, str]] = set()
+        self._changes: dict[tuple[str, int], Shows] = {}
         self._by_serial: dict[tuple[str, int, Site], Shown] = {}
 
     def check(self, transcript: FreeTranscript) -> None:
         """Check all that was shown."""
+        self._looks = {(keeper, look.tile) for _, keeper, look in transcript.looks}
         for where, message in transcript.shown:
             try:
                 self._check(where, message)
@@ -61,6 +64,14 @@ class Shownness:
     def _check(self, where: str, message: Shows) -> None:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
             self._fail("shown", f"{where}: keeper_{message.keeper} does not have this tile")
+        if message.whole and (message.keeper, message.tile) not in self._looks:
+            self._fail("shown", f"{where}: nobody has asked for all of tile {message.tile}")
+        if not message.whole:
+            known = self._changes.setdefault((message.tile, message.serial), message)
+            if known != message:
+                self._fail("shown", f"{where}: change {message.serial} was another before")
+        if not message.parts and (message.serial or not message.whole):
+            self._fail("shown", f"{where}: change {message.serial} changes nothing")
         seen = set()
         for part in message.parts:
             place = site_in(part.place)
@@ -72,8 +83,8 @@ class Shownness:
                 self._fail("shown", f"{where}: {site_text(place)} is not in tile {message.tile}")
             self._check_part(where, place, part)
             self.versions.setdefault(place, set()).add((part.version, part.module_version))
-            known = self._by_serial.setdefault((message.tile, message.serial, place), part)
-            if known != part:
+            before = self._by_serial.setdefault((message.tile, message.serial, place), part)
+            if before != part:
                 self._fail("shown", f"{where}: {site_text(place)} was shown otherwise before")
 
     def _check_part(self, where: str, place: Site, part: Shown) -> None:
@@ -142,8 +153,11 @@ class Tails:
                     f"{where}: keeper_{tail.keeper} has {tail.serial} commits, on record are"
                     f" {found}",
                 )
+            if len({site_in(unit) for unit, *_ in tail.units}) < len(tail.units):
+                self._fail("tails", f"{where}: a unit comes twice")
             for unit in tail.units:
                 self._check_unit(where, *unit)
+                self._check_keeper(where, tail.keeper, site_in(unit[0]))
             last[tail.keeper] = where, tail
         if not whole:
             return
@@ -169,6 +183,13 @@ class Tails:
         most = history.reads.get(unit, [0])[version]
         if due != (level, site) or reads > most:
             self._fail("tails", f"{where}: {site_text(unit)} at version {version} is another")
+
+    def _check_keeper(self, where: str, keeper: int, unit: Site | None) -> None:
+        system = self._history.system
+        if unit is not None:
+            place = unit if system.labels is not None else system.place_of(unit)
+            if self._tiles.keeper_of(place) != keeper:
+                self._fail("tails", f"{where}: keeper_{keeper} does not have {site_text(unit)}")
 
     def _check_end(self, where: str, tail: Tail) -> None:
         for value, version, _, reads, _ in tail.units:

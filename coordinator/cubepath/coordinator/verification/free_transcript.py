@@ -54,6 +54,8 @@ class Said(NamedTuple):
     to: int
     """The keeper or the process that it is said to."""
     part: Passed | Decision | Inquiry | Settled | Entered
+    told: bool
+    """Whether it is said to a process."""
 
 
 class Shown(NamedTuple):
@@ -167,13 +169,13 @@ class FreeReading:
             case Asks():
                 self._asked(where, message)
             case Passes(keeper=keeper, to=to, parts=parts):
-                found.said += (Said(where, keeper, to, part) for part in parts)
+                found.said += (Said(where, keeper, to, part, told=False) for part in parts)
             case Tells(keeper=keeper, process=process, parts=told):
                 for part in told:
                     if isinstance(part, Held):
                         found.held.append((where, keeper, part))
                     else:
-                        found.said.append(Said(where, keeper, process, part))
+                        found.said.append(Said(where, keeper, process, part, told=True))
             case Shows():
                 found.shown.append(Shown(where, message))
             case Moved():
@@ -225,6 +227,8 @@ class FreeReading:
 
     def _result(self, where: str, message: FreeMessage) -> None:
         found, results = self.found, self.found.results
+        if isinstance(message, Cube | Certified) and self._whole and message.round != self._level:
+            self._fail("messages", f"{where} is of level {message.round}, of {self._level}")
         match message:
             case Edges(round=level):
                 if found.edges.setdefault(level, message) != message:
@@ -243,7 +247,7 @@ class FreeReading:
                     self._fail("complete", "the summary comes twice, and differs")
                 results.summary = message
             case _:
-                del where
+                pass
 
 
 def _named(message: FreeMessage, name: str) -> Iterator[int]:

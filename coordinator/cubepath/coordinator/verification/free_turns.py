@@ -66,6 +66,8 @@ class TurnsOfModules:
         self._system = history.system
         self._observing = Observing(history.scene)
         self._entered = _entered(transcript)
+        self._last: dict[Site, tuple[int, int]] = {}
+        """What the process of a module was shown last of each place."""
 
     def check(self, player: FreePlayer | None) -> None:
         """Check all turns, and let the player play them."""
@@ -102,6 +104,10 @@ class TurnsOfModules:
             self._fail("turns", f"{name} comes after turn {before.turn}")
         if before is not None and turn.version < before.version:
             self._fail("turns", f"{name}: version {turn.version} after {before.version}")
+        if fresh:
+            self._last = {}
+        if (turn.module, turn.epoch) not in self._entered:
+            self._fail("turns", f"{name}: it never entered so")
         standing = history.module(turn.module, turn.version)
         site = site_in(turn.site)
         if standing is None or standing.site != site:
@@ -124,16 +130,25 @@ class TurnsOfModules:
                 return None
             if at is not None and not self._sees(name, at, version, on):
                 return None
+            if at is not None:
+                self._goes_on(name, at, (version, -1))
         notes: dict[Site, Register] = {}
         for at, (version, module_version) in zip(reach, turn.heard, strict=True):
             if not self._hears(name, at, version, module_version, notes):
                 return None
+            self._goes_on(name, at, (version, module_version))
 
         def arrays(length: int) -> Arrays:
             return self._observing.seen(turn.module, site, on, notes, length, standing.note)
 
         entered = self._entered.get((turn.module, turn.epoch), site)
         return Seen(turn, site, on, notes, standing.note, fresh, entered, arrays)
+
+    def _goes_on(self, name: str, at: Site, shown: tuple[int, int]) -> None:
+        known = self._last.get(at, shown)
+        if shown[0] < known[0] or (shown[0] == known[0] and -1 < shown[1] < known[1]):
+            self._fail("turns", f"{name}: {site_text(at)} was shown to it later than so before")
+        self._last[at] = max(known, shown)
 
     def _sees(self, name: str, at: Site, version: int, on: dict[Site, Site]) -> bool:
         there = self._history.at_place(at, version)
@@ -155,7 +170,10 @@ class TurnsOfModules:
                 f" version {module_version}",
             )
             return False
-        if there.module is not None:
+        if there.module is None:
+            if module_version:
+                self._fail("turns", f"{name}: nobody was at {site_text(at)} at version {version}")
+        else:
             standing = self._history.module(there.module, module_version)
             if standing is None or standing.since != there.since:
                 self._fail("turns", f"{name}: no register was at {site_text(at)} so")
@@ -191,16 +209,15 @@ class TurnsOfModules:
         attempt = self._said.attempts.get(key)
         if attempt is None:
             # What came to nothing while the module was thinking was not asked of anyone.
-            later = self._said.turns[turn.module].get((turn.epoch, turn.turn + 1))
-            if later is not None and later.number not in (None, turn.number):
+            after = self._said.turns[turn.module].get((turn.epoch, turn.turn + 1))
+            if after is not None and after.number not in (None, turn.number):
                 self._fail("turns", f"{name}: its attempt {turn.number} is not on record")
             return
         if attempt.turn != turn.turn:
             others = self._said.turns[turn.module]
-            if (turn.epoch, attempt.turn) not in others or attempt.turn < turn.turn:
-                self._fail(
-                    "turns", f"{name}: attempt {turn.number} says it is of turn {attempt.turn}"
-                )
+            later = others.get((turn.epoch, attempt.turn))
+            if later is None or later.number != turn.number or attempt.turn < turn.turn:
+                self._fail("turns", f"{name}: attempt {turn.number} says it is of turn {attempt.turn}")
             return
         found = _content(attempt)
         if due is None or found != due:
