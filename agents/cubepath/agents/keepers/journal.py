@@ -106,6 +106,8 @@ class FileJournal:
         self.path = path
         self._commits = array("q")
         """The offset of each commit."""
+        self._lengths = array("q")
+        """The length of its record."""
         self._end = 0
         try:
             self._file = path.open("a+b")
@@ -126,6 +128,7 @@ class FileJournal:
                 break
             if isinstance(record, Committed):
                 self._commits.append(self._end)
+                self._lengths.append(len(line))
             self._end += len(line)
 
     def __enter__(self) -> FileJournal:
@@ -150,6 +153,7 @@ class FileJournal:
             ) from None
         if isinstance(record, Committed):
             self._commits.append(self._end)
+            self._lengths.append(len(line))
         self._end += len(line)
 
     def records(self) -> Iterator[Record]:
@@ -162,8 +166,10 @@ class FileJournal:
 
     def commit(self, serial: int) -> Moved:
         """Return the commit of this serial number, from 1."""
-        self._file.seek(self._commits[serial - 1])
-        record = _record(self._file.readline())
+        begin = self._commits[serial - 1]
+        # Not through the buffer of the file, which does not know what was written past it.
+        line = os.pread(self._file.fileno(), self._lengths[serial - 1], begin)
+        record = _record(line)
         if not isinstance(record, Committed):
             raise CheckError(f"{self.path}: commit {serial} was changed since it was written")
         return _moved(record)
