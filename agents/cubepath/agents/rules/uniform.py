@@ -6,7 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 from cubepath.agents.local.observation import View
-from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
@@ -25,4 +25,7 @@ RANDOM = RuleType(
     source="none needed",
     fits=lambda _: True,
     make=make,
+    free=FreeRule(
+        why="it relies on nothing but its own move, which is checked when that is committed"
+    ),
 )
