@@ -180,14 +180,16 @@ class Oracle:
         name = _name(decision)
         if decision.moved is not None:
             same("told", _what(name), decision, self._committed.get(name))
+        elif decision.epoch < self.state.epoch[decision.module]:
+            pass
         elif keeper in self._refused.get(name, {}):
             same("told", _what(name), decision.why, self._refused[name][keeper])
-        elif decision.epoch >= self.state.epoch[decision.module]:
+        else:
             why = f"{_what(name)} is told by keeper_{keeper} to be refused: {decision.why}"
             raise Broken("told", f"{why}; its log does not say so")
 
     def _passed(self, keeper: int, decision: Decision) -> None:
-        """Check what a keeper is told; one that knows better has asked before, and takes no note."""
+        """Check what a keeper is told; who knows better takes no note."""
         name = _name(decision)
         if decision.moved is not None:
             same("passed", _what(name), decision, self._committed.get(name))

@@ -114,7 +114,7 @@ def free_simulate(
 class _Run:
     """A run in progress."""
 
-    def __init__(
+    def __init__(  # noqa: PLR0917 - what `free_simulate` is given
         self,
         scenario: FreeScenario,
         faults: Faults,
