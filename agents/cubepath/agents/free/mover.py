@@ -103,17 +103,26 @@ class Mover:
         self._random = stream(seed, module, PACE)
         self._goals = frozenset(scene.goals[module] if scene.goals else ())
         self._note_length = 0 if own is not None else rule.length(len(scene.start), "free")
+        self._around: dict[Site, tuple[list[Site], frozenset[str]]] = {}
+        """By place those that it senses from there and that ever change, and all tiles near it."""
 
     @property
-    def needs(self) -> set[str]:
+    def needs(self) -> frozenset[str]:
         """Return the tiles of what it may sense, and of what it would sense one move away."""
-        place = self._system.place_of(self.site)
-        near = {place, *self._system.sensed(place), *self._system.reach(place)}
-        return {
-            self._tiles.tile_of(each)
-            for each in near
-            if each is not None and self._system.has_place(each)
-        }
+        return self._near(self._system.place_of(self.site))[1]
+
+    def _near(self, place: Site) -> tuple[list[Site], frozenset[str]]:
+        found = self._around.get(place)
+        if found is None:
+            system = self._system
+            sensed = [near for near in system.sensed(place) if near is not None]
+            near = dict.fromkeys([place, *sensed, *system.reach(place)])
+            held = [each for each in near if system.has_place(each)]
+            tiles = frozenset(self._tiles.tile_of(each) for each in held)
+            if not self._note_length:
+                held = [each for each in dict.fromkeys(sensed) if system.has_place(each)]
+            found = self._around[place] = held, tiles
+        return found
 
     # What keepers answer.
 
@@ -263,11 +272,7 @@ class Mover:
         if here.module != self.module or here.module_version != self._version:
             self.due_s = now_s + AGAIN_S  # what it has just done is not shown yet
             return []
-        place = self._system.place_of(self.site)
-        near = [each for each in self._system.sensed(place) if each is not None]
-        if self._note_length:
-            near += self._system.reach(place)
-        if not sensing.sees(each for each in near if self._system.has_place(each)):
+        if not sensing.sees(self._near(self._system.place_of(self.site))[0]):
             self.due_s = now_s + AGAIN_S
             return []
         self.dirty = False
