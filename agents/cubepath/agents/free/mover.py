@@ -168,7 +168,7 @@ class Mover:
         attempt = self._attempt
         if attempt is None or self.state != "pending":
             return
-        if decision.epoch > attempt.epoch or decision.number != attempt.number:
+        if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
             return
         if decision.why.startswith("fenced"):
             self.state, self.due_s, self._again_s = "entering", now_s, AGAIN_S
