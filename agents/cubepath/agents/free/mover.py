@@ -118,7 +118,8 @@ class Mover:
         self._held = self._hold_number = self._hold_tries = 0
         self._random = stream(seed, module, PACE)
         nothing: frozenset[Any] = frozenset()
-        self._near: tuple[Site | None, frozenset[Site], frozenset[str]] = None, nothing, nothing
+        self._near: tuple[Site | None, frozenset[Site], frozenset[str], list[Site]]
+        self._near = None, nothing, nothing, []
         self._goals = frozenset(scene.goals[module] if scene.goals else ())
         self._note_length = 0 if own is not None else rule.length(len(scene.start), "free")
 
@@ -132,11 +133,19 @@ class Mover:
         """Return its place, those that it senses, and those within its reach."""
         if self._near[0] != self.site:
             system, place = self._system, self._system.place_of(self.site)
-            near = {place, *system.sensed(place), *system.reach(place)}
-            near.discard(None)
-            found = frozenset(each for each in near if system.has_place(each))
-            self._near = self.site, found, frozenset(map(self._tiles.tile_of, found))
+            sensed = dict.fromkeys(near for near in system.sensed(place) if near is not None)
+            near = dict.fromkeys([place, *sensed, *system.reach(place)])
+            found = [each for each in near if system.has_place(each)]
+            tiles = frozenset(map(self._tiles.tile_of, found))
+            shown = found if self._note_length else [each for each in found if each in sensed]
+            self._near = self.site, frozenset(found), tiles, shown
         return self._near[1]
+
+    @property
+    def _seen(self) -> list[Site]:
+        """Return the places of which it must have been shown something before it chooses."""
+        _ = self.near
+        return self._near[3]
 
     @property
     def needs(self) -> frozenset[str]:
@@ -372,11 +381,7 @@ class Mover:
         if here.module != self.module or here.module_version != self._version:
             self.due_s = now_s + AGAIN_S  # what it has just done is not shown yet
             return []
-        place = self._system.place_of(self.site)
-        near = [each for each in self._system.sensed(place) if each is not None]
-        if self._note_length:
-            near += self._system.reach(place)
-        if not sensing.sees(each for each in near if self._system.has_place(each)):
+        if not sensing.sees(self._seen):
             self.due_s = now_s + AGAIN_S
             return []
         if self._misses >= MISSES and not self._holds:

@@ -67,7 +67,7 @@ _AMOUNTS_US: Mapping[str, tuple[float, float]] = {
     "router": (1000, 5 * SECOND_US),
     "return": (1000, 5 * SECOND_US),
 }
-_SWITCHED_OFF = 0.4
+SWITCHED_OFF = 0.4
 """How probable it is that a run has none of a kind."""
 _ONCE: Mapping[str, float] = {"crash": 0.08, "return": 0.05, "stall": 0.03}
 """How probable it is that a run has one of an ending kind."""
@@ -166,7 +166,7 @@ class Drawn:
         self._patience_us = patience_us
         self._left_us = _OUTAGE * patience_us
         self.rates = {
-            kind: 0.0 if random.random() < _SWITCHED_OFF else _between(random, *bounds)
+            kind: 0.0 if random.random() < SWITCHED_OFF else between(random, *bounds)
             for kind, bounds in _RATES.items()
         }
         self._hops = self._table(ON_HOPS)
@@ -177,14 +177,14 @@ class Drawn:
             if random.random() < probability:
                 # Few of the later ones come to pass: many runs are over before.
                 who = [*names, coordinator] if kind == "stall" else names
-                at = (random.choice(who), int(_between(random, 1, 300)) - 1)
+                at = (random.choice(who), int(between(random, 1, 300)) - 1)
                 self._ends[at] = Fault(*at, kind, self._long(kind))
         self._lies = lies
         self._liars: dict[str, tuple[float, frozenset[str]]] = {}
         if lies is not None and lies.random() < _LYING:
             for name in lies.sample(names, min(len(names), 1 + (lies.random() < _SECOND_LIAR))):
-                kinds = frozenset(kind for kind in LIES if lies.random() >= _SWITCHED_OFF)
-                self._liars[name] = _between(lies, *_LIE_RATES), kinds
+                kinds = frozenset(kind for kind in LIES if lies.random() >= SWITCHED_OFF)
+                self._liars[name] = between(lies, *_LIE_RATES), kinds
 
     def _table(self, kinds: Iterable[str]) -> list[tuple[float, str]]:
         """Return the kinds, each with the sum of the rates so far, the largest first."""
@@ -198,7 +198,7 @@ class Drawn:
         if kind == "stall":
             return int(self._patience_us * self._random.uniform(*_STALL))
         bounds = _AMOUNTS_US.get(kind)
-        return 0 if bounds is None else int(_between(self._random, *bounds))
+        return 0 if bounds is None else int(between(self._random, *bounds))
 
     def _drawn(self, table: list[tuple[float, str]], where: str, nth: int) -> Fault | None:
         one = self._random.random()
@@ -239,6 +239,6 @@ class Drawn:
         return frozenset(self._liars)
 
 
-def _between(random: Random, least: float, most: float) -> float:
+def between(random: Random, least: float, most: float) -> float:
     """Draw a number whose logarithm is uniform: each order of magnitude is equally probable."""
     return float(least * (most / least) ** random.random())

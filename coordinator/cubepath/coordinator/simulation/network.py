@@ -28,8 +28,18 @@ NOTICE_US = 50_000
 RECONNECT_US = 10_000
 """How long it takes at most until a process finds the router that is back."""
 EVERYTHING = "/**"
+CUTS = ("cut", "torn", "leave")
+"""Faults that end a process after it has taken a message: before it has said all that follows,
+before it has written all of it, or after both."""
+STANDING = ("pause", "slow", "stall")
+"""Faults that a process survives."""
 
 Take: TypeAlias = Callable[[Any], list[Effect]]
+Tear: TypeAlias = Callable[[int], bool]
+"""Undoes what a process has written in this step, from one record on, which a number decides;
+returns whether there was any."""
+Through: TypeAlias = Callable[[str, Put], "Put | None"]
+"""Is shown what the process of a name puts; returns what goes onto the wire instead of it."""
 Died: TypeAlias = Callable[[int, "CubepathError | None"], list[Effect]]
 """Told of the number of a process that has died, from 0, and the error; None for a signal."""
 
@@ -50,7 +60,10 @@ class Process:
     number: int
     make: Callable[[], Node]
     node: Node
+    tear: Tear | None = None
     alive: bool = True
+    gone: bool = False
+    """Whether it is dead and does not come back."""
     connected: bool = True
     life: int = 0
     """How often it has died: what was sent to it before is lost."""
@@ -65,6 +78,8 @@ class Process:
     listening: dict[str, None] = field(default_factory=dict)
     links: dict[str, tuple[int, int]] = field(default_factory=dict)
     """By direction the number of messages so far, and when the last of them arrives."""
+    drags: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """By direction how many messages are still slow on the link, and how slow."""
     declared_us: int = 0
     """When the last `Listen` or `Ignore` reaches the router."""
 
@@ -105,15 +120,29 @@ class Network:
         self._router_life = 0
         """How often the router has died: what was under way before is lost."""
         self._died: Died | None = None
+        self._routes: dict[str, tuple[int, ...]] = {}
+        """By key who listens, as long as that does not change."""
+        self._parted_us = 0
+        """Until when some processes do not hear the others."""
+        self._sides: tuple[bool, ...] = ()
+        self._through: Through | None = None
+        self._after: Callable[[], None] | None = None
 
     @property
     def counts(self) -> Counter[str]:
         """Return by kind how many faults have happened."""
         return Counter(fault.kind for fault in self.fired)
 
-    def add(self, name: str, make: Callable[[], Node], start_us: int = 0) -> None:
+    def add(
+        self,
+        name: str,
+        make: Callable[[], Node],
+        start_us: int = 0,
+        *,
+        tear: Tear | None = None,
+    ) -> None:
         """Add a process that starts at a time; the end of the first is the end of the run."""
-        process = Process(name, len(self._processes), make, make())
+        process = Process(name, len(self._processes), make, make(), tear)
         self._processes.append(process)
         self._tables.append({})
         self._at(start_us, self._start, process)
@@ -124,6 +153,20 @@ class Network:
     def on_death(self, died: Died) -> None:
         """Let the first process be told when another has died; those after it count from 0."""
         self._died = died
+
+    @property
+    def gone(self) -> list[str]:
+        """Return the names of the processes that are dead and do not come back."""
+        return [process.name for process in self._processes if process.gone]
+
+    @property
+    def away(self) -> list[str]:
+        """Return the names of those that do."""
+        return [each.name for each in self._processes if not each.alive and not each.gone]
+
+    def watch(self, through: Through, after: Callable[[], None]) -> None:
+        """Let everything that is put go through a function, and call another after each event."""
+        self._through, self._after = through, after
 
     def lied(self, name: str, fault: Fault) -> None:
         """Take note that a process has told a lie."""
@@ -148,6 +191,8 @@ class Network:
             if self.steps > most_steps or time_us > most_us:
                 raise RanAway(f"no end after {self.steps} steps, {self._clock()}")
             act(*given)
+            if self._after is not None:
+                self._after()
 
     def _clock(self) -> str:
         return f"{self.now_us / SECOND_US:.3f} s of virtual time"
@@ -173,7 +218,8 @@ class Network:
         nth = process.taken
         process.taken += 1
         fault = self._faults.on_process(process.name, nth)
-        if fault is not None and self._strike(process, fault):
+        cut = fault if fault is not None and fault.kind in CUTS else None
+        if fault is not None and cut is None and self._strike(process, fault):
             return
         take, given = process.inbox.popleft()
         cost = SERVE_US
@@ -181,20 +227,21 @@ class Network:
             process.slow_left -= 1
             cost = process.slow_us
         process.free_us = self.now_us + cost
-        self._act(process, take, given)
+        self._act(process, take, given, cut)
         process.serving = process.alive and bool(process.inbox)
         if process.serving:
             self._at(process.free_us, self._serve, process, life)
 
-    def _act(self, process: Process, take: Take, given: Any) -> None:
+    def _act(self, process: Process, take: Take, given: Any, cut: Fault | None = None) -> None:
         try:
             effects = take(given)
         except CubepathError as error:
             self._end(process, error)
             return
         except Exception as error:
-            what = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            raise NodeError(f"{process.name} raised {what}") from error
+            raise _node_error(process, error) from error
+        if cut is not None:
+            cut, effects = self._cut_short(process, cut, effects)
         at_us = self.now_us
         for effect in effects:
             if process.alive:
@@ -202,11 +249,27 @@ class Network:
             if isinstance(effect, Put):
                 at_us += PUT_US
         process.free_us = max(process.free_us, at_us)
+        if cut is not None and process.alive:
+            self._kill(process, cut)
+
+    def _cut_short(
+        self, process: Process, cut: Fault, effects: list[Effect]
+    ) -> tuple[Fault | None, list[Effect]]:
+        """Return what still comes of a step; and the fault, if there is anything that it cuts."""
+        number = self._noise(process.number, process.taken)
+        if cut.kind == "cut":
+            return cut, effects[: number % (len(effects) + 1)]
+        if cut.kind == "torn":
+            torn = process.tear is not None and process.tear(number)
+            return (cut, []) if torn else (None, effects)
+        return cut, effects
 
     def _carry_out(self, process: Process, effect: Effect, at_us: int) -> None:
         match effect:
             case Put():
-                self._send(process, effect, at_us)
+                put = effect if self._through is None else self._through(process.name, effect)
+                if put is not None:
+                    self._send(process, put, at_us)
             case Listen():
                 self._will_hear(process, effect.keys)
                 self._send(process, effect, at_us)
@@ -273,31 +336,41 @@ class Network:
 
     def _strike(self, process: Process, fault: Fault) -> bool:
         """Let a fault happen to a process; return whether it takes no message now."""
+        if fault.kind not in STANDING:
+            self._kill(process, fault)
+            return True
         self.fired.append(fault)
         if fault.kind == "slow":
             process.slow_us, process.slow_left = fault.amount_us, SLOW_MESSAGES
             self._span(process.name, fault, fault.amount_us * SLOW_MESSAGES)
             return False
-        if fault.kind in ("pause", "stall"):
-            process.free_us = self.now_us + fault.amount_us
-            self._span(process.name, fault, fault.amount_us)
-            self._at(process.free_us, self._serve, process, process.life)
-            return True
+        process.free_us = self.now_us + fault.amount_us
+        self._span(process.name, fault, fault.amount_us)
+        self._at(process.free_us, self._serve, process, process.life)
+        return True
+
+    def _kill(self, process: Process, fault: Fault) -> None:
+        """End a process; if the fault takes time, another one takes its place after that."""
+        self.fired.append(fault)
         self._die(process)
-        if fault.kind == "return":
+        if fault.amount_us:
             self._span(process.name, fault, fault.amount_us)
             self._at(self.now_us + fault.amount_us, self._come_back, process)
         else:
+            process.gone = True
             self._span(process.name, fault, None)
             self._tell_death(process, None)
-        return True
 
     def _come_back(self, process: Process) -> None:
-        process.node = process.make()
+        try:
+            process.node = process.make()
+        except Exception as error:
+            raise _node_error(process, error) from error
         process.alive = True
         process.connected = self._router_up
         process.free_us = self.now_us
-        self._remark(process.name, "back without memory")
+        how = "back without memory" if process.tear is None else "back from its journal"
+        self._remark(process.name, how)
         self._start(process)
 
     def _die(self, process: Process) -> None:
@@ -311,6 +384,7 @@ class Network:
 
     def _disconnect(self, process: Process) -> None:
         process.connected = False
+        self._routes.clear()
         for key in self._tables[process.number]:
             del self._listeners(key)[process.number]
         self._tables[process.number].clear()
@@ -319,6 +393,18 @@ class Network:
         if key.endswith(EVERYTHING):
             return self._below.setdefault(key.removesuffix("**"), {})
         return self._exact.setdefault(key, {})
+
+    def _part(self, fault: Fault) -> None:
+        """Let no process of one side hear any of the other for a while; each side has some."""
+        self.fired.append(fault)
+        self._span(ROUTER, fault, fault.amount_us)
+        self._parted_us = self.now_us + fault.amount_us
+        numbers = range(len(self._processes))
+        sides = [self._noise(fault.nth, number) % 2 == 1 for number in numbers]
+        if len({*sides}) == 1:
+            alone = self._noise(fault.nth, fault.amount_us) % len(sides)
+            sides[alone] = not sides[alone]
+        self._sides = tuple(sides)
 
     def _router_dies(self, fault: Fault) -> None:
         self.fired.append(fault)
@@ -383,7 +469,15 @@ class Network:
         noise = self._noise(2 * process.number + (link == "up"), nth) % HOP_US
         fault = self._faults.on_hop(where, nth)
         kind = "" if fault is None else fault.kind
-        if fault is None or (not plain and kind in ("loss", "duplicate")):
+        if kind == "drag" and fault is not None:
+            self.fired.append(fault)
+            process.drags[link] = (SLOW_MESSAGES, fault.amount_us)
+        if process.drags:
+            left, slow_us = process.drags.get(link, (0, 0))
+            if left:
+                process.drags[link] = (left - 1, slow_us)
+                noise += slow_us
+        if fault is None or kind == "drag" or (not plain and kind in ("loss", "duplicate")):
             arrival = max(from_us + HOP_US + noise, last)
             process.links[link] = (nth + 1, arrival)
             return [(arrival, "arrived")]
@@ -405,30 +499,46 @@ class Network:
             if isinstance(effect, Listen):
                 self._listen(process, key)
             elif key in self._tables[process.number]:
+                self._routes.clear()
                 del self._tables[process.number][key]
                 del self._listeners(key)[process.number]
 
     def _listen(self, process: Process, key: str) -> None:
+        self._routes.clear()
         self._tables[process.number][key] = None
         self._listeners(key)[process.number] = None
 
     def _route(self, letter: _Letter, put: Put, fate: Fate) -> None:
         fault = self._faults.on_router(self._routed)
         self._routed += 1
-        if fault is not None:
+        if fault is not None and fault.kind == "partition":
+            self._part(fault)
+        elif fault is not None:
             self._router_dies(fault)
             self._arrow(letter, None, "lost")
             return
-        listeners = dict(self._exact.get(put.key, ()))
-        for prefix, below in self._below.items():
-            if put.key.startswith(prefix):
-                listeners.update(below)
-        listeners.pop(letter.sender.number, None)
-        for number in sorted(listeners):
+        parted = self.now_us < self._parted_us
+        own = letter.sender.number
+        for number in self._listeners_to(put.key):
+            if number == own:
+                continue
             receiver = self._processes[number]
+            if parted and self._sides[number] != self._sides[own]:
+                self._arrow(letter, receiver, "lost")
+                continue
             for time_us, way in self._ways(receiver, "down", self.now_us, plain=True):
                 told = fate if way == "arrived" else way
                 self._at(time_us, self._arrive, letter, receiver, receiver.life, told)
+
+    def _listeners_to(self, key: str) -> tuple[int, ...]:
+        found = self._routes.get(key)
+        if found is None:
+            listeners = dict(self._exact.get(key, ()))
+            for prefix, below in self._below.items():
+                if key.startswith(prefix):
+                    listeners.update(below)
+            found = self._routes[key] = tuple(sorted(listeners))
+        return found
 
     def _arrive(self, letter: _Letter, receiver: Process, life: int, fate: Fate) -> None:
         gone = letter.router_life != self._router_life or receiver.life != life
@@ -458,3 +568,8 @@ class Network:
     def _remark(self, who: str, text: str) -> None:
         if self._trace is not None:
             self._trace.remarks.append(Remark(self.now_us, who, text))
+
+
+def _node_error(process: Process, error: Exception) -> NodeError:
+    what = f"{type(error).__name__}: {' '.join(str(error).split())}"
+    return NodeError(f"{process.name} raised {what}")

@@ -6,11 +6,12 @@ twenty is larger.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import ceil, sqrt
 from random import Random
+from typing import Literal
 
 from cubepath.agents.rules.registry import rule_named, rules
 from cubepath.protocol.core.errors import InputError
@@ -97,6 +98,7 @@ class Asked:
     modules: int | None = None
     liars: bool = False
     """Whether processes lie in most runs."""
+    clock: Literal["lockstep", "free"] = "lockstep"
 
     def arguments(self) -> list[str]:
         """Return the options of the command line that ask for this."""
@@ -104,7 +106,8 @@ class Asked:
         words = [
             word for key, value in named.items() if value is not None for word in (key, str(value))
         ]
-        return [*words, "--liars"] if self.liars else words
+        words += ["--liars"] if self.liars else []
+        return [*words, "--clock", self.clock] if self.clock != "lockstep" else words
 
 
 ANYTHING = Asked()
@@ -155,6 +158,8 @@ def built(spec: str) -> Scene:
 
 def check(asked: Asked) -> None:
     """Raise InputError if nothing can be simulated that is asked for."""
+    if asked.liars and asked.clock != "lockstep":
+        raise InputError(f"--liars with --clock {asked.clock}: expected --clock lockstep")
     if asked.system is not None:
         if asked.modules is not None and asked.system not in INSTANCES:
             names = ", ".join(INSTANCES)
@@ -163,17 +168,22 @@ def check(asked: Asked) -> None:
             )
         system = built(asked.system).system
         if asked.rule is not None:
-            rule_named(asked.rule, system)
+            rule_named(asked.rule, system, asked.clock)
     elif asked.rule is not None and asked.rule not in rules():
         raise InputError(f"unknown rule {asked.rule!r}, expected one of {', '.join(rules())}")
+    elif asked.rule is not None and asked.clock not in rules()[asked.rule].clocks:
+        names = ", ".join(rule.name for rule in rules().values() if asked.clock in rule.clocks)
+        raise InputError(
+            f"not for the {asked.clock} clock: rule {asked.rule!r}, expected one of {names}"
+        )
 
 
 def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
     """Return the run that a seed stands for."""
     random = Random(f"{seed}/scenario")  # noqa: S311 - not for secrets
-    spec = _system(asked, random)
+    spec = drawn_system(asked, random)
     scene = built(spec)
-    rule = asked.rule or random.choice(_fitting(scene))
+    rule = asked.rule or random.choice(fitting(scene))
     modules = len(scene.start)
     to_goal = _TO_GOAL_LARGE if modules >= _LARGE else _TO_GOAL
     return Scenario(
@@ -186,15 +196,19 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
     )
 
 
-def _fitting(scene: Scene) -> list[str]:
-    return [rule.name for rule in rules().values() if rule.fits(scene.system)]
+def fitting(scene: Scene, clock: str = "lockstep") -> list[str]:
+    """Return the names of the rules that hold for a scene under a clock."""
+    return [
+        rule.name for rule in rules().values() if clock in rule.clocks and rule.fits(scene.system)
+    ]
 
 
-def _system(asked: Asked, random: Random) -> str:
+def drawn_system(asked: Asked, random: Random, small: Sequence[int] = _SMALL) -> str:
+    """Draw the spec of a scene, with about one of these numbers of modules in most cases."""
     if asked.system is not None and asked.system not in INSTANCES:
         return asked.system
     large = random.random() < _LARGE_RATE
-    modules = asked.modules or (_LARGE if large else random.choice(_SMALL))
+    modules = asked.modules or (_LARGE if large else random.choice(small))
     family = asked.system or random.choice(_families(asked, large=large))
     spec = INSTANCES[family](modules, random)
     for _ in range(_TRIES):
@@ -207,14 +221,14 @@ def _system(asked: Asked, random: Random) -> str:
 
 def _families(asked: Asked, *, large: bool) -> list[str]:
     """Return the names of the families to draw from: those for which there is the rule."""
-    return _families_for(asked.rule, large=large)
+    return _families_for(asked.rule, asked.clock, large=large)
 
 
 @lru_cache
-def _families_for(rule: str | None, *, large: bool) -> list[str]:
+def _families_for(rule: str | None, clock: str, *, large: bool) -> list[str]:
     names = [name for name in INSTANCES if name in all_families()]
     if not large:
         names = [name for name in names if name not in _ALWAYS_LARGE]
     if rule is not None:
-        names = [name for name in names if rule in _fitting(built(name))]
+        names = [name for name in names if rule in fitting(built(name), clock)]
     return names

@@ -217,7 +217,9 @@ class TurnsOfModules:
             others = self._said.turns[turn.module]
             later = others.get((turn.epoch, attempt.turn))
             if later is None or later.number != turn.number or attempt.turn < turn.turn:
-                self._fail("turns", f"{name}: attempt {turn.number} says it is of turn {attempt.turn}")
+                self._fail(
+                    "turns", f"{name}: attempt {turn.number} says it is of turn {attempt.turn}"
+                )
             return
         found = _content(attempt)
         if due is None or found != due:

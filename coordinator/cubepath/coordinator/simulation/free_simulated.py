@@ -1,0 +1,351 @@
+"""One simulated run without rounds: its nodes on a simulated wire, and what must hold throughout.
+
+Room: coordinator. A run has faults first. When they are over it must go on: to its goal, or for
+some more moves. Then no more attempts are let through, and everything must come to rest, with all
+that modules sense as it is.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from cubepath.agents.free.host_node import FreeHostNode
+from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.keepers.journal import Journal
+from cubepath.agents.keepers.keeper import Keeper
+from cubepath.agents.keepers.node import KeeperNode
+from cubepath.agents.processes.dealing import dealt
+from cubepath.coordinator.simulation.faults import SECOND_US, Fault, Faults
+from cubepath.coordinator.simulation.free_faults import STARTS, Ending
+from cubepath.coordinator.simulation.free_journals import SimulatedFile, SimulatedJournal
+from cubepath.coordinator.simulation.free_oracle import Oracle
+from cubepath.coordinator.simulation.free_scenarios import FreeScenario
+from cubepath.coordinator.simulation.free_state import Broken
+from cubepath.coordinator.simulation.free_watch import Watch
+from cubepath.coordinator.simulation.network import Network, NodeError, RanAway
+from cubepath.coordinator.simulation.simulated import COORDINATOR, RUN, Failure
+from cubepath.coordinator.simulation.trace import Trace
+from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.credentials import keeper_name, process_name
+from cubepath.protocol.wire.free_messages import Asks, Attempt, decode_free
+from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.nodes import Node, Put
+from cubepath.protocol.wire.tiles import Tiles
+
+MakeKeeper = Callable[[int, Scene, Tiles, Journal], Keeper]
+"""Makes a keeper; tests give some with a bug in them."""
+
+MORE_MOVES = 20
+"""So many moves a run without a goal must have after its faults."""
+_STEPS_MAX = 400_000
+_ON_US, _REST_US = 240 * SECOND_US, 120 * SECOND_US
+"""How long a run may take after its faults, and until it is at rest."""
+_STUCK_US = 20 * SECOND_US
+"""Where the dead may be in the way, a run that stands still for so long is blocked."""
+_JITTER = 0.5
+
+Phase = Literal["faults", "on", "rest"]
+FreeOutcome = Literal["goal", "moves", "blocked", "failure"]
+
+
+@dataclass(frozen=True, slots=True)
+class FreeSimulated:
+    """A simulated run; `failure` is None if everything held that must hold."""
+
+    scenario: FreeScenario
+    fired: tuple[Fault, ...]
+    moves: int
+    failure: Failure | None
+    steps: int
+    seconds: float
+    """The virtual time that it took."""
+    came_to: FreeOutcome
+
+    @property
+    def outcome(self) -> str:
+        """Return how the run came out, in a word."""
+        return "failure" if self.failure is not None else self.came_to
+
+
+def host_names(scenario: FreeScenario) -> list[str]:
+    """Return the names of the module processes."""
+    return [process_name(number) for number in range(scenario.processes)]
+
+
+def keeper_names(scenario: FreeScenario) -> list[str]:
+    """Return the names of the keepers."""
+    return [keeper_name(number) for number in range(scenario.keepers)]
+
+
+def free_simulate(
+    scenario: FreeScenario,
+    faults: Faults,
+    *,
+    fault_seed: int = 0,
+    trace: Trace | None = None,
+    make: MakeKeeper = Keeper,
+) -> FreeSimulated:
+    """Simulate a run to its end and check it; nothing is raised that the nodes do wrong.
+
+    `fault_seed` is that of the small differences between delays.
+    """
+    with ExitStack() as stack:
+        run = _Run(scenario, faults, fault_seed, trace, make, stack)
+        failure = run.play()
+    network = run.network
+    return FreeSimulated(
+        scenario=scenario,
+        fired=tuple(network.fired),
+        moves=run.oracle.state.moves,
+        failure=failure,
+        steps=network.steps,
+        seconds=network.now_us / SECOND_US,
+        came_to=run.came_to,
+    )
+
+
+class _Run:
+    """A run in progress."""
+
+    def __init__(  # noqa: PLR0917 - what `free_simulate` is given
+        self,
+        scenario: FreeScenario,
+        faults: Faults,
+        fault_seed: int,
+        trace: Trace | None,
+        make: MakeKeeper,
+        stack: ExitStack,
+    ) -> None:
+        self.scenario = scenario
+        self.scene = scenario.scene
+        self.came_to: FreeOutcome = "moves"
+        self.oracle = Oracle(self.scene, scenario.keepers)
+        self.phase: Phase = "faults"
+        self._since_us = self._moved_us = 0
+        self._moves = self._moves_then = self._ticks = 0
+        self._make = make
+        self._tiles = Tiles(self.scene.system, scenario.keepers)
+        self.network = Network(Ending(faults, lambda: self.phase != "faults"), fault_seed, trace)
+        self._modules_of = dealt(self.scene, scenario.processes)
+        self._births = [0] * scenario.processes
+        self._keepers: dict[str, KeeperNode] = {}
+        self._hosts: dict[str, FreeHostNode] = {}
+        self._written: list[int] = []
+        """Keepers that have written to their journals in this step."""
+        self._journals = [self._journal(keeper, stack) for keeper in range(scenario.keepers)]
+        self._watch = Watch(RUN, scenario.keepers)
+        self._add(faults)
+
+    def _journal(self, keeper: int, stack: ExitStack) -> SimulatedJournal:
+        def wrote() -> None:
+            self._written.append(keeper)
+
+        if not self.scenario.files:
+            return SimulatedJournal(wrote)
+        folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="cubepath-simulated-"))
+        journal = SimulatedFile(wrote, Path(folder) / "journal")
+        stack.callback(journal.close)
+        return journal
+
+    def _add(self, faults: Faults) -> None:
+        network = self.network
+        network.add(COORDINATOR, lambda: self._watch)
+        network.on_death(self._died)
+        network.watch(self._through, self._after)
+        for keeper, name in enumerate(keeper_names(self.scenario)):
+            tear = self._journals[keeper].tear
+            network.add(
+                name, lambda keeper=keeper, name=name: self._keeper(keeper, name), tear=tear
+            )
+        for process, name in enumerate(host_names(self.scenario)):
+            late = faults.on_process(name + STARTS, 0)
+            if late is not None:
+                network.fired.append(late)
+            start_us = 0 if late is None else late.amount_us
+            network.add(
+                name, lambda process=process, name=name: self._host(process, name), start_us
+            )
+
+    def _keeper(self, keeper: int, name: str) -> Node:
+        journal = self._journals[keeper].again()
+        node = KeeperNode(
+            self._make(keeper, self.scene, self._tiles, journal), RUN, self._modules_of
+        )
+        self._keepers[name] = node
+        return node
+
+    def _host(self, process: int, name: str) -> Node:
+        scenario = self.scenario
+        self._births[process] += 1
+        factors = scenario.factors
+        orders = FreeOrders(
+            endpoint="",
+            run=RUN,
+            process=process,
+            modules=self._modules_of[process],
+            keepers=scenario.keepers,
+            birth=self._births[process],
+            scene="",
+            rule=scenario.rule,
+            seed=scenario.seed,
+            hesitate=scenario.hesitate,
+            speeds={module: factors[module % len(factors)] for module in self._modules_of[process]},
+            jitter=_JITTER,
+        )
+        node = FreeHostNode(orders, self.scene)
+        self._hosts[name] = node
+        return node
+
+    def play(self) -> Failure | None:
+        """Play to the end; return the first thing that does not hold."""
+        try:
+            self.network.run(_STEPS_MAX, 10**15)
+        except Broken as broken:
+            return Failure(broken.kind, str(broken))
+        except RanAway as error:
+            return Failure("liveness", f"{error}, {self._where()}")
+        except NodeError as error:
+            return Failure("raised", str(error))
+        return None
+
+    def _where(self) -> str:
+        return f"in phase {self.phase}, after {self._moves} moves"
+
+    def _died(self, process: int, error: CubepathError | None) -> list[object]:
+        if error is not None:
+            raise Broken("ended", f"process {process} ended: {error}")
+        return []
+
+    # What is watched.
+
+    def _through(self, _: str, put: Put) -> Put | None:
+        """Show what is put to the oracle; at rest no attempt goes onto the wire."""
+        self._log()
+        message = decode_free(put.data)
+        if self.phase == "rest" and isinstance(message, Asks):
+            parts = [part for part in message.parts if not isinstance(part, Attempt)]
+            if len(parts) < len(message.parts):
+                return Put(put.key, encode(Asks(message.process, message.keeper, parts)))
+        self.oracle.said(message)
+        return put
+
+    def _log(self) -> None:
+        if self._written:
+            written, self._written[:] = self._written[0], []
+            self.oracle.logged(written, self._journals[written].fresh())
+
+    def _after(self) -> None:
+        self._log()
+        moves, now_us = self.oracle.state.moves, self.network.now_us
+        if moves != self._moves:
+            self._moves, self._moved_us = moves, now_us
+            if self.scenario.to_goal and self.phase in ("faults", "on"):
+                self._look_for_goal()
+        if self.phase == "faults":
+            if moves >= self.scenario.moves or now_us >= self.scenario.long_us:
+                self._begin("on")
+        elif self.phase == "on":
+            self._on()
+        elif self._watch.ticks > self._ticks:
+            self._ticks = self._watch.ticks
+            self._rest()
+
+    def _begin(self, phase: Phase) -> None:
+        self.phase, self._since_us, self._moves_then = phase, self.network.now_us, self._moves
+
+    def _look_for_goal(self) -> None:
+        if self.scene.reached(self.oracle.state.site.values()):
+            self.came_to = "goal"
+            self._begin("rest")
+
+    def _on(self) -> None:
+        network = self.network
+        if not self.scenario.to_goal and self._moves - self._moves_then >= MORE_MOVES:
+            self._begin("rest")
+        elif network.now_us - max(self._moved_us, self._since_us) > _STUCK_US:
+            self._moved_us = network.now_us  # it is not asked again at once
+            if not network.away and self._blocked():
+                self.came_to = "blocked"
+                self._begin("rest")
+        if self.phase == "on" and network.now_us - self._since_us > _ON_US:
+            raise Broken(
+                "liveness", f"no end {_ON_US // SECOND_US} s after the faults, {self._where()}"
+            )
+
+    def _blocked(self) -> bool:
+        """Return whether nothing can move but for the dead, or to a goal that these keep from."""
+        gone = self.network.gone
+        if self.scenario.to_goal:
+            return bool(gone)
+        system, on = self.scene.system, self.oracle.state.on
+        return not any(
+            move.possible(on)
+            for name, modules in zip(host_names(self.scenario), self._modules_of, strict=True)
+            if name not in gone
+            for module in modules
+            for move in system.moves_at(self.oracle.state.site[module])
+        )
+
+    # At rest.
+
+    def _rest(self) -> None:
+        """End the run if everything has come to rest, and is as it should be."""
+        why = self._restless() or self._untold()
+        if why is None:
+            self.network.stop()
+        elif self.network.now_us - self._since_us > _REST_US:
+            raise Broken("rest", f"{_REST_US // SECOND_US} s after the last attempt: {why}")
+
+    def _untold(self) -> str | None:
+        for keeper, name in enumerate(keeper_names(self.scenario)):
+            tail = self._watch.tails.get(keeper)
+            if tail is None:
+                return f"{name} has told nothing"
+            if tail.prepared or tail.refused:
+                return f"{name} has {tail.prepared} prepared, and refused {tail.refused} messages"
+            why = self.oracle.unlike(tail)
+            if why is not None:
+                return why
+        return None
+
+    def _restless(self) -> str | None:
+        network = self.network
+        if network.away:
+            return f"{network.away[0]} is not back"
+        for name, keeper in self._keepers.items():
+            if keeper.keeper.busy:
+                return f"{name} has something under way"
+        gone = network.gone
+        for name, node in self._hosts.items():
+            if name not in gone:
+                for module in node.movers:
+                    place = self._unlike(node, module)
+                    if place is not None:
+                        return f"module_{module} does not sense what is at {place!r}"
+        return None
+
+    def _unlike(self, node: FreeHostNode, module: int) -> Site | None:
+        """Return a place that is not as a module of a process senses it, if there is one."""
+        system, state = self.scene.system, self.oracle.state
+        mover, own = node.movers[module], system.place_of(state.site[module])
+        if mover.state == "entering" or mover.site != state.site[module]:
+            return own
+        for place in {own: None, **dict.fromkeys(system.sensed(own))}:
+            if place is None or not system.has_place(place):
+                continue
+            known, here = node.sensing.place(place), state.at.get(place)
+            found = known.version, known.module, known.site, known.note, known.module_version
+            expected: tuple[object, ...] = state.places.get(place, 0), None, None, (), 0
+            if here is not None:
+                content = here, state.site[here], state.note[here], state.version[here]
+                expected = state.places.get(place, 0), *content
+            if not node.sensing.sees([place]) or found != expected:
+                return place
+        return None
