@@ -3,26 +3,20 @@
 On a slow machine a command writes lines of progress; tests compare what else it writes. What is
 thorough is slow too, so that ``-m 'not slow'`` leaves it out.
 
-Hundreds of tests start processes. Where Python is told to keep no bytecode each of them would compile
-all of cubepath anew, which takes as long as all else that it does, so these keep it in a folder that
-goes with the session.
+Hundreds of tests start processes. Where Python is told to keep no bytecode, each of these would
+compile all of cubepath anew, which takes as long as all else that it does; so they are not told.
 """
 
 from __future__ import annotations
 
-import atexit
 import os
-from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 os.environ["CUBEPATH_PROGRESS"] = "0"
 
-if os.environ.pop("PYTHONDONTWRITEBYTECODE", ""):  # workers are started later, and inherit this
-    _bytecode = TemporaryDirectory(prefix="cubepath-bytecode-")
-    atexit.register(_bytecode.cleanup)
-    os.environ["PYTHONPYCACHEPREFIX"] = _bytecode.name
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 settings.register_profile(
     "cubepath", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True

@@ -12,9 +12,9 @@ What stands behind the language of a block says what is done with it:
 | ``LANGUAGE ->`` | what the block before it has printed; of JSON, the document |
 | ``json -> .KEY`` | what its JSON has under that key |
 
-A shell block is run by bash, with the real command line; but one that has only commands of cubepath,
-each of which ends by itself, is run here, which spares each of them half a second of imports. Such a
-block may set variables, as in ``LOG=run.mcap``, and have several commands in a line.
+A shell block is run by bash, with the real command line; but one that has only commands of
+cubepath, each of which ends by itself, is run here, which spares each of them half a second of
+imports. Such a block may set variables, as in ``LOG=run.mcap``, and have several commands a line.
 Times and names of logs are not compared, and ``...`` stands for any text.
 """
 

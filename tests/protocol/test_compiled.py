@@ -14,6 +14,7 @@ CODE = """
 import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 if sys.argv[1] != "0":
+    sys.dont_write_bytecode = True  # Python before 3.12 would leave half of a file
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]), int(sys.argv[1])))
 import numpy as np
 from cubepath.coordinator.complexes.cliques import following

@@ -88,7 +88,7 @@ def some(names: list[str], few: tuple[str, ...]) -> list[Any]:
     ]
 
 
-SOME = some(SPECS, ("agv:graph=grid4x4,n=8", "arm:n=7"))
+SOME = some(SPECS, ("agv:graph=grid4x4,n=8",))
 
 
 @pytest.mark.slow

@@ -71,7 +71,7 @@ def as_multisets(cubes: Sequence[Sequence[Action]]) -> list[Counter[Action]]:
 
 @each_way
 @pytest.mark.slow
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(all_words)
 def test_levels_are_those_of_the_reference(word: Word) -> None:
     """The moves of a level are a cube, and the pairs are equal moves that the heap took out."""
@@ -108,7 +108,7 @@ def test_pairs_cancel_one_after_the_other(word: Word) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=300)
+@settings(max_examples=120)
 @given(all_words, st.data())
 def test_the_stream_agrees_with_the_reference_at_every_question(
     word: Word, data: st.DataObject

@@ -473,8 +473,9 @@ def test_a_process_that_is_paused_is_waited_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("seconds", [12, 50])
-@pytest.mark.parametrize("who", ["host", "router", "coordinator"])
+@pytest.mark.parametrize(
+    ("who", "seconds"), [("host", 50), ("router", 12), ("router", 50), ("coordinator", 12)]
+)
 def test_who_is_paused_for_long_is_waited_for(tmp_path: Path, who: str, seconds: float) -> None:
     """For 12 s, longer than the lease of a link by default; it goes on within some seconds."""
     with started(tmp_path, "--processes", "2") as child:
@@ -562,6 +563,8 @@ def test_a_full_disk_ends_the_run_and_keeps_what_was_written(tmp_path: Path) -> 
     log = tmp_path / "full.mcap"
     done = subprocess.run(
         [sys.executable, "-c", code, "run", "hex:n=6", "--rule=random", f"--log={log}"],
+        # Python before 3.12 would leave half of a file, for all who come after.
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
         capture_output=True,
         text=True,
         timeout=60,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -36,16 +35,27 @@ def first_failing(make: type[TakesDoubles | Raises], asked: Asked = LINES) -> in
     return next(seed for seed in range(100) if run_of(seed, asked, make=make).failure is not None)
 
 
-@pytest.mark.slow
-def test_a_planted_bug_is_found_shrunk_and_kept(tmp_path: Path) -> None:
-    """What is kept fails as the seed did, with two processes, one fault and few rounds."""
-    seed = first_failing(TakesDoubles)
+@pytest.fixture(scope="module")
+def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Kept, Tally, list[int]]:
+    """Return what is kept of a planted bug, what was counted, and the seeds that were shrunk."""
     tally, shrinking = Tally(), list[int]()
-    found = simulate_seeds(
-        [seed], LINES, tmp_path, tally, failing=shrinking.append, make=TakesDoubles
+    (found,) = simulate_seeds(
+        [first_failing(TakesDoubles)],
+        LINES,
+        tmp_path_factory.mktemp("kept"),
+        tally,
+        failing=shrinking.append,
+        make=TakesDoubles,
     )
-    (kept,) = found
-    assert kept is not None
+    assert found is not None
+    return found, tally, shrinking
+
+
+@pytest.mark.slow
+def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[Kept, Tally, list[int]]) -> None:
+    """What is kept fails as the seed did, with two processes, one fault and few rounds."""
+    kept, tally, shrinking = told
+    seed = first_failing(TakesDoubles)
     assert tally.failed == [kept]
     assert shrinking == [seed]
     assert tally.outcomes["failure"] == tally.seeds == 1
@@ -61,14 +71,11 @@ def test_a_planted_bug_is_found_shrunk_and_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_kept_can_be_opened(tmp_path: Path) -> None:
+def test_what_is_kept_can_be_opened(told: tuple[Kept, Tally, list[int]]) -> None:
     """By verify, info, view and replay; the pictures show the messages, and view leaves them."""
-    (kept,) = simulate_seeds(
-        [first_failing(TakesDoubles)], LINES, tmp_path, Tally(), make=TakesDoubles
-    )
-    assert kept is not None
+    kept, _, _ = told
     log = Path(kept.log)
-    assert {path.name for path in tmp_path.iterdir()} == {
+    assert {path.name for path in log.parent.iterdir()} == {
         log.name,
         f"{log.stem}-messages.svg",
         f"{log.stem}-messages.png",
@@ -107,14 +114,14 @@ def test_a_run_that_holds_is_not_shrunk() -> None:
 
 @pytest.mark.slow
 def test_a_log_is_never_written_over(tmp_path: Path) -> None:
-    """The same seed twice gives two recordings."""
+    """Where a recording of the seed is there it stays, and the other has a number."""
     seed = first_failing(Raises)
-
-    def once() -> Iterator[Kept | None]:
-        return simulate_seeds([seed], LINES, tmp_path, Tally(), make=Raises)
-
-    names = [Path(kept.log).name for _ in range(2) for kept in once() if kept is not None]
-    assert names == [f"simulated-{seed}.mcap", f"simulated-{seed}-2.mcap"]
+    earlier = tmp_path / f"simulated-{seed}.mcap"
+    earlier.write_text("earlier")
+    (kept,) = simulate_seeds([seed], LINES, tmp_path, Tally(), make=Raises)
+    assert kept is not None
+    assert Path(kept.log).name == f"simulated-{seed}-2.mcap"
+    assert earlier.read_text() == "earlier"
 
 
 def test_the_tally_counts_every_kind(tmp_path: Path) -> None:

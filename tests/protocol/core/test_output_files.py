@@ -19,6 +19,7 @@ import resource, sys
 from pathlib import Path
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
+sys.dont_write_bytecode = True  # Python before 3.12 would leave half of a file
 resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
 try:
     with written_whole(Path(sys.argv[1])) as stream:

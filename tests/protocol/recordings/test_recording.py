@@ -161,6 +161,7 @@ from pathlib import Path
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.recordings.recording import copy_recording, read_recording
 found = read_recording(Path(sys.argv[1]))
+sys.dont_write_bytecode = True  # Python before 3.12 would leave half of a file
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)
 try:
     copy_recording(found, Path(sys.argv[2]))

@@ -30,6 +30,7 @@ from cubepath.protocol.recordings.recording import RecordingFull, RecordingWrite
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+sys.dont_write_bytecode = True  # Python before 3.12 would leave half of a file
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), int(sys.argv[2])))
 number = 0
 try:

@@ -91,7 +91,7 @@ def tip_of(arm: list[Edge], base: Edge) -> Vertex:
         ("arms", 128, {(0, 4), (1, 3), (2, 2), (3, 1), (4, 0)}),
         ("arms:n=1,m=3", 97, None),
         pytest.param("arms:n=3", 706, None, marks=pytest.mark.slow),
-        pytest.param("arms:m=3", 3157, None, marks=pytest.mark.slow),
+        pytest.param("arms:m=3", 3157, None, marks=pytest.mark.thorough),
     ],
 )
 def test_every_state_is_arms_at_their_bases(

@@ -93,7 +93,7 @@ def collapsed(cubes: Cubes) -> Counter[int]:
     ("sizes", "numbers"),
     [
         *SIZES.items(),
-        *(pytest.param(*item, marks=pytest.mark.slow) for item in LARGE.items()),
+        *(pytest.param(*item, marks=pytest.mark.thorough) for item in LARGE.items()),
     ],
 )
 def test_the_complex_collapses_to_a_point(sizes: str, numbers: list[int]) -> None:
