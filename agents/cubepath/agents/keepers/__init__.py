@@ -9,27 +9,45 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.keepers.attempts import support_units
-    from cubepath.agents.keepers.journal import FileJournal, Journal, MemoryJournal
-    from cubepath.agents.keepers.keeper import ABORTED, Keeper
-    from cubepath.agents.keepers.node import KeeperNode
+    from cubepath.agents.keepers.attempts import planned, support_units
+    from cubepath.agents.keepers.journal import (
+        Born,
+        Committed,
+        Decided,
+        FileJournal,
+        Journal,
+        MemoryJournal,
+        Prepared,
+        Record,
+    )
+    from cubepath.agents.keepers.keeper import Keeper
+    from cubepath.agents.keepers.node import TICK_S, KeeperNode
+    from cubepath.agents.keepers.orders import KeeperOrders
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "attempts": "support_units",
-            "journal": "FileJournal Journal MemoryJournal",
-            "keeper": "ABORTED Keeper",
-            "node": "KeeperNode",
+            "attempts": "planned support_units",
+            "journal": "Born Committed Decided FileJournal Journal MemoryJournal Prepared Record",
+            "keeper": "Keeper",
+            "node": "KeeperNode TICK_S",
+            "orders": "KeeperOrders",
         },
     )
 
 __all__ = [
-    "ABORTED",
+    "TICK_S",
+    "Born",
+    "Committed",
+    "Decided",
     "FileJournal",
     "Journal",
     "Keeper",
     "KeeperNode",
+    "KeeperOrders",
     "MemoryJournal",
+    "Prepared",
+    "Record",
+    "planned",
     "support_units",
 ]

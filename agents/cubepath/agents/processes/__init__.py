@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from cubepath.agents.processes.judge import Judge, RefusedError, refuse
     from cubepath.agents.processes.network import Network
     from cubepath.agents.processes.node import HostNode
+    from cubepath.agents.processes.offspring import Ended, Offspring
     from cubepath.agents.processes.orders import OUTSIDE, Orders
-    from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer
+    from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX, Pacer, ProcessDied
     from cubepath.agents.processes.phases import KINDS_IN
+    from cubepath.agents.processes.refusals import Refusals
     from cubepath.agents.processes.settling import Settling
 else:
     __getattr__, __dir__ = lazy_face(
@@ -29,9 +31,11 @@ else:
             "judge": "Judge RefusedError refuse",
             "network": "Network",
             "node": "HostNode",
+            "offspring": "Ended Offspring",
             "orders": "OUTSIDE Orders",
-            "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer",
+            "pacer": "PATIENCE_S PATIENCE_S_MAX Pacer ProcessDied",
             "phases": "KINDS_IN",
+            "refusals": "Refusals",
             "settling": "Settling",
         },
     )
@@ -41,13 +45,17 @@ __all__ = [
     "OUTSIDE",
     "PATIENCE_S",
     "PATIENCE_S_MAX",
+    "Ended",
     "Fleet",
     "HostNode",
     "Joining",
     "Judge",
     "Network",
+    "Offspring",
     "Orders",
     "Pacer",
+    "ProcessDied",
+    "Refusals",
     "RefusedError",
     "Settling",
     "dealt",

@@ -13,16 +13,19 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.protocol.wire.access import PROCESSES_MAX
     from cubepath.protocol.wire.authority import make_certificates
+    from cubepath.protocol.wire.child import TOLD, serve
     from cubepath.protocol.wire.credentials import (
         COORDINATOR,
         GUEST,
         ROUTER,
         Credentials,
         certificate_files,
+        keeper_name,
         process_name,
     )
     from cubepath.protocol.wire.free_messages import (
         FREE_KINDS,
+        HOLD_TICKS_MAX,
         Asks,
         Attempt,
         Decision,
@@ -30,6 +33,8 @@ if TYPE_CHECKING:
         Entered,
         Fetch,
         FreeMessage,
+        Held,
+        Hold,
         Inquiry,
         Look,
         Moved,
@@ -37,6 +42,7 @@ if TYPE_CHECKING:
         Passed,
         Passes,
         Register,
+        Rest,
         Settled,
         Shown,
         Shows,
@@ -47,7 +53,6 @@ if TYPE_CHECKING:
         decode_free,
         free_key,
         free_kind,
-        free_sender,
         free_topic,
         heard_by_keeper,
         heard_by_process,
@@ -114,7 +119,6 @@ if TYPE_CHECKING:
         watch,
     )
     from cubepath.protocol.wire.shell import Shell
-    from cubepath.protocol.wire.sockets import discard
     from cubepath.protocol.wire.tiles import Tiles
 else:
     __getattr__, __dir__ = lazy_face(
@@ -122,21 +126,25 @@ else:
         {
             "access": "PROCESSES_MAX",
             "authority": "make_certificates",
-            "credentials": "COORDINATOR GUEST ROUTER Credentials certificate_files process_name",
+            "child": "TOLD serve",
+            "credentials": (
+                "COORDINATOR Credentials GUEST ROUTER certificate_files keeper_name process_name"
+            ),
             "free_messages": (
-                "FREE_KINDS Asks Attempt Decision Enter Entered Fetch FreeMessage Inquiry Look "
-                "Moved Occupant Passed Passes Register Settled Shown Shows Tail Tells Turn Turns "
-                "decode_free free_key free_kind free_sender free_topic heard_by_keeper "
-                "heard_by_process heard_of_tile level_of"
+                "Asks Attempt Decision Enter Entered FREE_KINDS Fetch FreeMessage "
+                "HOLD_TICKS_MAX Held Hold Inquiry Look Moved Occupant Passed Passes "
+                "Register Rest Settled Shown Shows Tail Tells Turn Turns decode_free "
+                "free_key free_kind free_topic heard_by_keeper heard_by_process "
+                "heard_of_tile level_of"
             ),
             "keys": (
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
             "messages": (
-                "MESSAGE_BYTES_MAX NoMessageError Act Acts Again Certified Claim Count Cube Edges "
-                "Executed Go Here Message Name Note Observations Observed Part Ready Reason "
-                "Refused Report Reports Reset Said Stopped Summary Verdict Waiting decode encode "
-                "kind_of parts_of"
+                "Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
+                "MESSAGE_BYTES_MAX Message Name NoMessageError Note Observations Observed "
+                "Part Ready Reason Refused Report Reports Reset Said Stopped Summary "
+                "Verdict Waiting decode encode kind_of parts_of"
             ),
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
             "on_record": "SHOWN parts_said schema_of topic_said",
@@ -146,7 +154,6 @@ else:
                 "wait_for_subscriber watch"
             ),
             "shell": "Shell",
-            "sockets": "discard",
             "tiles": "Tiles",
         },
     )
@@ -155,10 +162,12 @@ __all__ = [
     "COORDINATOR",
     "FREE_KINDS",
     "GUEST",
+    "HOLD_TICKS_MAX",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
     "ROUTER",
     "SHOWN",
+    "TOLD",
     "Act",
     "Acts",
     "Again",
@@ -179,7 +188,9 @@ __all__ = [
     "Fetch",
     "FreeMessage",
     "Go",
+    "Held",
     "Here",
+    "Hold",
     "Ignore",
     "Inquiry",
     "Keep",
@@ -205,6 +216,7 @@ __all__ = [
     "Report",
     "Reports",
     "Reset",
+    "Rest",
     "Router",
     "Said",
     "Settled",
@@ -229,16 +241,15 @@ __all__ = [
     "check_secure",
     "decode",
     "decode_free",
-    "discard",
     "encode",
     "everything",
     "free_key",
     "free_kind",
-    "free_sender",
     "free_topic",
     "heard_by_keeper",
     "heard_by_process",
     "heard_of_tile",
+    "keeper_name",
     "key_of",
     "kind_of",
     "level_of",
@@ -250,6 +261,7 @@ __all__ = [
     "put",
     "routers_of",
     "schema_of",
+    "serve",
     "subscribe",
     "to_region",
     "topic_in_key",
