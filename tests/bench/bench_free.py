@@ -16,6 +16,7 @@ from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
@@ -79,7 +80,8 @@ def _longest_wait(recording: Recording) -> float:
         message = decode_free(record.data)
         if isinstance(message, Moved):
             when.setdefault(message.module, []).append(record.wall_ns)
-    return max((b - a for each in when.values() for a, b in pairwise(each)), default=0) / 1e9
+    waits = [later - earlier for each in when.values() for earlier, later in pairwise(each)]
+    return max(waits, default=0) / 1e9
 
 
 def _slow_rule(folder: Path, rule: str, think_s: float) -> str:
@@ -117,14 +119,14 @@ def _slow_rule(folder: Path, rule: str, think_s: float) -> str:
 
 
 def _median(found: list[Measured], name: str) -> float:
-    return statistics.median(getattr(each, name) for each in found)
+    return float(statistics.median(getattr(each, name) for each in found))
 
 
 def _row(title: str, found: list[Measured]) -> None:
-    moves, seconds = _median(found, "moves"), _median(found, "seconds")
+    moves, seconds = _median(found, "moves"), max(_median(found, "seconds"), 1e-9)
     print(
         f"{title:<44}{moves:>7.0f}{_median(found, 'cubes'):>7.0f}{seconds:>9.2f}"
-        f"{moves / seconds if seconds else 0:>9.0f}{_median(found, 'messages') / max(seconds, 1e-9):>10.0f}"
+        f"{moves / seconds:>9.0f}{_median(found, 'messages') / seconds:>10.0f}"
         f"{_median(found, 'commit_messages'):>8.1f}{_median(found, 'longest_wait_s'):>8.2f}",
         flush=True,
     )
@@ -156,7 +158,7 @@ def main() -> None:
         for spec, rule in SCENES:
             for clock in ("lockstep", "free"):
                 rows(f"{spec} {clock}", system=spec, rule=rule, clock=clock)
-        spec, every = "hex:n=8", {module: 1.0 for module in range(8)}
+        spec, every = "hex:n=8", dict.fromkeys(range(8), 1.0)
         thinking = _slow_rule(folder, "chain", 0.01)
         rows(f"{spec} lockstep, one 100 times slower", system=spec, rule=thinking, processes=8)
         rows(
@@ -176,7 +178,7 @@ def main() -> None:
 
 def _cubes(folder: Path, seeds: int) -> None:
     """Compare the cubes of the normal cube path under both clocks."""
-    found: dict[str, list[int]] = {"lockstep": [], "free": []}
+    found: dict[Literal["lockstep", "free"], list[int]] = {"lockstep": [], "free": []}
     for seed in range(seeds):
         for clock, cubes in found.items():
             log = folder / f"cubes-{clock}-{seed}.mcap"

@@ -1,29 +1,31 @@
-"""Keepers and modules in real processes, killed, stopped and cut off: nothing is lost or doubled."""
+"""Keepers and modules in real processes, killed, stopped and cut off: nothing is lost."""
 
 import contextlib
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
-from relay import Relay
-from watched_fleets import listened, watched
 
+from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Moved
+from relay import Relay
+from watched_fleets import Watch, listened, watched
 
 pytestmark = pytest.mark.slow
 
 CHAIN = "hex:n=7"
+Ways = dict[str, Callable[[str], str]]
 
 
-def legal(watch: object) -> None:
+def legal(watch: Watch) -> None:
     """Assert that the path gathered is legal from the start on, level by level."""
-    found = watch.gatherer  # type: ignore[attr-defined]
+    found = watch.gatherer
     state = found.scene.start_state
     for step in found.steps:
         assert is_cube(step.actions)
@@ -116,7 +118,7 @@ def relays(
     made: dict[str, Relay] = {}
     with contextlib.ExitStack() as stack:
 
-        def way(name: str) -> object:
+        def way(name: str) -> Callable[[str], str]:
             def through(endpoint: str) -> str:
                 made[name] = stack.enter_context(Relay(endpoint, delay_s=delay_s))
                 return made[name].endpoint
@@ -130,7 +132,7 @@ def relays(
 def test_who_is_cut_off_for_a_while_goes_on_where_it_was(name: str) -> None:
     with (
         relays([name], 0.0) as (ways, made),
-        watched(scene_from_spec(CHAIN), "chain", ways=ways, processes=2, keepers=2) as watch,  # type: ignore[arg-type]
+        watched(scene_from_spec(CHAIN), "chain", ways=ways, processes=2, keepers=2) as watch,
     ):
         watch.moves(3)
         made[name].cut()
@@ -145,7 +147,7 @@ def test_who_is_cut_off_for_a_while_goes_on_where_it_was(name: str) -> None:
 def test_slow_links_only_take_longer() -> None:
     with (
         relays(["keeper_0", "process_0"], 0.05) as (ways, _),
-        watched(scene_from_spec("hex:n=5"), "chain", ways=ways, processes=2, keepers=2) as watch,  # type: ignore[arg-type]
+        watched(scene_from_spec("hex:n=5"), "chain", ways=ways, processes=2, keepers=2) as watch,
     ):
         watch.until(watch.reached)
         watch.settle()
@@ -155,6 +157,4 @@ def test_slow_links_only_take_longer() -> None:
 @pytest.mark.parametrize(("key", "number"), [("processes", 0), ("keepers", 0)])
 def test_a_fleet_has_processes_and_keepers(key: str, number: int) -> None:
     with pytest.raises(InputError, match=f"^{key}=0: expected 1 or more$"):
-        WatchedFleetOptions = {key: number}
-        with watched(scene_from_spec(CHAIN), "chain", **WatchedFleetOptions):
-            pass
+        FreeFleet(scene_from_spec(CHAIN), "chain", **{key: number})  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ from cubepath.agents.free.mover import Ask, Mover, paces
 from cubepath.agents.free.orders import FreeOrders
 from cubepath.agents.free.sensing import Sensing
 from cubepath.agents.rules.registry import rule_named
-from cubepath.agents.rules.schedule import SCHEDULE, scheduled
+from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
@@ -28,12 +28,12 @@ from cubepath.protocol.wire.free_messages import (
     Tells,
     Turn,
     Turns,
-    decode_free,
     free_key,
     heard_by_process,
     heard_of_tile,
+    read_free,
 )
-from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError, encode
+from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Put, Timer
 from cubepath.protocol.wire.tiles import Tiles
 
@@ -90,15 +90,7 @@ class FreeHostNode(Node):
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take a message; what is none has no effect but that it is counted."""
-        message = None
-        if len(data) <= MESSAGE_BYTES_MAX:
-            try:
-                message = decode_free(data)
-            except NoMessageError:
-                message = None
-        if message is None or key != free_key(self._orders.run, message):
-            self.refused += 1
-            return []
+        message = read_free(self._orders.run, key, data)
         match message:
             case Shows():
                 self._take(message)

@@ -92,7 +92,7 @@ class Mover:
         self.turns: list[Turn] = []
         """What its rule was asked since this was last taken."""
         self.level = 0
-        """The greatest level of its own moves: how long the best schedule is, as far as it knows."""
+        """The greatest level of its moves: how long the best schedule is, as far as it knows."""
         self._scene = scene
         self._system = scene.system
         self._tiles = tiles
@@ -378,11 +378,9 @@ class Mover:
         if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):
             return []
         here = sensing.place(self._system.place_of(self.site))
-        if here.module != self.module or here.module_version != self._version:
-            self.due_s = now_s + AGAIN_S  # what it has just done is not shown yet
-            return []
-        if not sensing.sees(self._seen):
-            self.due_s = now_s + AGAIN_S
+        known = here.module == self.module and here.module_version == self._version
+        if not known or not sensing.sees(self._seen):
+            self.due_s = now_s + AGAIN_S  # what it has just done, or what is near, is not shown yet
             return []
         if self._misses >= MISSES and not self._holds:
             return self._begin_to_hold(now_s)
@@ -396,11 +394,14 @@ class Mover:
             return self._let_go(())
         self._rest_s = REST_S
         self._attempt = attempt
-        if self._pace.factor:
-            longer = 1.0 + self._pace.jitter * self._random.random()
-            self.state, self.due_s = "thinking", now_s + self._pace.factor * THINK_S * longer
-            return []
-        return self._send(attempt, now_s)
+        return self._think(attempt, now_s)
+
+    def _think(self, attempt: Attempt, now_s: float) -> list[Ask]:
+        if not self._pace.factor:
+            return self._send(attempt, now_s)
+        longer = 1.0 + self._pace.jitter * self._random.random()
+        self.state, self.due_s = "thinking", now_s + self._pace.factor * THINK_S * longer
+        return []
 
     def _asked(self, sensing: Sensing) -> Attempt | None:
         """Ask the rule; return the attempt that follows from its choice."""

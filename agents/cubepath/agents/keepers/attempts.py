@@ -152,12 +152,11 @@ def _planned(system: System, tiles: Tiles, attempt: Attempt) -> Planned:
         chain,
         {
             keeper: _share(
-                in_order(shares.get(keeper, ())),
+                system,
+                {unit: sensed[unit] for unit in in_order(shares.get(keeper, ()))},
                 {place: note for place, note in notes.items() if tiles.keeper_of(place) == keeper},
-                sensed,
                 (reads, writes),
                 after,
-                system,
             )
             for keeper in chain
         },
@@ -191,12 +190,11 @@ def _unit_place(system: System) -> Callable[[Site], Site]:
 
 
 def _share(
-    units: tuple[Site, ...],
+    system: System,
+    units: Mapping[Site, Site | None],
     notes: Mapping[Site, tuple[tuple[int, ...], tuple[int, ...] | None]],
-    sensed: Mapping[Site, Site | None],
     touched: tuple[frozenset[Site], frozenset[Site]],
     after: Mapping[Site, tuple[int, int | None]],
-    system: System,
 ) -> Share:
     reads, writes = touched
     place_of = _unit_place(system)
@@ -207,7 +205,7 @@ def _share(
     for place, (_, new) in notes.items():
         (shared if new is None else exclusive).add((True, place))
     return Share(
-        sensed=tuple((unit, sensed[unit]) for unit in units),
+        sensed=tuple(units.items()),
         reads=tuple(unit for unit in units if unit in reads),
         writes=tuple(written),
         guards=tuple(unit for unit in units if unit not in reads and unit not in writes),

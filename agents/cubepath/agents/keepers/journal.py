@@ -10,7 +10,7 @@ import os
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import Protocol, Self, TypeAlias
 from zlib import crc32
 
 import msgspec
@@ -126,7 +126,7 @@ class FileJournal:
                 raise InputError(f"{self.path}: line {number} is damaged, expected a record")
             self._added(record, line)
 
-    def __enter__(self) -> FileJournal:
+    def __enter__(self) -> Self:
         """Return the journal."""
         return self
 

@@ -93,7 +93,7 @@ class _Pending:
 
 @dataclass(slots=True)
 class _Hold:
-    """Places that are held for a module, or that it waits for; not on record, so a crash ends it."""
+    """Places that are held for a module, or that it waits for; nothing of it is logged."""
 
     asked: Hold
     process: int
@@ -147,7 +147,7 @@ class Keeper:
     def __init__(
         self, me: int, scene: Scene, tiles: Tiles, journal: Journal, *, tell_reads: bool = False
     ) -> None:
-        """Begin at the start of the scene, and go through the journal if there is anything in it."""
+        """Begin at the start of the scene, and go through the journal."""
         self.me = me
         self._system = scene.system
         self._tiles = tiles
@@ -221,20 +221,23 @@ class Keeper:
             pending.age += 1
             if pending.age >= pending.due:
                 self._inquire(pending)
+        self._remind()
         for hold in list(self._holds.values()):
             hold.left -= 1
             if hold.left <= 0:
                 self._give_up(hold.asked.module)
-        for unsettled in self._unsettled.values():
-            unsettled.age += 1
-            if unsettled.age % REMIND_TICKS == 0:
-                for keeper in unsettled.owing:
-                    self._pass(keeper, unsettled.decision)
         if self._owed:
             self._owed_age += 1
             if self._owed_age >= SETTLE_TICKS:
                 for keeper in list(self._owed):
                     self._settle(keeper)
+
+    def _remind(self) -> None:
+        for unsettled in self._unsettled.values():
+            unsettled.age += 1
+            if unsettled.age % REMIND_TICKS == 0:
+                for keeper in unsettled.owing:
+                    self._pass(keeper, unsettled.decision)
 
     @property
     def busy(self) -> bool:
@@ -312,12 +315,7 @@ class Keeper:
         it: they would wait for each other.
         """
         owner, share = pending.owner, pending.share
-        if owner in self._prepared:
-            return True
-        for lock in share.exclusive:
-            if self._exclusive.get(lock, ~owner) != ~owner or self._shared.get(lock):
-                return True
-        if any(self._exclusive.get(lock, ~owner) != ~owner for lock in share.shared):
+        if owner in self._prepared or self._is_locked(owner, share):
             return True
         if owner in self._holds:
             return False
@@ -327,6 +325,14 @@ class Keeper:
             if other != ~owner and share.conflicts(earlier.share):
                 return True
         return False
+
+    def _is_locked(self, owner: int, share: Share) -> bool:
+        """Return whether anything of a share is locked, but by what is held for an attempt."""
+        own = (None, ~owner) if owner >= 0 else (None,)
+        for lock in share.exclusive:
+            if self._exclusive.get(lock) not in own or self._shared.get(lock):
+                return True
+        return any(self._exclusive.get(lock) not in own for lock in share.shared)
 
     def _take(self, pending: _Pending) -> None:
         """Check an attempt that nothing is in the way of; refuse, prepare or commit it."""
@@ -534,7 +540,8 @@ class Keeper:
         self._last[module] = _Last(decision.epoch, decision.number, decision)
         del self._prepared[module]
         for lock in share.exclusive:
-            del self._exclusive[lock]
+            if self._exclusive.get(lock) == module:
+                del self._exclusive[lock]
         for lock in share.shared:
             self._shared[lock].pop(module)
             if not self._shared[lock]:

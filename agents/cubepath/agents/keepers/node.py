@@ -13,13 +13,14 @@ from cubepath.protocol.wire.free_messages import (
     Attempt,
     Enter,
     Fetch,
+    FreeMessage,
     Hold,
     Passes,
-    decode_free,
     free_key,
     heard_by_keeper,
+    read_free,
 )
-from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, NoMessageError, encode
+from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
 
 TICK_S = 0.05
@@ -43,16 +44,14 @@ class KeeperNode(Node):
 
     def receive(self, key: str, data: bytes) -> list[Effect]:
         """Take a message; what is none has no effect but that it is counted."""
+        message = read_free(self._run, key, data)
+        if isinstance(message, Go) and message.phase == "stop":
+            return [Timer(None), End()]
+        self._take(message)
+        return self._said()
+
+    def _take(self, message: FreeMessage | None) -> None:
         keeper = self.keeper
-        message = None
-        if len(data) <= MESSAGE_BYTES_MAX:
-            try:
-                message = decode_free(data)
-            except NoMessageError:
-                message = None
-        if message is None or key != free_key(self._run, message):
-            keeper.refused += 1
-            return []
         match message:
             case Asks(process=process, keeper=keeper.me, parts=parts):
                 for part in parts:
@@ -65,13 +64,10 @@ class KeeperNode(Node):
                     keeper.hear(other, said)
             case Fetch(keeper=keeper.me, serial=serial):
                 keeper.fetch(serial)
-            case Go(phase="stop"):
-                return [Timer(None), End()]
             case Go():
                 pass  # for modules
             case _:
                 keeper.refused += 1
-        return self._said()
 
     def tick(self) -> list[Effect]:
         """Ask for what is due."""

@@ -19,7 +19,7 @@ from cubepath.protocol.wire.tiles import Tiles
 
 @dataclass(slots=True)
 class Unit:
-    """How often a unit was written, and by what level; how often that version was read, likewise."""
+    """How often a unit was written, and at what level; how often that was read, likewise."""
 
     version: int = 0
     level: int = 0
@@ -116,17 +116,13 @@ class Units:
 
         `occupants` are the modules that it changes, each with its site from now on.
         """
-        for unit in share.reads:
-            known = self.units.setdefault(unit, Unit())
-            known.reads += 1
-            known.read_level = max(known.read_level, moved.level)
+        self._read(share.reads, moved.level)
         changed = {self._unit_place(unit): None for unit in share.writes}
         for unit in share.writes:
             version = self.unit(unit).version
             self.units[unit] = Unit(version + 1, moved.level)
         for place in changed:
             self._places[place] = self._places.get(place, 0) + 1
-            self._by_tile.setdefault(self._tiles.tile_of(place), {})[place] = None
             held = self._occupants.pop(place, None)
             if held is not None:
                 del self.place_of[held[1].module]
@@ -138,12 +134,22 @@ class Units:
             if place in changed:
                 self._put(site, occupant)
         if self._tell_reads:
-            for place in map(self._unit_place, share.reads):
-                changed[place] = None
-                self._by_tile.setdefault(self._tiles.tile_of(place), {})[place] = None
+            changed.update(dict.fromkeys(map(self._unit_place, share.reads)))
+        return self._count(changed)
+
+    def _read(self, units: Iterable[Site], level: int) -> None:
+        for unit in units:
+            known = self.units.setdefault(unit, Unit())
+            known.reads += 1
+            known.read_level = max(known.read_level, level)
+
+    def _count(self, changed: Iterable[Site]) -> list[str]:
+        """Count the change of the tiles of these places."""
         tiles: dict[str, list[Site]] = {}
         for place in changed:
-            tiles.setdefault(self._tiles.tile_of(place), []).append(place)
+            tile = self._tiles.tile_of(place)
+            tiles.setdefault(tile, []).append(place)
+            self._by_tile.setdefault(tile, {})[place] = None
         for tile in tiles:
             self.serials[tile] = self.serials.get(tile, 0) + 1
         self.last_change = {tile: in_order(places) for tile, places in tiles.items()}

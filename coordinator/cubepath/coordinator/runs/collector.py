@@ -123,7 +123,7 @@ class Collector(Node):
 
     @property
     def settled(self) -> bool:
-        """Return whether every keeper has answered, nothing is under way, and nothing is lacking."""
+        """Return whether every keeper has answered, and nothing is under way or lacking."""
         tails = self.tails.values()
         return (
             len(self.tails) == self._keepers

@@ -20,7 +20,7 @@ class Interrupted(Exception):  # noqa: N818 - it is not an error, but what the u
 
 @contextmanager
 def interrupts() -> Generator[Callable[[], None]]:
-    """Turn SIGINT, SIGTERM and SIGHUP into `Interrupted`, raised where the given function is called.
+    """Turn SIGINT, SIGTERM and SIGHUP into `Interrupted`, raised by the function that is yielded.
 
     A second signal raises KeyboardInterrupt at once. Outside the main thread no signal is handled.
     """

@@ -128,20 +128,14 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
         flushes=_FLUSHES,
     ) as writer:
         if plan.is_free:
-            return _play_free(plan, task, writer, watch, say, recording)
+            aloud = say or (lambda _: None)
+            return _play_free(FreeRun(plan, task, writer, aloud, watch, recording))
         return _Run(plan, task, writer, say).play(watch)
 
 
-def _play_free(
-    plan: Plan,
-    task: Task,
-    writer: RecordingWriter,
-    watch: Watch | None,
-    say: Say | None,
-    before: Recording | None,
-) -> Outcome:
+def _play_free(free: FreeRun) -> Outcome:
     began = time.monotonic()
-    free = FreeRun(plan, task, writer, say or (lambda _: None), watch, before)
+    plan, task, writer = free.plan, free.task, free.writer
     ending = free.play()
     return _outcome(
         plan,

@@ -17,6 +17,7 @@ import msgspec
 
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.wire.messages import (
+    MESSAGE_BYTES_MAX,
     Certified,
     Count,
     Cube,
@@ -405,6 +406,20 @@ def free_key(run: str, message: FreeMessage) -> str:
             return f"cubepath/{run}/{kind}/{tile}/{who}"
         case _:
             return f"cubepath/{run}/{kind}/{who}"
+
+
+def read_free(run: str, key: str, data: bytes) -> FreeMessage | None:
+    """Return the message that was put on a key; None if there is none, or none that belongs there.
+
+    Only a message that is not too large, and stands on its own key, belongs there.
+    """
+    if len(data) > MESSAGE_BYTES_MAX:
+        return None
+    try:
+        message = decode_free(data)
+    except NoMessageError:
+        return None
+    return message if key == free_key(run, message) else None
 
 
 def heard_by_keeper(run: str, keeper: int) -> tuple[str, ...]:
