@@ -187,7 +187,7 @@ def _cubes(folder: Path, seeds: int) -> None:
                 seed=seed,
                 hesitate=0.3,
                 clock=clock,
-                log=log,  # type: ignore[arg-type]
+                log=log,
             )
             cubes.append(run(plan).cubes)
     for clock, cubes in found.items():

@@ -111,9 +111,7 @@ def test_a_death_ends_the_run_unless_told_otherwise() -> None:
 
 
 @contextlib.contextmanager
-def relays(
-    names: list[str], delay_s: float
-) -> Iterator[tuple[dict[str, object], dict[str, Relay]]]:
+def relays(names: list[str], delay_s: float) -> Iterator[tuple[Ways, dict[str, Relay]]]:
     """Yield the ways of processes through relays of their own."""
     made: dict[str, Relay] = {}
     with contextlib.ExitStack() as stack:

@@ -1,8 +1,8 @@
 """Modules of a run without rounds: each senses, chooses and attempts when it is ready.
 
-Room: agents. It opens sessions and starts processes. It imports `rules`, `local`, `keepers` and, for
-child processes, `processes`. A run under the free clock uses a `FreeFleet`; the simulator uses its
-nodes.
+Room: agents. It opens sessions and starts processes. It imports `rules`, `local`, `keepers` and,
+for child processes, `processes`. A run under the free clock uses a `FreeFleet`; the simulator uses
+its nodes.
 """
 
 from typing import TYPE_CHECKING

@@ -200,8 +200,7 @@ class FreeFleet:
         found = []
         if router is not None and router.look_after():
             found.append(Crash("router", "died", restarted=True))
-        for ended in self._offspring.ended():
-            found.append(self._crashed(ended))
+        found += map(self._crashed, self._offspring.ended())
         self._restarts += sum(crash.restarted for crash in found)
         if self._restarts > _RESTARTS_MAX:
             raise ProcessDied(f"processes died {self._restarts} times, {found[-1].name} the last")

@@ -47,7 +47,7 @@ RETRY_S, RETRY_S_MAX = 0.002, 0.25
 THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
 MISSES = 3
-"""After so many attempts in a row that came too late a module asks for what it senses to be held."""
+"""After so many attempts in a row that came too late it asks for what it senses to be held."""
 HOLD_TICKS = 20
 """So many ticks of the keepers it asks for at least, besides the time that it thinks."""
 PACE = 2

@@ -12,7 +12,7 @@ from cubepath.protocol.wire.credentials import GUEST, Credentials
 
 
 class OwnMove(msgspec.Struct, frozen=True):
-    """A module's own move of a schedule, and at what versions it finds its units, read how often."""
+    """A module's own move of a schedule, and how often its units were written and read before."""
 
     placed: GeneratorPlacement
     after: list[tuple[Json, int, int | None]]
