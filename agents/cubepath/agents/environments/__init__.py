@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
     from cubepath.agents.environments.free_environment import FreeEnv
     from cubepath.agents.environments.free_rollout import FreePlayed, play_free
-    from cubepath.agents.environments.free_world import FreeWorld
     from cubepath.agents.environments.rollout import Played, play
     from cubepath.agents.environments.world import World
 else:
@@ -22,7 +21,6 @@ else:
             "environment": "CubepathEnv env parallel_env raw_env",
             "free_environment": "FreeEnv",
             "free_rollout": "FreePlayed play_free",
-            "free_world": "FreeWorld",
             "rollout": "Played play",
             "world": "World",
         },
@@ -32,7 +30,6 @@ __all__ = [
     "CubepathEnv",
     "FreeEnv",
     "FreePlayed",
-    "FreeWorld",
     "Played",
     "World",
     "env",
