@@ -17,7 +17,6 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved
 
-
 Watch: TypeAlias = Callable[[FreeWorld, Acted], None]
 """Is told of a turn, with the world after it."""
 
