@@ -51,6 +51,45 @@ def test_the_random_rule_is_local(spec: str) -> None:
     assert check_rule("random", [spec]).findings == ()
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("rule", sorted(BUILT_IN.keys() - {"random"}))
+def test_our_own_rules_are_local_without_rounds(rule: str) -> None:
+    """The same, where they are played in turns."""
+    found = check_rule(rule, clock="free")
+    assert found.findings == ()
+    assert found.choices > 1000
+    assert found.changes > 100
+
+
+@pytest.mark.slow
+def test_who_cheats_is_found_without_rounds(stage: Stage, tmp_path: Path) -> None:
+    """A global that modules share shows in turns too, which are named in the line."""
+    text = (CHEATS / "module_globals.py").read_text()
+    free = "lambda _: True, make, free=FreeRule('not at all'))"
+    text = text.replace("lambda _: True, make)", free)
+    (tmp_path / "cheat.py").write_text(text.replace("import Init", "import FreeRule, Init"))
+    checker = Checker(
+        stage, f"{tmp_path}/cheat.py:RULE", seed=1, progress=lambda: None, clock="free"
+    )
+    checker.check("hex:n=4")
+    found = checker.checked()
+    assert found.clock == "free"
+    (line,) = [each.text for each in found.findings if each.kind == "state"]
+    assert "WHERE changed" in line
+    assert "in turn" in line
+
+
+@pytest.mark.slow
+def test_a_rule_for_rounds_alone_is_refused_without(stage: Stage) -> None:
+    """It says nothing of why it would hold, so it is not played."""
+    rule = f"{CHEATS / 'harmless'}.py:RULE"
+    checker = Checker(stage, rule, seed=1, progress=lambda: None, clock="free")
+    with pytest.raises(InputError, match="not for the free clock: rule"):
+        checker.check("hex:n=4")
+    with pytest.raises(InputError, match="clock='wall': expected one of lockstep, free"):
+        check_rule("chain", clock="wall")
+
+
 @pytest.mark.slow
 def test_what_is_local_is_left_alone(stage: Stage) -> None:
     """A cache, a generator from the module's number, libraries that look at frames: no finding."""

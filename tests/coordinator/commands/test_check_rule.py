@@ -55,3 +55,20 @@ def test_bad_input_is_one_line(
     """With what was found and what was expected; exit code 2."""
     monkeypatch.chdir(tmp_path)
     assert why in refused("check-rule", *arguments)
+
+
+def test_a_rule_is_played_without_rounds() -> None:
+    """By --clock free, which the answer names."""
+    done = cubepath("check-rule", "tswap", "agv:graph=P7,n=3", "--clock", "free")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0] == "rule      tswap, seed 0, free clock"
+    assert "findings  none" in done.stdout
+
+
+def test_rules_say_under_which_clocks_they_hold() -> None:
+    """In words, and in the document with the argument."""
+    done = cubepath("rules", "--json")
+    listed = {rule["name"]: rule for rule in json.loads(done.stdout)}
+    assert listed["chain"]["clocks"] == ["lockstep", "free"]
+    assert "a guard keeps walkers apart" in listed["chain"]["free"]
+    assert "clocks: lockstep, free" in cubepath("rules").stdout

@@ -98,9 +98,9 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         self._make_scheduler(0)
         self.agents: list[str] = []
         space = observation_space_of(self.scene, note_length, register=True)
-        self.observation_spaces = dict.fromkeys(self.possible_agents, space)
+        self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
-        self.action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
+        self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
         info = np.iinfo(np.int32)
         shape = len(self.possible_agents), self.scene.system.site_size
         self.state_space = spaces.Box(info.min, info.max, shape, np.int32)
@@ -115,11 +115,11 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the agent's observation space, the same object each time."""
-        return self.observation_spaces[agent]
+        return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space[Any]:
         """Return the agent's action space, the same object each time."""
-        return self.action_spaces[agent]
+        return self._action_spaces[agent]
 
     @property
     def world(self) -> FreeWorld:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
@@ -15,6 +16,9 @@ from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved
+
+Watch: TypeAlias = Callable[[FreeWorld, Acted], None]
+"""Is told of a turn, with the world after it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,7 @@ def play_free(
     jitter: float = 0.5,
     lag: int = 0,
     restarts: Mapping[int, Collection[int]] | None = None,
-    watch: Callable[[FreeWorld, Acted], None] | None = None,
+    watch: Watch | None = None,
 ) -> FreePlayed:
     """Play until the goal is reached, a rule gives up, or after `max_cycles` turns a module.
 

@@ -27,6 +27,7 @@ class Scheduler(Protocol):
 
     def next(self, *, committed: bool) -> int:
         """Return which module acts, given what came of the turn before; False at first."""
+        raise NotImplementedError
 
 
 class Turns:

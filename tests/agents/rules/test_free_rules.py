@@ -1,0 +1,149 @@
+"""What holds of all rules without rounds, and the rules random and word."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cubepath.agents.environments.free_rollout import play_free
+from cubepath.agents.environments.free_world import Acted, FreeWorld
+from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.registry import BUILT_IN, rule_named
+from cubepath.agents.rules.uniform import RANDOM
+from cubepath.agents.rules.word import WORD
+from cubepath.protocol.core.actions import apply
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.scenes.specs import scene_from_spec
+from free_plays import Pace, paces
+from local_families import LOCAL_FAMILIES
+
+SCENES = {
+    "random": "sliding:p=3,q=2,n=4",
+    "chain": "hex:n=5",
+    "word": "arm:n=5",
+    "tswap": "agv:graph=grid4x4,n=6",
+    "pibt": "agv-labelled:graph=grid4x4,n=5",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_our_own_rules_say_why_they_hold_without_rounds(name: str) -> None:
+    """All of them do, and are offered by name."""
+    scene = scene_from_spec(SCENES[name])
+    rule = rule_named(name, scene.system, "free")
+    assert rule.clocks == ("lockstep", "free")
+    assert rule.free is not None
+    assert rule.free.why
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_the_same_seed_gives_the_same_run(name: str) -> None:
+    """To the last commit, also with late views and modules that start again."""
+    scene = scene_from_spec(SCENES[name])
+    pace = Pace("random", seed=7, lag=3, hesitate=0.3, slow=10, restarts=((9, 1), (30, 2)))
+    runs = [pace.play(scene, BUILT_IN[name], max_cycles=150) for _ in range(2)]
+    assert runs[0] == runs[1]
+    assert runs[0].commits
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(BUILT_IN.keys() - {"random"}))
+def test_at_the_goal_nobody_asks_for_anything(name: str) -> None:
+    """However often it is called, and also if it has just lost its memory."""
+    scene = scene_from_spec(SCENES[name])
+    worlds: list[FreeWorld] = []
+    played = play_free(scene, BUILT_IN[name], seed=2, watch=lambda world, _: worlds.append(world))
+    assert played.reached
+    world = worlds[-1]
+    asked = []
+    for _ in range(12):
+        actors = actors_for(
+            scene,
+            BUILT_IN[name],
+            seed=2,
+            hesitate=0.0,
+            sites=dict(enumerate(world.sites)),
+            clock="free",
+        )
+        turns = [world.act(each, actors[each].act(world.look(each))) for each in actors]
+        assert not any(acted.move for acted in turns)
+        asked.append(any(acted.asked for acted in turns))
+    assert not any(asked[-6:])
+
+
+def test_a_rule_without_an_argument_is_for_rounds_alone() -> None:
+    """It is refused by name, with those that are for it."""
+    from dataclasses import replace
+
+    assert replace(WORD, free=None).clocks == ("lockstep",)
+    with pytest.raises(InputError, match="rule 'chain', expected one of random, word"):
+        rule_named("chain", scene_from_spec("arm:n=3").system, "free")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", LOCAL_FAMILIES)
+def test_random_makes_legal_moves_alone(spec: str) -> None:
+    """From every family's default scene, each commit is admissible where the ones before led."""
+    scene = scene_from_spec(spec)
+    state = set(scene.start_state)
+    count = 0
+
+    def watch(world: FreeWorld, acted: Acted) -> None:
+        nonlocal state, count
+        if acted.move is not None and acted.moved is not None:
+            assert acted.move.possible(state)
+            state = set(apply(acted.move.action, frozenset(state)))
+            assert set(world.sites) | scene.system.filled == state
+            count += 1
+
+    play_free(scene, RANDOM, seed=1, lag=4, max_cycles=60, watch=watch)
+    assert count
+
+
+@pytest.mark.slow
+@pytest.mark.thorough
+def test_random_makes_ten_thousand_legal_moves() -> None:
+    """With views up to five commits old, and one vehicle a hundred times slower."""
+    scene = scene_from_spec("agv-labelled:graph=grid8x8,n=20")
+    state = set(scene.start_state)
+    count = 0
+
+    def watch(world: FreeWorld, acted: Acted) -> None:
+        nonlocal state, count
+        if acted.move is not None and acted.moved is not None:
+            assert acted.move.possible(state)
+            state = set(apply(acted.move.action, frozenset(state)))
+            count += 1
+
+    play_free(scene, RANDOM, seed=1, lag=5, max_cycles=800, speeds={0: 100}, watch=watch)
+    assert count > 10_000
+
+
+@pytest.mark.slow
+@settings(deadline=None, max_examples=40, derandomize=True)
+@given(st.integers(1, 9), paces())
+def test_every_word_is_spelt(n: int, pace: Pace) -> None:
+    """Under every scheduler, with late views, hesitation and segments that lose their memory."""
+    scene = scene_from_spec(f"arm:n={n}")
+    played = pace.play(scene, WORD)
+    assert played.reached
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [1, 10, 100])
+def test_a_slow_module_is_waited_for(factor: int) -> None:
+    """It acts that much more rarely, and the goal is reached all the same."""
+    scene = scene_from_spec("hex:n=6")
+    turns = [0] * 6
+
+    def watch(world: FreeWorld, acted: Acted) -> None:
+        del world
+        turns[acted.module] += 1
+
+    rule = rule_named("chain", scene.system, "free")
+    played = play_free(scene, rule, seed=3, speeds={3: factor}, max_cycles=20000, watch=watch)
+    assert played.reached
+    assert turns[3] * factor <= 2 * max(turns) + 2 * factor
