@@ -88,7 +88,7 @@ def test_levels_are_those_of_the_heap_without_cancellation(spec: str) -> None:
 def test_what_was_released_at_any_time_could_be_all_that_happened() -> None:
     """Every prefix of the released moves is admissible, and its heap that of its definition."""
     scene, commits = run_of(SPECS[1])
-    default_rng(3).shuffle(commits)  # type: ignore[arg-type]  # a list will do
+    default_rng(3).shuffle(commits)
     released: list[Moved] = []
     found = FreeGatherer(scene, KEEPERS, released.append)
     for moved in commits:

@@ -98,9 +98,7 @@ class FreePlaying:
         )
         doubt = stream(seed, module, HESITATE) if self._hesitate else None
         try:
-            return Actor(
-                rule, knowledge, hesitate=self._hesitate or 0.0, doubt=doubt, clock="free"
-            )
+            return Actor(rule, knowledge, hesitate=self._hesitate or 0.0, doubt=doubt, clock="free")
         except CubepathError as error:
             self._wrong = self._wrong or str(error)
             return None

@@ -13,9 +13,9 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
+    from cubepath.coordinator.verification.findings import Check, Progress, Verification
     from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
     from cubepath.coordinator.verification.proof import check_proof
-    from cubepath.coordinator.verification.findings import Check, Progress, Verification
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
     from cubepath.coordinator.verification.transcript import RECOVERED, Transcript, site_in
 else:

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple
 
 from cubepath.coordinator.verification.transcript import Fail
 
-
 Progress = Callable[[int], object]
 """Called now and then with the number of rounds, or levels, checked since the last call."""
 
