@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.shortening.comparing import difference_of
     from cubepath.coordinator.shortening.conversion import Converted, convert
     from cubepath.coordinator.shortening.explain import (
         TimedPath,
@@ -25,6 +26,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "comparing": "difference_of",
             "conversion": "Converted convert",
             "explain": "TimedPath certificate_in_words certified_path timed_path",
             "normal_path": "Shortened shorten",
@@ -45,6 +47,7 @@ __all__ = [
     "certificate_in_words",
     "certified_path",
     "convert",
+    "difference_of",
     "read_input",
     "read_steps",
     "shorten",

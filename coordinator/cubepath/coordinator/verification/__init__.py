@@ -13,7 +13,10 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
+    from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
+    from cubepath.coordinator.verification.free_transcript import turn_text
+    from cubepath.coordinator.verification.free_turns import Seen
     from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
@@ -24,9 +27,12 @@ else:
         {
             "certificate": "check_certificate compare_cubes",
             "choices": "Arrays Moment Observing",
+            "equality": "difference",
+            "findings": "Check Progress Verification",
+            "free_transcript": "turn_text",
+            "free_turns": "Seen",
             "parameters": "hesitation_in seed_in",
             "proof": "check_proof",
-            "findings": "Check Progress Verification",
             "recording": "Recovered recover verify",
             "transcript": "RECOVERED Transcript site_in",
         },
@@ -40,14 +46,17 @@ __all__ = [
     "Observing",
     "Progress",
     "Recovered",
+    "Seen",
     "Transcript",
     "Verification",
     "check_certificate",
     "check_proof",
     "compare_cubes",
+    "difference",
     "hesitation_in",
     "recover",
     "seed_in",
     "site_in",
+    "turn_text",
     "verify",
 ]

@@ -12,7 +12,6 @@ from cubepath.coordinator.verification.free_history import (
     NO_SITE,
     History,
     Standing,
-    changed_by,
 )
 from cubepath.coordinator.verification.free_transcript import (
     AttemptId,
@@ -21,6 +20,7 @@ from cubepath.coordinator.verification.free_transcript import (
     attempt_text,
     commit_text,
 )
+from cubepath.coordinator.verification.free_units import changed_by
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text

@@ -15,13 +15,19 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cubepath.coordinator.verification.free_transcript import commit_text
+from cubepath.coordinator.verification.free_units import (
+    changed_by,
+    held_by,
+    on_unit,
+    units_of,
+)
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved, Register
 from cubepath.protocol.wire.messages import encode
 
@@ -386,43 +392,3 @@ class History:
 def users_of(known: _Unit, version: int) -> list[int]:
     """Return the commits that read a version or were guarded by it."""
     return [*known.readers.get(version, ()), *known.guards.get(version, ())]
-
-
-def on_unit(system: System, unit: Site, standing: dict[Site, Site]) -> Site | None:
-    """Return the site that is on at a unit, by what stands at places."""
-    if system.labels is not None:
-        return standing.get(unit)
-    site = standing.get(system.place_of(unit))
-    return site if site == unit else None
-
-
-def units_of(system: System, move: Move) -> tuple[frozenset[Site], frozenset[Site]]:
-    """Return the units that a move reads, and those that it writes.
-
-    With labels a unit is a place, otherwise a site. What is no place never changes.
-    """
-    labelled = system.labels is not None
-
-    def units(sites: Iterable[Site]) -> frozenset[Site]:
-        found = {site: system.place_of(site) for site in sites}
-        return frozenset(
-            place if labelled else site for site, place in found.items() if system.has_place(place)
-        )
-
-    writes = units(move.action.trace)
-    return units(move.action.support) - writes, writes
-
-
-def changed_by(moved: Moved) -> dict[int, int]:
-    """Return the modules that a commit moves or whose registers it writes, with their versions."""
-    found = {module: version for module, _, _, version in moved.motion}
-    for _, module, version, note in moved.notes:
-        if note is not None:
-            found.setdefault(module, version)
-    return found
-
-
-def held_by(moved: Moved) -> dict[int, int]:
-    """Return the modules whose registers only had to hold, with their versions."""
-    changed = changed_by(moved)
-    return {module: version for _, module, version, _ in moved.notes if module not in changed}

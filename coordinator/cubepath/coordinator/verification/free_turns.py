@@ -13,8 +13,6 @@ from cubepath.coordinator.verification.choices import Arrays, Observing
 from cubepath.coordinator.verification.free_history import (
     NO_SITE,
     History,
-    on_unit,
-    units_of,
 )
 from cubepath.coordinator.verification.free_shown import Shownness
 from cubepath.coordinator.verification.free_transcript import (
@@ -22,6 +20,7 @@ from cubepath.coordinator.verification.free_transcript import (
     attempt_text,
     turn_text,
 )
+from cubepath.coordinator.verification.free_units import on_unit, units_of
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text

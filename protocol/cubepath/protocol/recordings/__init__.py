@@ -10,7 +10,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.counts import Counts
-    from cubepath.protocol.recordings.description import FORMATS, FREE_FORMAT, Clock
+    from cubepath.protocol.recordings.description import FORMATS
     from cubepath.protocol.recordings.recording import (
         TOPICS_MAX,
         Record,
@@ -26,7 +26,7 @@ else:
         __name__,
         {
             "counts": "Counts",
-            "description": "FORMATS FREE_FORMAT Clock",
+            "description": "FORMATS",
             "recording": (
                 "TOPICS_MAX Record Recording RecordingWriter copy_recording is_recording "
                 "read_recording read_undamaged"
@@ -36,9 +36,7 @@ else:
 
 __all__ = [
     "FORMATS",
-    "FREE_FORMAT",
     "TOPICS_MAX",
-    "Clock",
     "Counts",
     "Record",
     "Recording",

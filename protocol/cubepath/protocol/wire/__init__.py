@@ -22,7 +22,6 @@ if TYPE_CHECKING:
         process_name,
     )
     from cubepath.protocol.wire.free_messages import (
-        FREE_KINDS,
         Asks,
         Attempt,
         Decision,
@@ -47,12 +46,10 @@ if TYPE_CHECKING:
         decode_free,
         free_key,
         free_kind,
-        free_sender,
         free_topic,
         heard_by_keeper,
         heard_by_process,
         heard_of_tile,
-        level_of,
     )
     from cubepath.protocol.wire.keys import (
         addressees,
@@ -124,10 +121,10 @@ else:
             "authority": "make_certificates",
             "credentials": "COORDINATOR GUEST ROUTER Credentials certificate_files process_name",
             "free_messages": (
-                "FREE_KINDS Asks Attempt Decision Enter Entered Fetch FreeMessage Inquiry Look "
+                "Asks Attempt Decision Enter Entered Fetch FreeMessage Inquiry Look "
                 "Moved Occupant Passed Passes Register Settled Shown Shows Tail Tells Turn Turns "
-                "decode_free free_key free_kind free_sender free_topic heard_by_keeper "
-                "heard_by_process heard_of_tile level_of"
+                "decode_free free_key free_kind free_topic heard_by_keeper "
+                "heard_by_process heard_of_tile"
             ),
             "keys": (
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
@@ -153,7 +150,6 @@ else:
 
 __all__ = [
     "COORDINATOR",
-    "FREE_KINDS",
     "GUEST",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
@@ -234,14 +230,12 @@ __all__ = [
     "everything",
     "free_key",
     "free_kind",
-    "free_sender",
     "free_topic",
     "heard_by_keeper",
     "heard_by_process",
     "heard_of_tile",
     "key_of",
     "kind_of",
-    "level_of",
     "make_certificates",
     "open_client",
     "parts_of",
