@@ -214,7 +214,7 @@ class Attempts:
             if not decision.why or decision.occupants:
                 self._fail("decisions", f"{said.where}: a refusal needs a reason and nothing else")
             return
-        if decision.moved != moved or decision.why:
+        if moved is None or decision.moved != moved or decision.why:
             self._fail("decisions", f"{said.where}: {attempt_text(name)} came to something else")
             return
         changed = changed_by(moved)
