@@ -150,25 +150,28 @@ class FreeRun:
 
     def _deliver(self, message: FreeMessage) -> None:
         match message:
-            case Asks(process=process, keeper=keeper, parts=parts):
-                for part in parts:
-                    self.keepers[keeper].ask(process, part)
-            case Passes(keeper=keeper, to=to, parts=parts):
-                for said in parts:
-                    self.keepers[to].hear(keeper, said)
-            case Tells(parts=parts):
-                for told in parts:
+            case Asks():
+                for asked in message.parts:
+                    self.keepers[message.keeper].ask(message.process, asked)
+            case Passes():
+                for said in message.parts:
+                    self.keepers[message.to].hear(message.keeper, said)
+            case Tells():
+                for told in message.parts:
                     if not isinstance(told, Held):  # nobody asks for that here
                         self._told(told)
-            case Shows(parts=parts):
-                if message.whole:
-                    self.seen.add(message.tile)
-                for shown in self.shown:
-                    for each in parts:
-                        self._see(shown, each)
+            case Shows():
+                self._shown(message)
             case _:
                 pass
         self._hear_keepers()
+
+    def _shown(self, message: Shows) -> None:
+        if message.whole:
+            self.seen.add(message.tile)
+        for shown in self.shown:
+            for each in message.parts:
+                self._see(shown, each)
 
     def _see(self, shown: dict[Site, Shown], each: Shown) -> None:
         place = site_from_json(each.place)

@@ -24,11 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, NamedTuple, TypeAlias
 
-from cubepath.agents.keepers.journal import Born, Committed, Decided, Record
+from cubepath.agents.keepers.journal import Committed, Record
 from cubepath.agents.keepers.keeper import (
     LEASE_TICKS,
     REMIND_TICKS,

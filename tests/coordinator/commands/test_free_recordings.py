@@ -130,3 +130,70 @@ def test_a_forged_commit_is_named_with_its_place(
     error = capsys.readouterr().err
     assert "comes twice, and differs" in error
     assert f"message {len(messages)} (moved/keeper_{first.keeper})" in error
+
+
+def compared(
+    capsys: pytest.CaptureFixture[str], *arguments: object
+) -> tuple[int, dict[str, object]]:
+    """Return the exit code and the answer of a comparison."""
+    code = main(["verify", *map(str, arguments), "--json"])
+    found: dict[str, object] = json.loads(capsys.readouterr().out)
+    return code, found
+
+
+@pytest.mark.slow
+def test_runs_are_compared_whatever_form_they_have(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """A run is the same as its moves in a file, and homotopic to its schedule carried out."""
+    path, moves, log = the_recording().path, tmp_path / "moves.jsonl", tmp_path / "log.mcap"
+    told(capsys, "convert", path, moves)
+    told(capsys, "run", "--schedule", path, "--processes", 0, "--log", log)
+    system = ("--system", SPEC)
+    same: dict[str, object] = {"same": True, "difference": None}
+    assert compared(capsys, path, moves, *system, "--same") == (0, same)
+    assert compared(capsys, path, log, "--homotopic")[0] == 0
+    code, found = compared(capsys, path, log, "--same")
+    assert (code, found["same"]) == (1, False)
+    assert "times in the first" in str(found["difference"])
+    moves.write_text("".join(moves.read_text().splitlines(keepends=True)[:-1]))
+    assert compared(capsys, path, moves, *system, "--homotopic")[0] == 1
+
+
+def test_recordings_of_other_scenes_differ_by_their_starts(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One line on standard error, exit code 1."""
+    paths = the_recording().path, free_recorded("hex:n=3", moves=4).path
+    assert main(["verify", *map(str, paths), "--same"]) == 1
+    assert "not same: the starts differ: " in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["a.mcap", "--same"], "--same: found 1 paths, expected two"),
+        (["a", "b", "c", "--homotopic"], "--homotopic: found 3 paths, expected two"),
+        (["a", "b", "--same", "--recover", "c.mcap"], "expected no --recover"),
+        (["missing.mcap", "b", "--same"], "missing.mcap"),
+    ],
+)
+def test_bad_comparisons_are_refused_in_one_line(
+    arguments: list[str], why: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With exit code 2, before anything is read."""
+    assert main(["verify", *arguments]) == 2
+    error = capsys.readouterr().err
+    assert why in error
+    assert error.count("\n") == 1
+
+
+def test_verify_answers_with_the_checks_of_its_clock(capsys: pytest.CaptureFixture[str]) -> None:
+    """Levels in place of rounds, for people and machines."""
+    path = the_recording().path
+    found = told(capsys, "verify", path)
+    checks = found["checks"]
+    assert isinstance(checks, list)
+    assert {"levels", "readers", "shown", "turns"} <= {check["name"] for check in checks}
+    assert main(["verify", str(path)]) == 0
+    assert f"{found['rounds']} levels, " in capsys.readouterr().out

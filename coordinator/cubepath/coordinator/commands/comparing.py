@@ -40,7 +40,7 @@ def compare(options: argparse.Namespace) -> int:
     """Compare two paths; exit code 1 and one line if they differ."""
     how = "--same" if options.same else "--homotopic"
     paths: list[Path] = options.logs
-    if len(paths) != 2:  # noqa: PLR2004 - a pair
+    if len(paths) != 2:
         raise InputError(f"{how}: found {len(paths)} paths, expected two")
     for name in ("of", "cubes", "recover"):
         if getattr(options, name) is not None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from hashlib import blake2b
 from typing import TypeAlias
 
 import msgspec
@@ -19,6 +18,7 @@ import numpy as np
 
 from cubepath.agents.keepers.attempts import support_units
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.runs.commits import Commits, named
 from cubepath.coordinator.runs.edge_path import EdgePath, Gathered, PathDigest
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.catalogue import Move
@@ -46,41 +46,6 @@ class _Unit:
     read_level: int = 0
 
 
-class _Commits:
-    """Which commits of a keeper have come, each with a digest; those in order take 8 bytes each."""
-
-    def __init__(self) -> None:
-        self.in_order = array("Q")
-        self._ahead: dict[int, int] = {}
-        self.told = 0
-        """How many there are at least."""
-
-    def is_new(self, moved: Moved) -> bool:
-        """Take note of a commit; CheckError if another came under its number."""
-        if moved.serial < 1:
-            raise CheckError(f"{named(moved)}: commits count from 1")
-        digest = int.from_bytes(blake2b(_encode(moved), digest_size=8).digest(), "big")
-        self.told = max(self.told, moved.serial)
-        known: int | None = None
-        if moved.serial <= len(self.in_order):
-            known = self.in_order[moved.serial - 1]
-        else:
-            known = self._ahead.get(moved.serial)
-        if known is not None:
-            if known != digest:
-                raise CheckError(f"{named(moved)} comes twice, and differs")
-            return False
-        self._ahead[moved.serial] = digest
-        while len(self.in_order) + 1 in self._ahead:
-            self.in_order.append(self._ahead.pop(len(self.in_order) + 1))
-        return True
-
-    @property
-    def gap(self) -> bool:
-        """Return whether one is missing that is known to be there."""
-        return self.told > len(self.in_order)
-
-
 class FreeGatherer(Gathered):
     """Gathers commits into the edge path; each is passed to `watch` as it is released."""
 
@@ -96,7 +61,7 @@ class FreeGatherer(Gathered):
         self._state = set(scene.start_state)
         self._units: dict[Site, _Unit] = {}
         self._module_versions = [0] * len(scene.start)
-        self._commits = [_Commits() for _ in range(keepers)]
+        self._commits = [Commits() for _ in range(keepers)]
         self._tails: dict[int, Tail] = {}
         self._waiting: dict[_Awaited, list[Moved]] = {}
         self._given_up: dict[int, str] = {}
@@ -248,7 +213,7 @@ class FreeGatherer(Gathered):
             except _NO_SITE as error:
                 raise CheckError(f"{named(each)}: {error}") from None
 
-    def _of_keeper(self, keeper: int) -> _Commits:
+    def _of_keeper(self, keeper: int) -> Commits:
         if keeper >= len(self._commits):
             raise CheckError(f"a message of keeper_{keeper}: this run has {len(self._commits)}")
         return self._commits[keeper]
@@ -385,11 +350,6 @@ class FreeGatherer(Gathered):
 
 
 _UNTOUCHED = _Unit()
-
-
-def named(moved: Moved) -> str:
-    """Return the name of a commit in error messages."""
-    return f"commit {moved.serial} of keeper_{moved.keeper} (module_{moved.module})"
 
 
 def _module_versions(moved: Moved) -> Iterator[tuple[int, int, bool]]:

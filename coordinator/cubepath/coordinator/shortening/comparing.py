@@ -42,6 +42,10 @@ def _read(
         return read_input(file, system, hints, progress)
 
 
+def _touched(path: PathInput) -> frozenset[Site]:
+    return frozenset[Site]().union(*(action.support for action in path.numbered.actions))
+
+
 def _starts(
     one: PathInput, other: PathInput
 ) -> tuple[frozenset[Site] | None, frozenset[Site] | None]:
@@ -51,8 +55,5 @@ def _starts(
         return None, None
     if one.given_scene is not None and other.given_scene is not None:
         return first, second
-    touched = [
-        frozenset[Site]().union(*(a.support for a in {*each.actions})) for each in (one, other)
-    ]
-    common = touched[0] & touched[1]
+    common = _touched(one) & _touched(other)
     return first & common, second & common

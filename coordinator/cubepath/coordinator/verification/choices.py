@@ -79,6 +79,7 @@ class Observing:
         site: Site,
         standing: Mapping[Site, Site],
         notes: Mapping[Site, list[int]],
+        *,
         note_length: int,
         register: list[int],
     ) -> Arrays:

@@ -6,7 +6,7 @@ Room: coordinator. Part of `cubepath verify`: it uses neither keepers nor the ga
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from hashlib import sha256
 from itertools import groupby
@@ -42,7 +42,7 @@ from cubepath.protocol.wire.tiles import Tiles
 FREE_CHECKS = {
     "readable": "the file is whole",
     "parameters": "they are those of a run, and fit the scene",
-    "messages": "each message decodes, stands under its own topic and log time, and names no others",
+    "messages": "each message decodes, under its own topic and log time, and names who there is",
     "complete": "the run came to its end, unless recovered: a summary, and all cubes it counts",
     "serials": "the commits of each keeper are numbered without gap, and no number has two",
     "versions": "each version of a unit or a module follows on the one before, and none has two",
@@ -123,7 +123,6 @@ def verify_free(
     check_recorded_certificate(recording.scene, results, actions, fail)
     _check_schedule(recording, history, results.summary, fail)
     if results.summary is not None:
-        reached = recording.scene.reached(history.sites)
         expected = {
             "round": levels,
             "rounds": levels,
@@ -131,12 +130,12 @@ def verify_free(
             "reduced_moves": sum(map(len, normal_form)),
             "cubes": len(normal_form),
             "max_cube_dimension": max(map(len, normal_form), default=0),
-            "goal_reached": reached,
+            "goal_reached": recording.scene.reached(history.sites),
             "path_digest": digest,
             "refused": results.refused,
         }
         check_summary(results.summary, expected, fail)
-        _check_ended(recording, transcript, results.summary, levels, reached, fail)
+        _check_ended(recording, transcript, results.summary, expected, fail)
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     checks = failures.checks({} if why is None else {"choices": f"not checked: {why}"})
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
@@ -215,9 +214,8 @@ def _check_schedule(
         fail("schedule", str(error))
         return
     if summary is not None and summary.schedule_cubes != len(cubes):
-        fail(
-            "schedule", f"the summary counts {summary.schedule_cubes} cubes, there are {len(cubes)}"
-        )
+        counted = summary.schedule_cubes
+        fail("schedule", f"the summary counts {counted} cubes, there are {len(cubes)}")
     due = Counter((move.generator, site_in(move.at)) for cube in cubes for move in cube)
     made = Counter((each.move.generator, each.move.at) for each in history.carried)
     stray = sorted((made - due).elements(), key=repr)
@@ -248,14 +246,14 @@ def _check_ended(
     recording: Recording,
     transcript: FreeTranscript,
     summary: Summary,
-    levels: int,
-    reached: bool,
+    expected: Mapping[str, object],
     fail: Fail,
 ) -> None:
+    levels = summary.rounds
     error = summary.error
     if summary.ended in ("goal", "max-rounds") and error is not None:
         fail("ended", f"it says {summary.ended}, and {error!r}")
-    if summary.ended == "goal" and not reached and recording.schedule is None:
+    if summary.ended == "goal" and not expected["goal_reached"] and recording.schedule is None:
         fail("ended", "it says goal, which was not reached")
     most = max_rounds_in(recording.parameters)
     if summary.ended == "max-rounds" and most is not None and levels < most:

@@ -1,4 +1,4 @@
-"""Whether every commit answers an attempt, and all that keepers say of attempts is what came of them.
+"""Whether commits answer attempts, and what keepers say of attempts is what came of them.
 
 Room: coordinator. Part of `cubepath verify`. What was sensed is compared with the history at the
 versions at which it was committed.
@@ -6,11 +6,12 @@ versions at which it was committed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from cubepath.coordinator.verification.free_history import (
     NO_SITE,
     History,
     Standing,
-    changed_by,
 )
 from cubepath.coordinator.verification.free_transcript import (
     AttemptId,
@@ -19,6 +20,7 @@ from cubepath.coordinator.verification.free_transcript import (
     attempt_text,
     commit_text,
 )
+from cubepath.coordinator.verification.free_units import changed_by
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
@@ -26,9 +28,11 @@ from cubepath.protocol.wire.free_messages import (
     Attempt,
     Decision,
     Entered,
+    Inquiry,
     Moved,
     Occupant,
     Passed,
+    Register,
     Settled,
 )
 from cubepath.protocol.wire.tiles import Tiles
@@ -68,9 +72,9 @@ class Attempts:
             self._guarded(said.where, "decisions", self._check_said, said)
         self._check_births()
 
-    def _guarded(self, where: str, check: str, do: object, *values: object) -> None:
+    def _guarded(self, where: str, check: str, do: Callable[..., None], *values: object) -> None:
         try:
-            do(*values)  # type: ignore[operator]
+            do(*values)
         except NO_SITE as error:
             self._fail(check, f"{where}: {type(error).__name__}: {error}")
 
@@ -131,7 +135,7 @@ class Attempts:
 
     def _check_registers(self, moved: Moved, attempt: Attempt) -> None:
         name = commit_text(moved)
-        here: dict[Site | None, tuple[Standing | None, object]] = {}
+        here: dict[Site | None, tuple[Standing | None, Register | None]] = {}
         for place, module, version, content in moved.notes:
             before = self._before(moved, module)
             now = self._history.module(module, version)
@@ -210,7 +214,7 @@ class Attempts:
             if not decision.why or decision.occupants:
                 self._fail("decisions", f"{said.where}: a refusal needs a reason and nothing else")
             return
-        if decision.moved != moved or decision.why:
+        if moved is None or decision.moved != moved or decision.why:
             self._fail("decisions", f"{said.where}: {attempt_text(name)} came to something else")
             return
         changed = changed_by(moved)
@@ -219,9 +223,8 @@ class Attempts:
             self._fail("decisions", f"{said.where}: it tells of other modules than it changed")
         for site, occupant in decision.occupants:
             if occupant.version != changed.get(occupant.module):
-                self._fail(
-                    "decisions", f"{said.where}: module_{occupant.module} has another version"
-                )
+                name_of_it = f"module_{occupant.module}"
+                self._fail("decisions", f"{said.where}: {name_of_it} has another version")
             self._check_occupant(said.where, site, occupant)
 
     def _check_passed(self, said: Said, passed: Passed, attempt: Attempt, chain: list[int]) -> None:
@@ -236,10 +239,8 @@ class Attempts:
         so_far = {keeper for keeper in chain if keeper <= said.keeper}
         if moved is not None:
             for key in ("read", "written", "guarded"):
-                due = sorted(
-                    (each for each in getattr(moved, key) if self._of(each[0]) in so_far), key=repr
-                )
-                if sorted(getattr(passed, key), key=repr) != due:
+                due = [each for each in getattr(moved, key) if self._of(each[0]) in so_far]
+                if sorted(getattr(passed, key), key=repr) != sorted(due, key=repr):
                     self._fail("decisions", f"{where}: its units {key} are not those committed")
         level = self._level_of(passed)
         if level is not None and passed.level != level:
@@ -293,18 +294,20 @@ class Attempts:
             found.append(history.levels.get(unit, [0])[version])
         if name_of(passed.attempt) in self._committed:
             for value, version in written:
-                found.append(history.read_levels.get(site_in(value), [0])[version])  # type: ignore[arg-type]
+                unit = site_in(value)
+                if unit is not None:
+                    found.append(history.read_levels.get(unit, [0])[version])
             return max(found)
         return None if written else max(found)
 
-    def _check_occupant(self, where: str, site: object, occupant: Occupant) -> None:
+    def _check_occupant(self, where: str, site: Json | Site, occupant: Occupant) -> None:
         """Check a module as it is told to be at one of its versions."""
         standing = self._history.module(occupant.module, occupant.version)
         name = f"module_{occupant.module} at version {occupant.version}"
         if standing is None:
             self._fail("decisions", f"{where}: there never was {name}")
             return
-        told = site if isinstance(site, tuple) else site_in(site)  # type: ignore[arg-type]
+        told = site if isinstance(site, tuple) else site_in(site)
         if (standing.site, standing.note) != (told, occupant.note):
             self._fail("decisions", f"{where}: {name} was elsewhere, or had another register")
         if occupant.number != self._number_at(occupant):
@@ -354,9 +357,9 @@ class Attempts:
                 self._fail("entries", f"{attempt_text(name)}: it never entered so")
 
 
-def name_of(part: Attempt | Decision | Moved | Settled | object) -> AttemptId:
+def name_of(part: Attempt | Decision | Moved | Inquiry | Settled) -> AttemptId:
     """Return which attempt this is, or is about."""
-    return part.module, part.epoch, part.number  # type: ignore[attr-defined, union-attr]
+    return part.module, part.epoch, part.number
 
 
 def _text(site: Site | None) -> str:

@@ -11,16 +11,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from heapq import heapify, heappop, heappush
+from itertools import pairwise
 from typing import NamedTuple
 
 from cubepath.coordinator.verification.free_transcript import commit_text
+from cubepath.coordinator.verification.free_units import (
+    changed_by,
+    held_by,
+    on_unit,
+    units_of,
+)
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
-from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved, Register
 from cubepath.protocol.wire.messages import encode
 
@@ -157,35 +164,32 @@ class History:
         for unit, known in self._units.items():
             last = len(known.writers)
             for version, writers in sorted(known.writers.items()):
-                self._check_one(site_text(unit), version, writers, version < last)
+                self._check_one(site_text(unit), version, writers, follows=version < last)
                 found = len(known.readers.get(version, ()))
                 self._check_readers(unit, version, writers, found)
-            for found in (known.readers, known.guards):
-                for version, users in sorted(found.items()):
-                    if version > last:
-                        self._never(users[0], site_text(unit), version)
+            self._check_seen(site_text(unit), last, known.readers)
+            self._check_seen(site_text(unit), last, known.guards)
         for module, changers in self._changers.items():
             for version, users in sorted(changers.items()):
-                told = 1 <= version <= len(changers)
-                self._check_one(f"module_{module}", version, users, told)
+                follows = 1 <= version <= len(changers)
+                self._check_one(f"module_{module}", version, users, follows=follows)
         for module, holders in self._holders.items():
-            last = len(self._changers.get(module, ()))
-            for version, users in sorted(holders.items()):
-                if version > last:
-                    self._never(users[0], f"module_{module}", version)
+            self._check_seen(f"module_{module}", len(self._changers.get(module, ())), holders)
 
-    def _check_one(self, what: str, version: int, users: list[int], contiguous: bool) -> None:
+    def _check_one(self, what: str, version: int, users: list[int], *, follows: bool) -> None:
         first, *more = users
         if more:
             both = f"{commit_text(self.commits[first])} and {commit_text(self.commits[more[0]])}"
             self._fail("versions", f"version {version} of {what} is changed by both {both}")
-        if not contiguous:
+        if not follows:
             name = commit_text(self.commits[first])
             self._fail("versions", f"{name}: version {version} of {what} follows on none")
 
-    def _never(self, user: int, what: str, version: int) -> None:
-        name = commit_text(self.commits[user])
-        self._fail("versions", f"{name}: {what} never had version {version}")
+    def _check_seen(self, what: str, last: int, seen: dict[int, list[int]]) -> None:
+        for version, users in sorted(seen.items()):
+            if version > last:
+                name = commit_text(self.commits[users[0]])
+                self._fail("versions", f"{name}: {what} never had version {version}")
 
     def _check_readers(self, unit: Site, version: int, writers: list[int], found: int) -> None:
         moved = self.commits[writers[0]]
@@ -230,7 +234,7 @@ class History:
             epochs.setdefault(moved.module, []).append((moved.epoch, moved.number, number))
         for attempts in epochs.values():
             attempts.sort()
-            for (*_, one), (*_, two) in zip(attempts, attempts[1:], strict=False):
+            for (*_, one), (*_, two) in pairwise(attempts):
                 yield one, two
 
     def _in_order(self) -> list[int]:
@@ -254,8 +258,8 @@ class History:
             stuck = min(number for number, count in enumerate(before) if count)
             self._fail(
                 "order",
-                f"{commit_text(self.commits[stuck])} and others come each before the other, by their"
-                " versions, guards and numbers",
+                f"{commit_text(self.commits[stuck])} and others come each before the other by"
+                " their versions, guards and numbers",
             )
         return found
 
@@ -388,43 +392,3 @@ class History:
 def users_of(known: _Unit, version: int) -> list[int]:
     """Return the commits that read a version or were guarded by it."""
     return [*known.readers.get(version, ()), *known.guards.get(version, ())]
-
-
-def on_unit(system: System, unit: Site, standing: dict[Site, Site]) -> Site | None:
-    """Return the site that is on at a unit, by what stands at places."""
-    if system.labels is not None:
-        return standing.get(unit)
-    site = standing.get(system.place_of(unit))
-    return site if site == unit else None
-
-
-def units_of(system: System, move: Move) -> tuple[frozenset[Site], frozenset[Site]]:
-    """Return the units that a move reads, and those that it writes.
-
-    With labels a unit is a place, otherwise a site. What is no place never changes.
-    """
-    labelled = system.labels is not None
-
-    def units(sites: Iterable[Site]) -> frozenset[Site]:
-        found = {site: system.place_of(site) for site in sites}
-        return frozenset(
-            place if labelled else site for site, place in found.items() if system.has_place(place)
-        )
-
-    writes = units(move.action.trace)
-    return units(move.action.support) - writes, writes
-
-
-def changed_by(moved: Moved) -> dict[int, int]:
-    """Return the modules that a commit moves or whose registers it writes, with their versions."""
-    found = {module: version for module, _, _, version in moved.motion}
-    for _, module, version, note in moved.notes:
-        if note is not None:
-            found.setdefault(module, version)
-    return found
-
-
-def held_by(moved: Moved) -> dict[int, int]:
-    """Return the modules whose registers only had to hold, with their versions."""
-    changed = changed_by(moved)
-    return {module: version for _, module, version, _ in moved.notes if module not in changed}

@@ -8,6 +8,7 @@ from __future__ import annotations
 from cubepath.coordinator.verification.free_history import NO_SITE, History
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.transcript import Fail, site_in
+from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.wire.free_messages import Held, Shown, Shows, Tail
 from cubepath.protocol.wire.tiles import Tiles
@@ -156,7 +157,7 @@ class Tails:
             if len({site_in(unit) for unit, *_ in tail.units}) < len(tail.units):
                 self._fail("tails", f"{where}: a unit comes twice")
             for unit in tail.units:
-                self._check_unit(where, *unit)
+                self._check_unit(where, unit)
                 self._check_keeper(where, tail.keeper, site_in(unit[0]))
             last[tail.keeper] = where, tail
         if not whole:
@@ -171,11 +172,10 @@ class Tails:
             if not tail.prepared:
                 self._check_end(where, tail)
 
-    def _check_unit(
-        self, where: str, value: object, version: int, level: int, reads: int, shown: object
-    ) -> None:
-        history, unit = self._history, site_in(value)  # type: ignore[arg-type]
-        site = None if shown is None else site_in(shown)  # type: ignore[arg-type]
+    def _check_unit(self, where: str, told: tuple[Json, int, int, int, Json]) -> None:
+        value, version, level, reads, shown = told
+        history, unit = self._history, site_in(value)
+        site = None if shown is None else site_in(shown)
         if unit is None or not history.at_unit(unit, version)[0]:
             self._fail("tails", f"{where}: {value!r} never had version {version}")
             return

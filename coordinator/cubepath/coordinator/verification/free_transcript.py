@@ -5,7 +5,7 @@ Room: coordinator. Part of `cubepath verify`: it shares only the decoding of mes
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
@@ -164,7 +164,21 @@ class FreeReading:
             self._fail("messages", f"{where} is empty")
 
     def _sort(self, where: str, message: FreeMessage) -> None:
+        if isinstance(message, Moved):
+            self._moved(where, message)
+        elif isinstance(message, Turns):
+            for turn in message.parts:
+                self._turn(where, turn)
+        elif isinstance(message, Asks | Passes | Tells | Shows | Tail):
+            self._sort_said(where, message)
+        elif not isinstance(message, Rest):
+            if isinstance(message, Cube | Certified):
+                self._check_level(where, message)
+            self._result(message)
+
+    def _sort_said(self, where: str, message: Asks | Passes | Tells | Shows | Tail) -> None:
         found = self.found
+        self._told_early(where, message.parts)
         match message:
             case Asks():
                 self._asked(where, message)
@@ -178,21 +192,18 @@ class FreeReading:
                         found.said.append(Said(where, keeper, process, part, told=True))
             case Shows():
                 found.shown.append(Shown(where, message))
-            case Moved():
-                self._moved(where, message)
             case Tail(keeper=keeper, parts=commits):
                 found.tails.append((where, message))
                 for moved in commits:
                     if moved.keeper != keeper:
                         self._fail("serials", f"{where} tells a commit of keeper_{moved.keeper}")
                     self._moved(where, moved)
-            case Rest():
-                pass
-            case Turns(parts=turns):
-                for turn in turns:
-                    self._turn(where, turn)
-            case _:
-                self._result(where, message)
+
+    def _told_early(self, where: str, parts: Iterable[object]) -> None:
+        """Take commits from decisions, where the record ends before the commits themselves."""
+        for part in parts:
+            if not self._whole and isinstance(part, Decision) and part.moved is not None:
+                self._moved(where, part.moved)
 
     def _asked(self, where: str, message: Asks) -> None:
         found = self.found
@@ -225,10 +236,12 @@ class FreeReading:
         if self.found.turns.setdefault(turn.module, {}).setdefault(name, turn) != turn:
             self._fail("turns", f"{where}: {turn_text(turn)} comes twice, and differs")
 
-    def _result(self, where: str, message: FreeMessage) -> None:
-        found, results = self.found, self.found.results
-        if isinstance(message, Cube | Certified) and self._whole and message.round != self._level:
+    def _check_level(self, where: str, message: Cube | Certified) -> None:
+        if self._whole and message.round != self._level:
             self._fail("messages", f"{where} is of level {message.round}, of {self._level}")
+
+    def _result(self, message: FreeMessage) -> None:
+        found, results = self.found, self.found.results
         match message:
             case Edges(round=level):
                 if found.edges.setdefault(level, message) != message:

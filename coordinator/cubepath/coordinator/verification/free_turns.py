@@ -13,11 +13,14 @@ from cubepath.coordinator.verification.choices import Arrays, Observing
 from cubepath.coordinator.verification.free_history import (
     NO_SITE,
     History,
-    on_unit,
-    units_of,
 )
 from cubepath.coordinator.verification.free_shown import Shownness
-from cubepath.coordinator.verification.free_transcript import FreeTranscript, turn_text
+from cubepath.coordinator.verification.free_transcript import (
+    FreeTranscript,
+    attempt_text,
+    turn_text,
+)
+from cubepath.coordinator.verification.free_units import on_unit, units_of
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
@@ -90,30 +93,18 @@ class TurnsOfModules:
         if player is not None:
             player.end(another_choice)
         if self._said.turns:
-            for name in sorted(self._said.attempts.keys() - answered):
-                module, epoch, number = name
-                self._fail(
-                    "turns", f"module_{module}: attempt {number} of epoch {epoch} has no turn"
-                )
+            for each in sorted(self._said.attempts.keys() - answered):
+                self._fail("turns", f"{attempt_text(each)} has no turn")
 
     def _seen(self, turn: Turn, before: Turn | None) -> Seen | None:
         """Return what was shown in a turn, None if it cannot have been."""
         name, history, system = turn_text(turn), self._history, self._system
-        fresh = before is None or turn.turn == 1
-        if not fresh and before is not None and turn.turn != before.turn + 1:
-            self._fail("turns", f"{name} comes after turn {before.turn}")
-        if before is not None and turn.version < before.version:
-            self._fail("turns", f"{name}: version {turn.version} after {before.version}")
-        if fresh:
-            self._last = {}
-        if (turn.module, turn.epoch) not in self._entered:
-            self._fail("turns", f"{name}: it never entered so")
+        fresh = self._follows(turn, before)
         standing = history.module(turn.module, turn.version)
         site = site_in(turn.site)
         if standing is None or standing.site != site:
-            self._fail(
-                "turns", f"{name}: it does not stand at {turn.site!r} at version {turn.version}"
-            )
+            where = f"at {turn.site!r} at version {turn.version}"
+            self._fail("turns", f"{name}: it does not stand {where}")
             return None
         place = system.place_of(site)
         near = system.sensed(place)
@@ -122,27 +113,33 @@ class TurnsOfModules:
             self._fail("turns", f"{name}: it was shown other places than it senses")
             return None
         on: dict[Site, Site] = {place: site}
-        for at, version in zip(near, turn.sensed, strict=True):
-            if (at is None) != (version == -1):
-                self._fail(
-                    "turns", f"{name}: it was shown a place that is none, or not one that is"
-                )
-                return None
-            if at is not None and not self._sees(name, at, version, on):
-                return None
-            if at is not None:
-                self._goes_on(name, at, (version, -1))
+        if not all(self._sees(name, *each, on) for each in zip(near, turn.sensed, strict=True)):
+            return None
         notes: dict[Site, Register] = {}
-        for at, (version, module_version) in zip(reach, turn.heard, strict=True):
-            if not self._hears(name, at, version, module_version, notes):
-                return None
-            self._goes_on(name, at, (version, module_version))
+        if not all(self._hears(name, *each, notes) for each in zip(reach, turn.heard, strict=True)):
+            return None
 
         def arrays(length: int) -> Arrays:
-            return self._observing.seen(turn.module, site, on, notes, length, standing.note)
+            return self._observing.seen(
+                turn.module, site, on, notes, note_length=length, register=standing.note
+            )
 
         entered = self._entered.get((turn.module, turn.epoch), site)
         return Seen(turn, site, on, notes, standing.note, fresh, entered, arrays)
+
+    def _follows(self, turn: Turn, before: Turn | None) -> bool:
+        """Check a turn against the one before it; return whether its process has begun anew."""
+        name, fresh = turn_text(turn), before is None or turn.turn == 1
+        if before is not None:
+            if not fresh and turn.turn != before.turn + 1:
+                self._fail("turns", f"{name} comes after turn {before.turn}")
+            if turn.version < before.version:
+                self._fail("turns", f"{name}: version {turn.version} after {before.version}")
+        if fresh:
+            self._last = {}
+        if (turn.module, turn.epoch) not in self._entered:
+            self._fail("turns", f"{name}: it never entered so")
+        return fresh
 
     def _goes_on(self, name: str, at: Site, shown: tuple[int, int]) -> None:
         known = self._last.get(at, shown)
@@ -150,7 +147,13 @@ class TurnsOfModules:
             self._fail("turns", f"{name}: {site_text(at)} was shown to it later than so before")
         self._last[at] = max(known, shown)
 
-    def _sees(self, name: str, at: Site, version: int, on: dict[Site, Site]) -> bool:
+    def _sees(self, name: str, at: Site | None, version: int, on: dict[Site, Site]) -> bool:
+        if (at is None) != (version == -1):
+            self._fail("turns", f"{name}: it was shown a place that is none, or not one that is")
+            return False
+        if at is None:
+            return True
+        self._goes_on(name, at, (version, -1))
         there = self._history.at_place(at, version)
         if there is None or not self._was_shown(at, version, None):
             self._fail("turns", f"{name}: {site_text(at)} was never shown at version {version}")
@@ -160,8 +163,10 @@ class TurnsOfModules:
         return True
 
     def _hears(
-        self, name: str, at: Site, version: int, module_version: int, notes: dict[Site, Register]
+        self, name: str, at: Site, shown: tuple[int, int], notes: dict[Site, Register]
     ) -> bool:
+        version, module_version = shown
+        self._goes_on(name, at, shown)
         there = self._history.at_place(at, version)
         if there is None or not self._was_shown(at, version, module_version):
             self._fail(
@@ -217,9 +222,8 @@ class TurnsOfModules:
             others = self._said.turns[turn.module]
             later = others.get((turn.epoch, attempt.turn))
             if later is None or later.number != turn.number or attempt.turn < turn.turn:
-                self._fail(
-                    "turns", f"{name}: attempt {turn.number} says it is of turn {attempt.turn}"
-                )
+                told = f"attempt {turn.number} says it is of turn {attempt.turn}"
+                self._fail("turns", f"{name}: {told}")
             return
         found = _content(attempt)
         if due is None or found != due:
@@ -233,11 +237,10 @@ class TurnsOfModules:
         notes: dict[Site | None, tuple[Register, Register | None]] = {}
         for value in turn.heeds:
             at = site_in(value)
-            held = seen.register if at == place else seen.notes.get(at, [])  # type: ignore[arg-type]
-            notes[at] = held, None
+            notes[at] = _register(seen, place, at), None
         for value, new in turn.exchanges:
             at = site_in(value)
-            notes[at] = seen.notes.get(at, []), new  # type: ignore[arg-type]
+            notes[at] = _register(seen, place, at), new
         if turn.note is not None:
             notes[place] = seen.register, None if turn.note == seen.register else turn.note
         if move is None and all(new is None for _, new in notes.values()):
@@ -274,6 +277,12 @@ class TurnsOfModules:
             else:
                 found |= {(at, letter) for letter in system.letters}
         return found
+
+
+def _register(seen: Seen, place: Site, at: Site | None) -> Register:
+    if at == place:
+        return seen.register
+    return [] if at is None else seen.notes.get(at, [])
 
 
 def _content(attempt: Attempt) -> object:

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         heard_by_process,
         heard_of_tile,
         level_of,
+        read_free,
     )
     from cubepath.protocol.wire.keys import (
         addressees,
@@ -135,7 +136,7 @@ else:
                 "HOLD_TICKS_MAX Held Hold Inquiry Look Moved Occupant Passed Passes "
                 "Register Rest Settled Shown Shows Tail Tells Turn Turns decode_free "
                 "free_key free_kind free_topic heard_by_keeper heard_by_process "
-                "heard_of_tile level_of"
+                "heard_of_tile level_of read_free"
             ),
             "keys": (
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
@@ -259,6 +260,7 @@ __all__ = [
     "parts_said",
     "process_name",
     "put",
+    "read_free",
     "routers_of",
     "schema_of",
     "serve",
