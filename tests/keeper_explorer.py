@@ -25,11 +25,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, NamedTuple, TypeAlias
 
-from cubepath.agents.keepers.journal import Born, Committed, Decided, Record
+from cubepath.agents.keepers.journal import Committed, Record
 from cubepath.agents.keepers.keeper import (
     LEASE_TICKS,
     REMIND_TICKS,
@@ -274,9 +274,7 @@ class Explorer:
             self._seat(self._kind(number, scenario.scene, self._tiles, Log()))
             for number in range(self._tiles.keepers)
         )
-        modules = tuple(
-            Module("idle", 0, 0, 0, site, scenario.attempts) for site in start
-        )
+        modules = tuple(Module("idle", 0, 0, 0, site, scenario.attempts) for site in start)
         world = World(
             keepers,
             modules,
@@ -327,9 +325,7 @@ class Explorer:
 
     def _back(self, keeper: Keeper) -> Keeper:
         """Return a keeper that has come back from the journal of another."""
-        return self._kind(
-            keeper.me, self._scenario.scene, self._tiles, deepcopy(keeper._journal)
-        )
+        return self._kind(keeper.me, self._scenario.scene, self._tiles, deepcopy(keeper._journal))
 
     def _copied(self, keeper: Keeper) -> Keeper:
         fixed = (keeper._system, keeper._tiles, self._scenario.scene)
@@ -468,9 +464,7 @@ class Explorer:
                     lambda rest=rest: self._kept(rest, keeper, ("crash", 0)),
                 )
 
-    def _of_module(
-        self, world: World, number: int
-    ) -> Iterator[tuple[str, Callable[[], World]]]:
+    def _of_module(self, world: World, number: int) -> Iterator[tuple[str, Callable[[], World]]]:
         module = world.modules[number]
         faults = world.faults
         if module.phase == "idle" and module.left:
@@ -661,7 +655,8 @@ class Explorer:
         """Check what is to hold where one never comes away from."""
         for number, module in enumerate(world.modules):
             assert module.phase in ("idle", "dead"), f"module {number} stays {module.phase}"
-            assert module.phase == "dead" or not module.left, f"module {number} cannot go on"
+            able = module.left and [*self._scenario.targets(number, module.site)]
+            assert module.phase == "dead" or not able, f"module {number} cannot go on"
         history = self._histories[world.history]
         for at, state in enumerate(world.keepers):
             keeper = self._seats[state].keeper
@@ -839,4 +834,3 @@ def _bottoms(following: Sequence[Sequence[int]]) -> list[list[int]]:
         for number, each in enumerate(components)
         if all(component[other] == number for node in each for other in following[node])
     ]
-

@@ -81,9 +81,11 @@ class History(NamedTuple):
             [
                 0,
                 *(units.get(_site(unit), Known()).level for unit, *_ in moved.read),
-                *(max(known.level, known.read_level)
-                  for unit, *_ in moved.written
-                  for known in (units.get(_site(unit), Known()),)),
+                *(
+                    max(known.level, known.read_level)
+                    for unit, *_ in moved.written
+                    for known in (units.get(_site(unit), Known()),)
+                ),
             ]
         )
         assert moved.level == level, f"{name}: level {moved.level}, expected {level}"
