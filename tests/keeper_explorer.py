@@ -9,8 +9,9 @@ one thing has come: a lease, a reminder, an acknowledgement.
 What makes it smaller:
 
 - What is said again until it is answered (an attempt, an entry, an inquiry, an unsettled commit)
-  arrives when it is said, at any moment while its sender has a reason to say it. That one of these
-  arrives when there is no reason any more is a fault: the same as a double.
+  arrives when it is said, at any moment while its sender has a reason to say it, and so does what a
+  keeper says again because of it, without a change. That one of these arrives when there is no
+  reason any more is a fault: the same as a double.
 - A message that its receiver ignores, and would ignore in every state that it can come to, is taken
   out at once. That it would is assumed at first, and tried afterwards in all states of the keeper
   that were reached from there. Where it does not hold, all is explored again without it.
@@ -209,11 +210,13 @@ class Explorer:
         self._letter_numbers: dict[tuple[int, int, bytes], int] = {}
         self._histories: list[History] = []
         self._history_numbers: dict[History, int] = {}
+        self._said_again_in: dict[object, tuple[int, ...]] = {}
         self._checked: set[tuple[int, ...]] = set()
         self._checked_keepers: set[tuple[int, int]] = set()
         self._guessed: dict[int, set[int]] = {}
         """By letter the states of its receiver in which it was ignored."""
-        self._not_guessed: set[int] = set()
+        self._not_ignored: set[tuple[int, int]] = set()
+        """Letters with states in which they make no difference, and may later."""
 
     # The graph.
 
@@ -225,7 +228,7 @@ class Explorer:
             wrong = self._wrong_guesses()
             if not wrong:
                 return found
-            self._not_guessed |= wrong
+            self._not_ignored |= wrong
 
     def _explored(self, most: int) -> Explored:
         start = self._start()
@@ -362,7 +365,8 @@ class Explorer:
         letters = tuple(map(self._letter, _letters(keeper)))
         state = self._seat(keeper)
         again = self._seats[state].says
-        return _Step(state, tuple(each for each in letters if each not in again), records)
+        letters = tuple(each for each in letters if each not in again)
+        return _Step(state, letters, records)
 
     def _letter(self, letter: Letter) -> int:
         key = (letter.sender, letter.to, type(letter.part).__name__.encode() + encode(letter.part))
@@ -392,9 +396,10 @@ class Explorer:
             if faults.loss:
                 lost = rest._replace(faults=faults._replace(loss=faults.loss - 1))
                 yield f"lost: {told}", lambda lost=lost: lost
-        for number in self._said(world):
+        for number in self._available(world):
             told = f"said again, {_words(self._letters[number])}"
-            yield told, lambda number=number: self._delivered(world, number)
+            if self._changes(world, number) and number not in world.under_way:
+                yield told, lambda number=number: self._delivered(world, number)
             if faults.double and number not in world.under_way:
                 late = world._replace(
                     under_way=world.under_way | {number},
@@ -412,12 +417,38 @@ class Explorer:
         for module in range(len(world.modules)):
             yield from self._of_module(world, module)
 
-    def _said(self, world: World) -> Iterator[int]:
-        """Yield what is said again in a state."""
-        for state in world.keepers:
-            yield from self._seats[state].says
-        for module in world.modules:
-            yield from module.says
+    def _available(self, world: World) -> tuple[int, ...]:
+        """Return what may be said again in a state, and arrive."""
+        key = world.keepers, tuple(module.says for module in world.modules)
+        found = self._said_again_in.get(key)
+        if found is None:
+            says = [
+                *(self._seats[state].says for state in world.keepers),
+                *(module.says for module in world.modules),
+            ]
+            reached = dict.fromkeys(number for numbers in says for number in numbers)
+            left = list(reached)
+            while left:
+                number = left.pop()
+                to = self._letters[number].to
+                if to >= 0:
+                    step = self._step(world.keepers[to], ("letter", number))
+                    if step.state == world.keepers[to] and not step.records:
+                        new = [each for each in step.letters if each not in reached]
+                        reached.update(dict.fromkeys(new))
+                        left += new
+            found = self._said_again_in[key] = tuple(sorted(reached))
+        return found
+
+    def _changes(self, world: World, number: int) -> bool:
+        """Return whether anyone's state changes when a letter arrives."""
+        letter = self._letters[number]
+        if letter.to < 0:
+            if isinstance(letter.part, Decision):
+                self._histories[world.history].check_told(letter.part)
+            return _is_heard(world.modules[-letter.to - 1], letter.part)
+        step = self._step(world.keepers[letter.to], ("letter", number))
+        return step.state != world.keepers[letter.to] or bool(step.records)
 
     def _keeper_crashes(
         self, world: World, keeper: int
@@ -508,11 +539,15 @@ class Explorer:
             part = self._letters[number].part
             if self._letters[number].to < 0 and isinstance(part, Decision):
                 self._histories[history].check_told(part)
-        return world._replace(
+        after = world._replace(
             keepers=(*world.keepers[:keeper], step.state, *world.keepers[keeper + 1 :]),
-            under_way=world.under_way.union(step.letters) if step.letters else world.under_way,
             history=history,
         )
+        letters = step.letters
+        if step.state == world.keepers[keeper] and not step.records:
+            available = self._available(after)
+            letters = tuple(number for number in letters if number not in available)
+        return after._replace(under_way=world.under_way.union(letters)) if letters else after
 
     def _logged(self, history: int, records: tuple[Record, ...]) -> int:
         found = self._histories[history]
@@ -529,9 +564,9 @@ class Explorer:
         letter = self._letters[number]
         if letter.to < 0:
             return not _is_heard(world.modules[-letter.to - 1], letter.part)
-        if number in self._not_guessed:
-            return False
         state = world.keepers[letter.to]
+        if (number, state) in self._not_ignored:
+            return False
         if not self._has_effect(state, number):
             self._guessed.setdefault(number, set()).add(state)
             return True
@@ -541,23 +576,28 @@ class Explorer:
         step = self._step(state, ("letter", number))
         return bool(step.state != state or step.letters or step.records)
 
-    def _wrong_guesses(self) -> set[int]:
+    def _wrong_guesses(self) -> set[tuple[int, int]]:
         """Return the letters that were ignored in a state, but not in one that came after it."""
         later: dict[int, set[int]] = {}
         for (state, _), step in self._steps.items():
             later.setdefault(state, set()).add(step.state)
-        wrong = set()
-        for number, states in self._guessed.items():
-            seen, left = set(states), list(states)
-            while left:
-                state = left.pop()
-                if self._has_effect(state, number):
-                    wrong.add(number)
-                    break
-                new = later.get(state, set()) - seen
-                seen |= new
-                left += new
-        return wrong
+        return {
+            (number, state)
+            for number, states in self._guessed.items()
+            for state in states
+            if self._may_have_effect(state, number, later)
+        }
+
+    def _may_have_effect(self, state: int, number: int, later: dict[int, set[int]]) -> bool:
+        seen, left = {state}, [state]
+        while left:
+            state = left.pop()
+            if self._has_effect(state, number):
+                return True
+            new = later.get(state, set()) - seen
+            seen |= new
+            left += new
+        return False
 
     def _heard(self, world: World, number: int, part: Part) -> World:
         """Let a module take what it is told; that is to be what was logged."""
@@ -615,7 +655,8 @@ class Explorer:
         """Check what is to hold where one never comes away from."""
         for number, module in enumerate(world.modules):
             assert module.phase in ("idle", "dead"), f"module {number} stays {module.phase}"
-            assert module.phase == "dead" or not module.left, f"module {number} cannot go on"
+            able = module.left and [*self._scenario.targets(number, module.site)]
+            assert module.phase == "dead" or not able, f"module {number} cannot go on"
         history = self._histories[world.history]
         for at, state in enumerate(world.keepers):
             keeper = self._seats[state].keeper

@@ -1,65 +1,64 @@
-"""A module and what it is told: of its own attempt, and of those of earlier epochs."""
+"""One module: what it takes for the outcome of its attempt, and what it does when fenced off."""
 
 from __future__ import annotations
 
-from cubepath.agents.free.host_node import FreeHostNode
-from cubepath.agents.free.orders import FreeOrders
-from cubepath.agents.keepers.journal import MemoryJournal
-from cubepath.agents.keepers.keeper import Keeper
-from cubepath.agents.keepers.node import KeeperNode
-from cubepath.protocol.core.system import Scene
+from math import inf
+
+from cubepath.agents.free.mover import Mover
+from cubepath.agents.free.sensing import Sensing
+from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, decode_free
-from cubepath.protocol.wire.nodes import Effect, Node, Put
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Decision,
+    Enter,
+    Entered,
+    Occupant,
+    Shown,
+    Shows,
+)
 from cubepath.protocol.wire.tiles import Tiles
 
-
-def host(scene: Scene, birth: int) -> FreeHostNode:
-    """Return the process of the only module, born so often."""
-    orders = FreeOrders("", "run", 0, [0], 1, birth, "", "random", seed=3)
-    return FreeHostNode(orders, scene)
+SCENE = scene_from_spec("agv:graph=S3,n=1")
+SITE = SCENE.start[0]
+TILES = Tiles(SCENE.system, 1)
 
 
-def puts(effects: list[Effect]) -> list[Put]:
-    """Return what is put."""
-    return [effect for effect in effects if isinstance(effect, Put)]
+def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
+    """Return a module of an epoch that has just sent its first attempt."""
+    rule = rule_named("random", SCENE.system, "free")
+    mover = Mover(SCENE, TILES, rule, 0, birth=epoch, seed=1)
+    sensing = Sensing(SCENE.system, TILES)
+    (tile,) = mover.needs
+    sensing.need([tile], 0.0)
+    sensing.take(Shows(0, tile, 0, [Shown(SITE, 0, SITE, 0)], whole=True), 0.0)
+    assert mover.step(0.0, sensing) == [(0, Enter(0, epoch))]
+    mover.entered(Entered(epoch, SITE, Occupant(0, epoch, epoch, 0, [], 0)), 0.0)
+    for now in range(100):
+        for _, asked in mover.step(float(now), sensing):
+            assert isinstance(asked, Attempt)
+            return mover, sensing, asked
+    raise AssertionError("it chose to stay a hundred times")
 
 
-def tell(node: Node, said: list[Put]) -> list[Put]:
-    """Tell a node everything; return what it says to that."""
-    return [put for each in said for put in puts(node.receive(each.key, each.data))]
+def test_only_the_decision_of_this_very_attempt_is_its_outcome() -> None:
+    """One of another epoch may have the same number, and one of another number comes late."""
+    mover, _, attempt = _pending(2)
+    assert (attempt.epoch, attempt.number) == (2, 1)
+    for epoch, number in ((1, 1), (3, 1), (2, 0), (2, 2)):
+        for why in ("no", "fenced off: module_0 is in epoch 2"):
+            mover.decided(Decision(0, epoch, number, why=why), 100.0)
+            assert mover.state == "pending"
+    mover.decided(Decision(0, 2, 1, why="no"), 100.0)
+    assert mover.state == "resting"
 
 
-def attempts(said: list[Put]) -> list[Put]:
-    """Return what asks for a move."""
-    return [put for put in said if any(isinstance(part, Attempt) for part in parts(put))]
-
-
-def parts(put: Put) -> list[object]:
-    """Return what is asked."""
-    message = decode_free(put.data)
-    return [*message.parts] if isinstance(message, Asks) else []
-
-
-def attempting(node: FreeHostNode, keeper: KeeperNode) -> list[Put]:
-    """Start a process, and let it go on until its module attempts something; return that."""
-    said = puts(node.start())
-    while not attempts(said):
-        told = tell(keeper, said)
-        said = tell(node, told) or puts(node.tick())
-    return attempts(said)
-
-
-def test_a_refusal_of_an_earlier_epoch_is_none_of_this_one() -> None:
-    """What its process asked before it died came late; the module waits for its own answer."""
-    scene = scene_from_spec("agv:graph=grid4x4,n=1")
-    keeper = KeeperNode(Keeper(0, scene, Tiles(scene.system, 1), MemoryJournal()), "run", [[0]])
-    late = attempting(host(scene, 1), keeper)
-    again = host(scene, 2)
-    own = attempting(again, keeper)
-    told = tell(keeper, late)
-    said = tell(again, told)
-    assert again.movers[0].state == "pending"
-    assert not [part for put in said for part in parts(put) if isinstance(part, Enter)]
-    tell(again, tell(keeper, own))
-    assert keeper.keeper.commits == 1
+def test_a_module_that_is_fenced_off_says_nothing_more() -> None:
+    """Another process has entered for it; two would fence each other off for ever."""
+    mover, sensing, attempt = _pending(1)
+    mover.decided(Decision(0, 1, attempt.number, why="fenced off: module_0 is in epoch 2"), 100.0)
+    assert mover.due_s == inf
+    mover.dirty = True
+    assert mover.step(1e9, sensing) == []
+    mover.entered(Entered(1, SITE, Occupant(0, 1, 1, 0, [], 0)), 1e9)
+    assert mover.step(2e9, sensing) == []

@@ -1,45 +1,123 @@
-"""Journals of keepers: what was written is read, whatever was read before."""
+"""The log of a keeper: what is read back, and what is refused."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from cubepath.agents.keepers.journal import Born, Committed, FileJournal
+import pytest
+
+from cubepath.agents.keepers.journal import (
+    Acknowledged,
+    Born,
+    Committed,
+    Decided,
+    FileJournal,
+    Journal,
+    MemoryJournal,
+    Prepared,
+    Record,
+)
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Enter, Moved, Passed
 
 
-def commit(serial: int) -> Committed:
-    """Return a record of a commit that is as long as records are."""
-    attempt = Attempt(
-        0, 1, serial, serial, [0, 0], "move", [0, 0], [([n, 0], None) for n in range(9)]
-    )
-    moved = Moved(0, serial, 0, 1, serial, serial, serial, "move", [0, 0])
-    passed = Passed(attempt, 0, 0, [], [], [], [], [])
-    return Committed(passed, Decision(0, 1, serial, moved=moved))
+def _passed(number: int) -> Passed:
+    return Passed(Attempt(0, 0, number, 0, [0, 0]), 0, 0, [], [], [], [], [])
 
 
-def test_every_commit_is_read_between_those_written(tmp_path: Path) -> None:
-    """Reading does not depend on what was read, and writing on where that ended."""
+def _committed(serial: int) -> Committed:
+    moved = Moved(0, serial, 0, 0, serial, 0, 1)
+    return Committed(_passed(serial), Decision(0, 0, serial, moved=moved))
+
+
+RECORDS: list[Record] = [
+    Prepared(_passed(1)),
+    _committed(1),
+    Acknowledged(1, 0, 0, 1),
+    Decided(Decision(0, 0, 2, why="refused")),
+    Born(Enter(0, 1)),
+    _committed(2),
+]
+
+
+def _filled(journal: Journal) -> None:
+    for record in RECORDS:
+        journal.append(record)
+
+
+def test_records_and_commits_are_read_back(tmp_path: Path) -> None:
+    """In their order, from memory, from the file, and from the file opened again."""
+    memory = MemoryJournal()
+    _filled(memory)
+    path = tmp_path / "log"
+    with FileJournal(path) as file:
+        _filled(file)
+    with FileJournal(path) as again:
+        for journal in (memory, again):
+            assert [*journal.records()] == RECORDS
+            assert [journal.commit(serial).serial for serial in (1, 2)] == [1, 2]
+
+
+def test_commits_are_read_between_appends(tmp_path: Path) -> None:
+    """Whatever was read ahead before."""
     with FileJournal(tmp_path / "log") as journal:
-        for serial in range(1, 120):
-            journal.append(commit(serial))
-            if serial > 60:  # the second of these lies across any boundary of what is read at once
-                assert [journal.commit(serial - 60).serial] == [serial - 60]
-                journal.append(Born(Enter(0, serial)))
-                assert [journal.commit(serial - 59).serial] == [serial - 59]
+        for serial in range(1, 6):
+            journal.append(_committed(serial))
+            assert [journal.commit(each).serial for each in range(1, serial + 1)] == [
+                *range(1, serial + 1)
+            ]
+            journal.append(RECORDS[2])
 
 
-def test_a_torn_record_is_as_if_it_had_never_been(tmp_path: Path) -> None:
-    """The next keeper finds what was whole, and writes after that."""
+@pytest.mark.parametrize("cut", [1, 2, 30])
+def test_a_line_that_was_cut_off_is_no_record(tmp_path: Path, cut: int) -> None:
+    """It is taken off, so what is appended next is whole."""
     path = tmp_path / "log"
     with FileJournal(path) as journal:
-        journal.append(commit(1))
-        whole = path.stat().st_size
-        journal.append(Born(Enter(0, 2)))
-    with path.open("r+b") as file:
-        file.truncate(whole + 7)
+        _filled(journal)
+    path.write_bytes(path.read_bytes()[:-cut])
     with FileJournal(path) as journal:
-        assert list(journal.records()) == [commit(1)]
-        journal.append(commit(2))
+        assert [*journal.records()] == RECORDS[:-1]
+        journal.append(_committed(2))
+        assert [*journal.records()] == RECORDS
         assert journal.commit(2).serial == 2
-        assert list(journal.records()) == [commit(1), commit(2)]
+
+
+@pytest.mark.parametrize("line", range(len(RECORDS)))
+@pytest.mark.parametrize("at", [0, 8, 9, 20])
+def test_a_damaged_line_is_refused(tmp_path: Path, line: int, at: int) -> None:
+    """Also the last one, if it is whole: it may have been answered."""
+    path = tmp_path / "log"
+    with FileJournal(path) as journal:
+        _filled(journal)
+    lines = path.read_bytes().splitlines(keepends=True)
+    lines[line] = lines[line][:at] + b"?" + lines[line][at + 1 :]
+    path.write_bytes(b"".join(lines))
+    with pytest.raises(InputError, match=f"log: line {line + 1} is damaged, expected a record"):
+        FileJournal(path)
+
+
+def test_a_commit_that_was_changed_since_is_noticed(tmp_path: Path) -> None:
+    """It is not told as what it is not."""
+    path = tmp_path / "log"
+    with FileJournal(path) as journal:
+        journal.append(_committed(1))
+        path.write_bytes(path.read_bytes().replace(b"committed", b"Committed"))
+        with pytest.raises(CheckError, match="commit 1 was changed"):
+            journal.commit(1)
+
+
+def test_a_full_disk_ends_a_keeper(tmp_path: Path) -> None:
+    """With a line that says so; nothing was logged."""
+    with FileJournal(tmp_path / "log") as journal:
+        journal._file.close()
+        journal._file = Path("/dev/full").open("r+b")  # type: ignore[assignment]
+        with pytest.raises(CheckError, match="log of the keeper stopped: No space left"):
+            journal.append(RECORDS[0])
+        assert [*journal.records()] == []
+
+
+def test_a_log_that_cannot_be_opened_is_bad_input(tmp_path: Path) -> None:
+    """With the path, and why."""
+    with pytest.raises(InputError, match="Is a directory, expected a keeper's log"):
+        FileJournal(tmp_path)

@@ -109,11 +109,15 @@ class FileJournal:
         self._end = 0
         try:
             self._file = path.open("a+b")
-            self._scan()
         except OSError as error:
             raise InputError(
                 f"{path}: {error.strerror or error}, expected a keeper's log"
             ) from None
+        try:
+            self._scan()
+        except InputError:
+            self._file.close()
+            raise
 
     def _scan(self) -> None:
         self._file.seek(0)

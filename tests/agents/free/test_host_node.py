@@ -1,0 +1,65 @@
+"""A module and what it is told: of its own attempt, and of those of earlier epochs."""
+
+from __future__ import annotations
+
+from cubepath.agents.free.host_node import FreeHostNode
+from cubepath.agents.free.orders import FreeOrders
+from cubepath.agents.keepers.journal import MemoryJournal
+from cubepath.agents.keepers.keeper import Keeper
+from cubepath.agents.keepers.node import KeeperNode
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, decode_free
+from cubepath.protocol.wire.nodes import Effect, Node, Put
+from cubepath.protocol.wire.tiles import Tiles
+
+
+def host(scene: Scene, birth: int) -> FreeHostNode:
+    """Return the process of the only module, born so often."""
+    orders = FreeOrders("", "run", 0, [0], 1, birth, "", "random", seed=3)
+    return FreeHostNode(orders, scene)
+
+
+def puts(effects: list[Effect]) -> list[Put]:
+    """Return what is put."""
+    return [effect for effect in effects if isinstance(effect, Put)]
+
+
+def tell(node: Node, said: list[Put]) -> list[Put]:
+    """Tell a node everything; return what it says to that."""
+    return [put for each in said for put in puts(node.receive(each.key, each.data))]
+
+
+def attempts(said: list[Put]) -> list[Put]:
+    """Return what asks for a move."""
+    return [put for put in said if any(isinstance(part, Attempt) for part in parts(put))]
+
+
+def parts(put: Put) -> list[object]:
+    """Return what is asked."""
+    message = decode_free(put.data)
+    return [*message.parts] if isinstance(message, Asks) else []
+
+
+def attempting(node: FreeHostNode, keeper: KeeperNode) -> list[Put]:
+    """Start a process, and let it go on until its module attempts something; return that."""
+    said = puts(node.start())
+    while not attempts(said):
+        told = tell(keeper, said)
+        said = tell(node, told) or puts(node.tick())
+    return attempts(said)
+
+
+def test_a_refusal_of_an_earlier_epoch_is_none_of_this_one() -> None:
+    """What its process asked before it died came late; the module waits for its own answer."""
+    scene = scene_from_spec("agv:graph=grid4x4,n=1")
+    keeper = KeeperNode(Keeper(0, scene, Tiles(scene.system, 1), MemoryJournal()), "run", [[0]])
+    late = attempting(host(scene, 1), keeper)
+    again = host(scene, 2)
+    own = attempting(again, keeper)
+    told = tell(keeper, late)
+    said = tell(again, told)
+    assert again.movers[0].state == "pending"
+    assert not [part for put in said for part in parts(put) if isinstance(part, Enter)]
+    tell(again, tell(keeper, own))
+    assert keeper.keeper.commits == 1

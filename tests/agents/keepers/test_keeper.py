@@ -1,0 +1,332 @@
+"""Two keepers and two modules: each answer that a keeper gives."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from msgspec.structs import replace as replaced
+
+from cubepath.agents.keepers.journal import MemoryJournal
+from cubepath.agents.keepers.keeper import (
+    ABORTED,
+    FETCH_MAX,
+    LEASE_TICKS,
+    REMIND_TICKS,
+    SETTLE_TICKS,
+    Keeper,
+)
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.free_messages import (
+    Attempt,
+    Decision,
+    Enter,
+    Entered,
+    Inquiry,
+    Look,
+    Moved,
+    Passed,
+    Passes,
+    Settled,
+    Shows,
+    Tail,
+    Tells,
+)
+from keeper_explorer import Dealt
+
+STAR = replace(scene_from_spec("agv:graph=S3,n=2"), start=(1, 2), goal=None, goals=())
+TILES = Dealt(STAR.system, {0: 1, 1: 0, 2: 1, 3: 1})
+"""Module 0 at leaf 1 has to ask keeper 0 first, module 1 at leaf 2 only keeper 1."""
+
+
+class Pair:
+    """Two keepers, with their journals."""
+
+    def __init__(self) -> None:
+        self.journals = [MemoryJournal(), MemoryJournal()]
+        self.keepers = [Keeper(me, STAR, TILES, self.journals[me]) for me in (0, 1)]
+
+    def crash(self, me: int) -> None:
+        self.keepers[me] = Keeper(me, STAR, TILES, self.journals[me])
+
+    def parts(self, me: int) -> list[Any]:
+        """Return what a keeper has to say, announcements apart."""
+        found: list[Any] = []
+        for message in self.keepers[me].said():
+            if isinstance(message, Passes | Tells):
+                found += message.parts
+        return found
+
+    def ask(self, me: int, part: Attempt | Enter | Look, process: int = 0) -> list[Any]:
+        self.keepers[me].ask(process, part)
+        return self.parts(me)
+
+    def hear(self, me: int, part: Any) -> list[Any]:
+        self.keepers[me].hear(1 - me, part)
+        return self.parts(me)
+
+    def ticks(self, me: int, count: int) -> list[Any]:
+        for _ in range(count):
+            self.keepers[me].tick()
+        return self.parts(me)
+
+
+def attempt(module: int, number: int = 1, epoch: int = 0, **other: Any) -> Attempt:
+    """Return an attempt to go to the hub."""
+    site: Site = module + 1
+    (move,) = [each for each in STAR.system.moves(site) if each is not None]
+    sensed = [(0, None), (site, site)]
+    made = Attempt(module, epoch, number, 0, site, move.generator, move.at, sensed)
+    return replaced(made, **other)
+
+
+def test_an_attempt_passes_and_is_committed() -> None:
+    """The last keeper logs it, tells the module and the keeper before, which follows."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    assert isinstance(passed, Passed)
+    told, decision = pair.hear(1, passed)[::-1]
+    assert told == decision
+    assert decision.moved.motion == [(0, 1, 0, 1)]
+    assert decision.moved.level == 1
+    assert pair.keepers[0].units.shows(1) == 1
+    assert pair.hear(0, decision) == []
+    assert pair.keepers[0].units.shows(1) is None
+    assert pair.keepers[1].units.occupant(0).module == 0  # type: ignore[union-attr]
+    assert not pair.keepers[0]._exclusive
+
+
+def test_the_same_again_is_answered_the_same() -> None:
+    """Passed on while it is under way, told afterwards; also after a crash of each."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    assert pair.ask(0, attempt(0)) == [passed]
+    pair.crash(0)
+    assert pair.ask(0, attempt(0)) == [passed]
+    decision = pair.hear(1, passed)[0]
+    pair.crash(1)
+    assert pair.hear(1, passed) == [decision]
+    assert pair.keepers[1].commits == 1
+    pair.hear(0, decision)
+    assert pair.ask(0, attempt(0)) == [decision]
+    pair.crash(0)
+    assert pair.ask(0, attempt(0)) == [decision]
+
+
+def test_a_refusal_is_remembered() -> None:
+    """Also when what was sensed holds later, and after a crash."""
+    pair = Pair()
+    (committed,) = pair.ask(1, attempt(1), 1)
+    assert committed.moved is not None
+    (passed,) = pair.ask(0, attempt(0))
+    refusals = pair.hear(1, passed)
+    assert [each.moved for each in refusals] == [None, None]
+    assert refusals[0].why == "0 shows 0, None was sensed"
+    pair.crash(1)
+    assert pair.hear(1, passed) == refusals[:1]
+    assert pair.hear(0, refusals[0]) == refusals[:1], "the first keeper tells the module as well"
+    assert not pair.keepers[0]._prepared
+
+
+def test_who_came_first_is_served_first() -> None:
+    """Who waits is taken up when what it waits for is decided; refused if that was in its way."""
+    pair = Pair()
+    other = Dealt(STAR.system, {0: 0, 1: 1, 2: 1, 3: 1})
+    keeper = Keeper(0, STAR, other, MemoryJournal())
+    keeper.ask(0, attempt(0))
+    (passes,) = keeper.said()
+    assert isinstance(passes, Passes)
+    keeper.ask(1, attempt(1))
+    assert keeper.said() == []
+    keeper.ask(1, attempt(1))
+    assert keeper.said() == [], "nor when it asks again"
+    assert list(keeper._waiting) == [1]
+    keeper.hear(1, Decision(0, 0, 1, why="no"))
+    parts = [part for each in keeper.said() if isinstance(each, Passes) for part in each.parts]
+    assert [part.attempt.module for part in parts if isinstance(part, Passed)] == [1]
+    assert not keeper._waiting
+    assert not pair.keepers[0]._waiting
+
+
+def test_a_later_epoch_waits_in_place_of_an_earlier_one() -> None:
+    """Of each module one attempt waits at most, and the earlier one is never taken up."""
+    tiles = Dealt(STAR.system, {0: 0, 1: 1, 2: 1, 3: 1})
+    keeper = Keeper(0, STAR, tiles, MemoryJournal())
+    keeper.ask(0, attempt(0))
+    keeper.ask(1, attempt(1))
+    keeper.ask(1, attempt(1, epoch=1))
+    keeper.said()
+    keeper.ask(1, attempt(1))
+    keeper.hear(1, Decision(0, 0, 1, why="no"))
+    keeper.said()
+    assert keeper._prepared[1].passed.attempt.epoch == 1
+    keeper.ask(1, attempt(1))
+    (tells,) = keeper.said()
+    assert isinstance(tells, Tells)
+    (told,) = tells.parts
+    assert isinstance(told, Decision)
+    assert told.why == "fenced off: a later epoch has begun"
+
+
+def test_an_expired_lease_forbids_an_attempt_that_has_not_arrived() -> None:
+    """Asked, the last keeper logs that; the attempt is refused when it comes, also after a crash."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    assert pair.ticks(0, LEASE_TICKS - 1) == []
+    inquiry = Inquiry(0, 0, 1)
+    assert pair.ticks(0, 1) == [inquiry]
+    assert pair.ticks(0, 2 * LEASE_TICKS - 1) == [], "ever more rarely"
+    assert pair.ticks(0, 1) == [inquiry]
+    (aborted,) = pair.hear(1, inquiry)
+    assert aborted == Decision(0, 0, 1, why=ABORTED)
+    pair.crash(1)
+    assert pair.hear(1, passed) == [aborted]
+    assert pair.hear(0, aborted) == [aborted]
+    assert not pair.keepers[0]._exclusive
+    (again,) = pair.ask(0, attempt(0, 2))
+    assert pair.ticks(0, 2 * LEASE_TICKS) == [], "it waits longer for who was late"
+    assert pair.hear(1, again)[0].moved is not None
+
+
+def test_what_waits_at_the_last_keeper_is_not_forbidden() -> None:
+    """It has come through; and what was committed is told, also when more has been since."""
+    pair = Pair()
+    tiles = Dealt(STAR.system, {0: 1, 1: 0, 2: 2, 3: 1})
+    keeper = Keeper(1, STAR, tiles, MemoryJournal())
+    first = Keeper(0, STAR, tiles, MemoryJournal())
+    keeper.ask(1, attempt(1))
+    first.ask(0, attempt(0))
+    (passes,) = first.said()
+    assert isinstance(passes, Passes)
+    keeper.hear(0, passes.parts[0])
+    keeper.said()
+    keeper.hear(0, Inquiry(0, 0, 1))
+    assert keeper.said() == []
+    keeper.hear(2, Decision(1, 0, 1, why="no"))
+    assert keeper.commits == 1
+    keeper.said()
+    keeper.hear(0, Inquiry(0, 0, 1))
+    (said,) = keeper.said()
+    assert isinstance(said, Passes)
+    (decision,) = said.parts
+    assert isinstance(decision, Decision)
+    assert decision.moved is not None
+    assert not pair.keepers[1].busy
+
+
+def test_a_commit_is_told_until_it_is_acknowledged() -> None:
+    """After a crash as well; once acknowledged it is not, and who acknowledges is on record."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    decision = pair.hear(1, passed)[0]
+    assert pair.ticks(1, REMIND_TICKS - 1) == []
+    assert pair.ticks(1, 1) == [decision]
+    pair.crash(1)
+    assert pair.ticks(1, REMIND_TICKS) == [decision]
+    assert pair.hear(0, decision) == []
+    assert pair.ticks(0, SETTLE_TICKS - 1) == []
+    settled = Settled(0, 0, 1)
+    assert pair.ticks(0, 1) == [settled]
+    assert not pair.keepers[0].busy
+    assert pair.hear(0, decision) == []
+    assert pair.ticks(0, SETTLE_TICKS) == [settled], "it may have been lost"
+    assert pair.keepers[1].busy
+    pair.hear(1, settled)
+    pair.hear(1, settled)
+    assert not pair.keepers[1].busy
+    pair.crash(1)
+    assert not pair.keepers[1].busy
+
+
+def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
+    """Its keeper asks what became of that first; a later birth is fenced off from an earlier one."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    assert pair.ask(0, Enter(0, 1)) == [Inquiry(0, 0, 1)]
+    pair.hear(0, Decision(0, 0, 1, why="no"))
+    (entered,) = pair.ask(0, Enter(0, 1))
+    assert isinstance(entered, Entered)
+    assert (entered.birth, entered.site, entered.occupant.epoch) == (1, 1, 1)
+    assert pair.ask(0, Enter(0, 1)) == [entered]
+    pair.crash(0)
+    assert pair.ask(0, Enter(0, 1)) == [entered]
+    (second,) = pair.ask(0, Enter(0, 2))
+    assert second.occupant.epoch == 2
+    assert pair.ask(0, Enter(0, 1)) == []
+    assert pair.ask(1, Enter(0, 3)) == []
+    (refused,) = pair.ask(0, attempt(0, 1, epoch=1))
+    assert refused.why == "fenced off: module_0 is in epoch 2"
+    assert passed.attempt.epoch == 0
+
+
+def test_what_is_none_of_its_business_is_counted() -> None:
+    """No attempt of anyone, one of other keepers, from another keeper than the one before, a tile."""
+    pair = Pair()
+    wrong = [
+        attempt(0, at=["nowhere"]),
+        attempt(0, generator="fly"),
+        attempt(0, sensed=[]),
+        attempt(0, sensed=[(0, 0), (1, 1)]),
+        attempt(0, sensed=[(0, None), (1, 1), (2, 2)]),
+        attempt(0, after=[(2, 0, 0)]),
+        Attempt(0, 0, 1, 0, 1, sensed=[(1, 1)]),
+        Attempt(0, 0, 1, 0, 1),
+        attempt(1),
+    ]
+    for part in wrong:
+        assert pair.ask(0, part) == []
+    pair.keepers[0].ask(0, Look("0", -1))
+    assert pair.keepers[0].refused == len(wrong) + 1
+    (passed,) = pair.ask(0, attempt(0))
+    pair.keepers[1].hear(2, passed)
+    pair.keepers[1].ask(0, attempt(0))
+    assert pair.keepers[1].refused == 2
+    assert not pair.keepers[1].commits
+    assert not pair.keepers[1]._prepared
+
+
+def test_a_tile_is_shown_whole_to_who_looks() -> None:
+    """Unless it is known; each change is shown with its number."""
+    pair = Pair()
+    keeper = pair.keepers[1]
+    keeper.ask(0, Look("2", -1))
+    (shows,) = keeper.said()
+    assert isinstance(shows, Shows)
+    assert (shows.whole, shows.serial, shows.parts[0].module) == (True, 0, 1)
+    keeper.ask(0, Look("2", 0))
+    assert keeper.said() == []
+    keeper.ask(1, attempt(1))
+    changes = [each for each in keeper.said() if isinstance(each, Shows)]
+    assert [(each.tile, each.serial, each.whole) for each in changes] == [
+        ("0", 1, False),
+        ("2", 1, False),
+    ]
+    assert [each.parts[0].module for each in changes] == [1, None]
+
+
+def test_commits_are_fetched_some_at_a_time() -> None:
+    """The units come with the last of them."""
+    keeper = Keeper(0, STAR, Dealt(STAR.system, dict.fromkeys(range(4), 0)), MemoryJournal())
+    site: Site = 2
+    for number in range(1, FETCH_MAX + 3):
+        target = 0 if site else 2
+        (move,) = [e for e in STAR.system.moves(site) if e is not None and e.target == target]
+        sensed = sorted([(site, site), (target, None)])  # type: ignore[type-var]
+        keeper.ask(
+            1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed)
+        )
+        site = target
+    keeper.said()
+    keeper.fetch(0)
+    keeper.fetch(FETCH_MAX)
+    first, rest = keeper.said()
+    assert isinstance(first, Tail)
+    assert isinstance(rest, Tail)
+    assert [each.serial for each in first.parts] == [*range(1, FETCH_MAX + 1)]
+    assert [each.serial for each in rest.parts] == [FETCH_MAX + 1, FETCH_MAX + 2]
+    assert [each.level for each in rest.parts] == [FETCH_MAX + 1, FETCH_MAX + 2]
+    assert first.units == []
+    last = FETCH_MAX + 2
+    assert rest.units == [(0, last, last, 0, None), (2, last, last, 0, 2)]
+    assert isinstance(rest.parts[0], Moved)
