@@ -39,8 +39,9 @@ PUBLIC = {
         why_inadmissible write_certificate write_cubes write_moves write_timetable
     """,
     "cubepath.agents": """
-        Checked Choice CubepathEnv Finding InitialKnowledge Note Observation Played Rule RuleType
-        View check_rule draw_pixels draw_text env observe parallel_env play raw_env rule_named
+        Checked Choice CubepathEnv Finding FreeEnv FreePlayed FreeRule InitialKnowledge Note
+        Observation Played Rule RuleType View check_rule draw_pixels draw_text env observe
+        parallel_env play play_free raw_env rule_named
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift

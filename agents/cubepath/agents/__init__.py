@@ -7,7 +7,8 @@ the project, names are imported from the modules that define them.
 | room | holds | may import |
 |---|---|---|
 | `local` | what a module senses, and how it and its competitors decide | none |
-| `rules` | what a module chooses from what it sees | `local` |
+| `keepers` | the sites themselves, of runs without rounds | none |
+| `rules` | what a module chooses from what it sees | `local`, `keepers` |
 | `processes` | module processes and the fleet that starts and paces them | `rules`, `local` |
 | `rendering` | scenes as text, pixels and on axes | none |
 | `environments` | the PettingZoo environments, and playing a rule in them | all of these |
@@ -19,20 +20,39 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.environments import CubepathEnv, Played, env, parallel_env, play, raw_env
+    from cubepath.agents.environments import (
+        CubepathEnv,
+        FreeEnv,
+        FreePlayed,
+        Played,
+        env,
+        parallel_env,
+        play,
+        play_free,
+        raw_env,
+    )
     from cubepath.agents.local import Note, Observation, View, observe
     from cubepath.agents.locality import Checked, Finding, check_rule
     from cubepath.agents.rendering import draw_pixels, draw_text
-    from cubepath.agents.rules import Choice, InitialKnowledge, Rule, RuleType, rule_named
+    from cubepath.agents.rules import (
+        Choice,
+        FreeRule,
+        InitialKnowledge,
+        Rule,
+        RuleType,
+        rule_named,
+    )
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "environments": "CubepathEnv Played env parallel_env play raw_env",
+            "environments": (
+                "CubepathEnv FreeEnv FreePlayed Played env parallel_env play play_free raw_env"
+            ),
             "local": "Note Observation View observe",
             "locality": "Checked Finding check_rule",
             "rendering": "draw_pixels draw_text",
-            "rules": "Choice InitialKnowledge Rule RuleType rule_named",
+            "rules": "Choice FreeRule InitialKnowledge Rule RuleType rule_named",
         },
     )
 
@@ -41,6 +61,9 @@ __all__ = [
     "Choice",
     "CubepathEnv",
     "Finding",
+    "FreeEnv",
+    "FreePlayed",
+    "FreeRule",
     "InitialKnowledge",
     "Note",
     "Observation",
@@ -55,6 +78,7 @@ __all__ = [
     "observe",
     "parallel_env",
     "play",
+    "play_free",
     "raw_env",
     "rule_named",
 ]

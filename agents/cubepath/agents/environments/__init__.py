@@ -10,6 +10,9 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
+    from cubepath.agents.environments.free_environment import FreeEnv
+    from cubepath.agents.environments.free_rollout import FreePlayed, play_free
+    from cubepath.agents.environments.free_world import FreeWorld
     from cubepath.agents.environments.rollout import Played, play
     from cubepath.agents.environments.world import World
 else:
@@ -17,9 +20,24 @@ else:
         __name__,
         {
             "environment": "CubepathEnv env parallel_env raw_env",
+            "free_environment": "FreeEnv",
+            "free_rollout": "FreePlayed play_free",
+            "free_world": "FreeWorld",
             "rollout": "Played play",
             "world": "World",
         },
     )
 
-__all__ = ["CubepathEnv", "Played", "World", "env", "parallel_env", "play", "raw_env"]
+__all__ = [
+    "CubepathEnv",
+    "FreeEnv",
+    "FreePlayed",
+    "FreeWorld",
+    "Played",
+    "World",
+    "env",
+    "parallel_env",
+    "play",
+    "play_free",
+    "raw_env",
+]

@@ -6,7 +6,7 @@ Room: agents. `parallel_env` is native; `env` is PettingZoo's own conversion to 
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -28,6 +28,7 @@ from cubepath.agents.local.observation import (
 from cubepath.agents.rendering.pictures import draw_pixels
 from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -78,7 +79,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self.possible_agents = list(self.scene.modules)
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
-        space = _observation_space(self.scene, note_length)
+        space = observation_space_of(self.scene, note_length)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
@@ -173,15 +174,11 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         return number
 
     def _at_goal(self) -> float:
-        if self.scene.goal is None:
-            return 0.0
-        there = sum(site in self.scene.goal for site in self.sites)
-        return there / len(self.possible_agents)
+        return share_at_goal(self.scene, self.sites)
 
     def state(self) -> NDArray[np.int32]:
         """Return the places of all modules, int32, shape (modules, site_size)."""
-        system = self.scene.system
-        return np.array([system.encode_site(site) for site in self.sites], np.int32)
+        return state_of(self.scene, self.sites)
 
     @property
     def sites(self) -> tuple[Any, ...]:
@@ -193,15 +190,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
 
         "human" prints the text and returns None.
         """
-        if self.render_mode == "rgb_array":
-            return draw_pixels(self.scene, self.sites)
-        if self.render_mode is None:
-            return None
-        text = draw_text(self.scene, self.sites)
-        if self.render_mode == "ansi":
-            return text
-        print(text)
-        return None
+        return rendered(self.scene, self.sites, self.render_mode)
 
     def close(self) -> None:
         """Release the resources of the world: over zenoh, its processes and sessions."""
@@ -260,7 +249,35 @@ def _infos(observations: dict[str, Observation], illegal: set[str]) -> Infos:
     }
 
 
-def _observation_space(scene: Scene, note_length: int) -> spaces.Dict:
+def share_at_goal(scene: Scene, sites: Sequence[Site]) -> float:
+    """Return the fraction of the modules at these sites that are on sites of the goal."""
+    if scene.goal is None:
+        return 0.0
+    return sum(site in scene.goal for site in sites) / len(sites)
+
+
+def state_of(scene: Scene, sites: Sequence[Site]) -> NDArray[np.int32]:
+    """Return the places of modules at these sites, int32, shape (modules, site_size)."""
+    return np.array([scene.system.encode_site(site) for site in sites], np.int32)
+
+
+def rendered(
+    scene: Scene, sites: Sequence[Site], render_mode: str | None
+) -> str | NDArray[np.uint8] | None:
+    """Draw modules at these sites as `CubepathEnv.render` describes."""
+    if render_mode == "rgb_array":
+        return draw_pixels(scene, sites)
+    if render_mode is None:
+        return None
+    text = draw_text(scene, sites)
+    if render_mode == "ansi":
+        return text
+    print(text)
+    return None
+
+
+def observation_space_of(scene: Scene, note_length: int, *, register: bool = False) -> spaces.Dict:
+    """Return the space of the observations that `observe` makes, with or without a register."""
     system = scene.system
     info = np.iinfo(np.int32)
     low = np.zeros(observation_length(system), np.int32)
@@ -274,6 +291,8 @@ def _observation_space(scene: Scene, note_length: int) -> spaces.Dict:
     }
     if note_length:
         parts["notes"] = spaces.Box(SILENT, info.max, (system.reach_slots, note_length), np.int32)
+        if register:
+            parts["register"] = spaces.Box(SILENT, info.max, (note_length,), np.int32)
     return spaces.Dict(parts)
 
 
@@ -312,11 +331,36 @@ def env(
     max_cycles: int = 500,
     render_mode: str | None = None,
     note_length: int = 0,
+    clock: str = "lockstep",
+    **scheduling: Any,
 ) -> AECEnv[str, Observation, int | None]:
-    """Return the environment in turns, with PettingZoo's usual wrappers."""
-    turns = parallel_to_aec(
-        CubepathEnv(system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length)
-    )
+    """Return the environment in turns, with PettingZoo's usual wrappers.
+
+    With ``clock="free"`` there are no rounds: it is a `FreeEnv`, which `scheduling` is passed to.
+    """
+    turns: AECEnv[str, Observation, int | None]
+    if clock == "free":
+        from cubepath.agents.environments.free_environment import FreeEnv  # noqa: PLC0415 - a circle
+
+        turns = FreeEnv(
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            note_length=note_length,
+            **scheduling,
+        )
+    elif clock != "lockstep":
+        raise InputError(f"clock={clock!r}: expected 'lockstep' or 'free'")
+    elif scheduling:
+        raise InputError(
+            f"{min(scheduling)}={scheduling[min(scheduling)]!r}: expected clock='free'"
+        )
+    else:
+        turns = parallel_to_aec(
+            CubepathEnv(
+                system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+            )
+        )
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
 
 

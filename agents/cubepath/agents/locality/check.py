@@ -15,7 +15,14 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Self
 
-from cubepath.agents.locality.findings import Evidence, Finding, Kind, difference, told
+from cubepath.agents.locality.findings import (
+    PERIOD,
+    Evidence,
+    Finding,
+    Kind,
+    difference,
+    told,
+)
 from cubepath.agents.locality.fork_server import ForkServer
 from cubepath.agents.locality.plays import (
     Answer,
@@ -57,6 +64,7 @@ class Checked:
     changes: int
     """Sites beyond the reach of a module that were changed."""
     findings: tuple[Finding, ...]
+    clock: str = "lockstep"
 
 
 _USUAL = Conditions()
@@ -118,13 +126,15 @@ class Stage:
     def __exit__(self, *_: object) -> None:
         self._resources.close()
 
-    def submit(self, rule: str, play: Play, conditions: Conditions, server: int) -> Future[Answer]:
+    def submit(
+        self, rule: str, play: Play, conditions: Conditions, server: int, clock: str
+    ) -> Future[Answer]:
         """Let a task be played in a new process that begins in a new folder."""
         self._folders += 1
         folder = self._folder / str(self._folders)
         folder.mkdir()
         return self._pool.submit(
-            self._servers[server].play, Task(rule, play, conditions, str(folder))
+            self._servers[server].play, Task(rule, play, conditions, str(folder), clock)
         )
 
 
@@ -132,13 +142,20 @@ class Checker:
     """Checks one rule in scene after scene, and gathers what that shows."""
 
     def __init__(
-        self, stage: Stage, rule: str, *, seed: int, progress: Callable[[], object]
+        self,
+        stage: Stage,
+        rule: str,
+        *,
+        seed: int,
+        progress: Callable[[], object],
+        clock: str = "lockstep",
     ) -> None:
         """Play nothing yet. A rule FILE.py:NAME is looked for from the current folder."""
         file, _, name = rule.rpartition(":")
         self._rule = f"{Path(file).resolve()}:{name}" if is_in_file(rule) else rule
         self._shown, self._seed, self._stage = rule, seed, stage
         self._progress = progress
+        self._clock = clock
         self._evidence = Evidence()
         self._specs: list[str] = []
         self._modules = self._choices = self._changes = 0
@@ -217,6 +234,7 @@ class Checker:
             choices=self._choices,
             changes=self._changes,
             findings=tuple(self._evidence.findings()),
+            clock=self._clock,
         )
 
     def _run(self, scene: Scene) -> Together:
@@ -224,7 +242,7 @@ class Checker:
         return Together(scene, seed, _HESITATE, _ROUNDS)
 
     def _submit(self, play: Play, conditions: Conditions, server: int = 0) -> Future[Answer]:
-        found = self._stage.submit(self._rule, play, conditions, server)
+        found = self._stage.submit(self._rule, play, conditions, server, self._clock)
         found.add_done_callback(lambda _: self._progress())
         return found
 
@@ -257,13 +275,16 @@ class Checker:
             return None
         self._choices += sum(len(life.choices) for life in other.lives.values())
         found = difference(run.lives, other.lives)
-        return None if found is None else (variant, told(spec, found, variant.how))
+        return None if found is None else (variant, told(spec, found, variant.how, self._clock))
 
     def _look_for_errors(self, spec: str, run: Answer) -> None:
         for module, life in run.lives.items():
             error = life.choices[-1].error if life.choices else None
             if error is not None:
-                when = f"in round {len(life.choices)}" if life.observations else "when it is made"
+                period = PERIOD[self._clock]
+                when = (
+                    f"in {period} {len(life.choices)}" if life.observations else "when it is made"
+                )
                 self._evidence.add("fails", f"module_{module} of {spec} raises {error} {when}")
 
 
@@ -279,16 +300,19 @@ def check_rule(
     systems: Sequence[str] | None = None,
     *,
     seed: int = 0,
+    clock: str = "lockstep",
     progress: Callable[[], object] = lambda: None,
 ) -> Checked:
-    """Return what is found of a rule, a name or FILE.py:NAME, in scenes.
+    """Return what is found of a rule, a name or FILE.py:NAME, in scenes under a clock.
 
     By default these are a small and a larger scene of each family that it is for. `progress` is
     called for each play. The answer follows from the rule, the scenes and the seed; InputError if
     there is no such rule, or it is for none of the scenes.
     """
+    if clock not in PERIOD:
+        raise InputError(f"clock={clock!r}: expected one of {', '.join(PERIOD)}")
     with Stage(seed) as stage:
-        checker = Checker(stage, rule, seed=seed, progress=progress)
+        checker = Checker(stage, rule, seed=seed, progress=progress, clock=clock)
         if systems is None:
             checker.check_all(checker.fitting(all_scenes()))
         else:

@@ -58,6 +58,10 @@ DEPENDS: Mapping[Kind, str] = {
 """By kind of difference what the rule does."""
 
 
+PERIOD: Mapping[str, str] = {"lockstep": "round", "free": "turn"}
+"""By clock what the choices of a module are counted by."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
     """One thing that is wrong with a rule: its kind, and a line for people."""
@@ -129,7 +133,7 @@ def difference(run: Mapping[int, Life], other: Mapping[int, Life]) -> Difference
     return None
 
 
-def told(spec: str, found: Difference, how: str) -> str:
+def told(spec: str, found: Difference, how: str, clock: str) -> str:
     """Return a difference in words; `how` says what was different about the play."""
-    when = f"in round {found.round}" if found.round else "when it was made"
+    when = f"in {PERIOD[clock]} {found.round}" if found.round else "when it was made"
     return f"module_{found.module} of {spec} has {found.was} {when}, {how} {found.now}"

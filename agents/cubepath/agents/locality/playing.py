@@ -12,6 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import Note, Observation
 from cubepath.agents.locality.plays import (
@@ -27,7 +28,7 @@ from cubepath.agents.locality.plays import (
 from cubepath.agents.locality.surroundings import surrounding_scene
 from cubepath.agents.locality.traps import Traps, place
 from cubepath.agents.rules.actor import Actor
-from cubepath.agents.rules.rule import InitialKnowledge, RuleType
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
 from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
 from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.system import Scene
@@ -46,18 +47,26 @@ def played(task: Task) -> Answer:
     traps = Traps(task.conditions, home.__contains__)
     traps.install()
     with traps.asking(_NOBODY, 0):
-        rule, module = _loaded(task.rule)
+        rule, module = _loaded(task.rule, task.clock)
+    if task.clock not in rule.clocks:
+        raise InputError(
+            f"not for the {task.clock} clock: rule {task.rule!r}, expected one that says why it"
+            " holds there"
+        )
     if isinstance(task.play, Fit):
         return Answer(specs=tuple(spec for spec in task.play.specs if _fits(rule, spec)))
     if not rule.fits(task.play.scene.system):
         raise InputError(f"{task.play.scene.spec}: not for this system: rule {task.rule!r}")
     traps.home = _home_of(module, home)
     before = _globals(module)
+    sites: list[tuple[Any, ...]]
     try:
-        if isinstance(task.play, Together):
-            lives, sites = _together(task.play, rule, traps)
+        if not isinstance(task.play, Together):
+            lives, sites = _replayed(task.play, rule, traps, task.clock), []
+        elif task.clock == "free":
+            lives, sites = _in_turns(task.play, rule, traps)
         else:
-            lives, sites = _replayed(task.play, rule, traps), []
+            lives, sites = _together(task.play, rule, traps)
     except InputError as error:  # from a rule that is not for this scene
         return Answer(unfit=str(error), accesses=frozenset(traps.accesses))
     after = _globals(module)
@@ -73,14 +82,15 @@ def _surround(environment: int) -> None:
     os.environ.update(LANG="C.UTF-8", TZ="Asia/Tokyo" if environment else "UTC")
 
 
-def _loaded(name: str) -> tuple[RuleType, Any]:
+def _loaded(name: str, clock: str) -> tuple[RuleType, Any]:
     """Return a rule, and the module that makes it."""
     from cubepath.agents.rules.registry import find_rule, unknown_rule  # noqa: PLC0415 - under traps
 
     rule = find_rule(name)
     if rule is None:
         raise unknown_rule(name)
-    return rule, sys.modules.get(getattr(rule.make, "__module__", ""))
+    free = None if clock == "lockstep" or rule.free is None else rule.free.make
+    return rule, sys.modules.get(getattr(free or rule.make, "__module__", ""))
 
 
 def _fits(rule: RuleType, spec: str) -> bool:
@@ -121,7 +131,14 @@ def _ask(actor: Actor | None, seen: Observation) -> Chosen:
         choice = actor.act({key: array.copy() for key, array in seen.items()})
     except RuleError as error:
         return Chosen(error=_type_of(error))
-    return Chosen(choice.action, choice.note, choice.failed)
+    return Chosen(
+        choice.action,
+        choice.note,
+        choice.failed,
+        guards=choice.guards or None,
+        heeds=choice.heeds or None,
+        exchanges=tuple(choice.exchanges.items()) or None,
+    )
 
 
 def _type_of(error: RuleError) -> str:
@@ -131,13 +148,29 @@ def _type_of(error: RuleError) -> str:
     return f"{type(cause).__name__}{text}"
 
 
-def _made(rule: RuleType, knowledge: InitialKnowledge, life: Life, traps: Traps) -> Actor | None:
+def _made(
+    rule: RuleType, knowledge: InitialKnowledge, life: Life, traps: Traps, clock: str
+) -> Actor | None:
     with traps.asking(life.module, 0):
         try:
-            return Actor(rule, knowledge)
+            return Actor(rule, knowledge, clock=clock)
         except RuleError as error:
             life.choices.append(Chosen(error=_type_of(error)))
             return None
+
+
+def _all_made(
+    play: Together, rule: RuleType, traps: Traps, clock: str
+) -> tuple[dict[int, Life], dict[int, Actor | None]]:
+    """Make the rule for all modules, in the order of the play."""
+    numbers = range(len(play.scene.start))
+    lives: dict[int, Life] = {}
+    actors: dict[int, Actor | None] = {}
+    for module in reversed(numbers) if play.backwards else numbers:
+        knowledge = _knowledge(play.scene, module, play.seed)
+        life = lives[module] = _life(knowledge)
+        actors[module] = _made(rule, knowledge, life, traps, clock)
+    return lives, actors
 
 
 def _together(
@@ -146,12 +179,7 @@ def _together(
     scene = play.scene
     numbers = list(range(len(scene.start)))
     order = numbers[::-1] if play.backwards else numbers
-    lives: dict[int, Life] = {}
-    actors: dict[int, Actor | None] = {}
-    for module in order:
-        knowledge = _knowledge(scene, module, play.seed)
-        life = lives[module] = _life(knowledge)
-        actors[module] = _made(rule, knowledge, life, traps)
+    lives, actors = _all_made(play, rule, traps, "lockstep")
     doubts = {module: stream(play.seed, module, HESITATE) for module in numbers}
     world = World(scene, seed=play.seed, note_length=rule.note_length(len(numbers)))
     sites = [tuple(world.sites)]
@@ -165,6 +193,7 @@ def _together(
                 chosen = _ask(actors[module], seen[module])
             lives[module].observations.append(seen[module])
             lives[module].choices.append(chosen)
+            lives[module].before.append(world.round)
             ended = ended or chosen.error is not None or chosen.failed is not None
             actions[module] = 0 if doubts[module].random() < play.hesitate else chosen.action
             if chosen.note is not None:
@@ -172,6 +201,44 @@ def _together(
         world.step(actions, notes)
         sites.append(tuple(world.sites))
     return {module: lives[module] for module in numbers}, sites
+
+
+def _in_turns(
+    play: Together, rule: RuleType, traps: Traps
+) -> tuple[dict[int, Life], list[tuple[Any, ...]]]:
+    """Play without rounds; who acts when follows from the seed alone."""
+    scene = play.scene
+    lives, actors = _all_made(play, rule, traps, "free")
+    doubts = {module: stream(play.seed, module, HESITATE) for module in lives}
+    env = FreeEnv(scene, max_cycles=play.rounds, note_length=rule.length(len(lives), "free"))
+    env.reset(seed=play.seed)
+    sites = [tuple(env.sites)]
+    ended = any(life.choices for life in lives.values()) or scene.reached(env.sites)
+    while not ended:
+        name = env.agent_selection
+        module = env.possible_agents.index(name)
+        life, seen = lives[module], env.observe(name)
+        with traps.asking(module, len(life.choices) + 1):
+            chosen = _ask(actors[module], seen)
+        life.observations.append(seen)
+        life.choices.append(chosen)
+        life.before.append(len(sites) - 1)
+        hesitates = doubts[module].random() < play.hesitate
+        env.act(Choice() if hesitates else _choice(chosen))
+        sites.append(tuple(env.sites))
+        ended = chosen.error is not None or chosen.failed is not None
+        ended = ended or env.terminations[name] or env.truncations[name]
+    return {module: lives[module] for module in sorted(lives)}, sites
+
+
+def _choice(chosen: Chosen) -> Choice:
+    return Choice(
+        chosen.action,
+        chosen.note,
+        guards=chosen.guards or (),
+        heeds=chosen.heeds or (),
+        exchanges=dict(chosen.exchanges or ()),
+    )
 
 
 def _knowledge(scene: Scene, module: int, seed: int) -> InitialKnowledge:
@@ -195,7 +262,7 @@ def _life(knowledge: InitialKnowledge) -> Life:
     )
 
 
-def _replayed(play: Replay, rule: RuleType, traps: Traps) -> dict[int, Life]:
+def _replayed(play: Replay, rule: RuleType, traps: Traps, clock: str) -> dict[int, Life]:
     recorded = play.life
     knowledge = InitialKnowledge(
         system=play.scene.system,
@@ -206,10 +273,10 @@ def _replayed(play: Replay, rule: RuleType, traps: Traps) -> dict[int, Life]:
         random=stream_at(recorded.state),
     )
     life = replace(recorded, choices=[])
-    others = _Others(play.scene, play.surroundings, life, rule, traps)
+    others = _Others(play.scene, play.surroundings, life, rule, traps, clock=clock)
     actor: Actor | None = None
     for _ in others.making():
-        actor = _made(rule, knowledge, life, traps)
+        actor = _made(rule, knowledge, life, traps, clock)
     if not life.choices:
         for round_number, seen in enumerate(recorded.observations, 1):
             # As in a run, the world is where a rule that looks through its callers would find it.
@@ -234,10 +301,17 @@ class _Others:
     """The modules around the one whose rule is played again, in a world of their own."""
 
     def __init__(
-        self, scene: Scene, around: Surroundings | None, life: Life, rule: RuleType, traps: Traps
+        self,
+        scene: Scene,
+        around: Surroundings | None,
+        life: Life,
+        rule: RuleType,
+        traps: Traps,
+        *,
+        clock: str,
     ) -> None:
         self._scene, self._around, self._life = scene, around, life
-        self._rule, self._traps = rule, traps
+        self._rule, self._traps, self._clock = rule, traps, clock
         self._actors: dict[int, Actor] = {}
 
     def making(self) -> Iterator[None]:
@@ -260,7 +334,7 @@ class _Others:
             )
             with self._traps.asking(number, 0):
                 try:
-                    self._actors[number] = Actor(self._rule, knowledge)
+                    self._actors[number] = Actor(self._rule, knowledge, clock=self._clock)
                 except (RuleError, InputError):
                     continue  # not for a rule that wants more of a scene
 
@@ -274,7 +348,7 @@ class _Others:
             return
         setting = self._around.settings[round_number]
         scene = surrounding_scene(self._scene, setting, self._around.goals)
-        note_length = self._rule.note_length(self._life.modules)
+        note_length = self._rule.length(self._life.modules, self._clock)
         world = World(scene, seed=self._around.seed, note_length=note_length)
         for index, number in enumerate(sorted(setting)):
             if number == self._life.module:

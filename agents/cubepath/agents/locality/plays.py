@@ -31,12 +31,15 @@ class Conditions:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """What a rule chose in a round, or the type of the error that ended it."""
+    """What a rule chose in a round or turn, or the type of the error that ended it."""
 
     action: int = 0
     note: Note | None = None
     failed: str | None = None
     error: str | None = None
+    guards: tuple[Site, ...] | None = None
+    heeds: tuple[Site, ...] | None = None
+    exchanges: tuple[tuple[Site, Note], ...] | None = None
 
     def beside(self, other: Chosen) -> tuple[str, str]:
         """Return in words what differs between this choice and another."""
@@ -45,6 +48,9 @@ class Chosen:
             (self.action, other.action, "action"),
             (self.note, other.note, "note"),
             (self.failed, other.failed, "failed"),
+            (self.guards, other.guards, "guards"),
+            (self.heeds, other.heeds, "heeds"),
+            (self.exchanges, other.exchanges, "exchanges"),
         ):
             if mine != yours:
                 return _said(word, mine), _said(word, yours)
@@ -59,8 +65,9 @@ def _said(word: str, what: object) -> str:
 class Life:
     """All that a module knew and saw in a run, and what it chose; a list has an entry a round.
 
-    `state` is that of its stream before its rule was made. A rule that could not be made has one
-    choice, the error, and saw nothing.
+    Under the free clock it has one for each turn of the module. `before` says for each how many
+    rounds, or turns of any module, came before it. `state` is that of its stream before its rule
+    was made. A rule that could not be made has one choice, the error, and saw nothing.
     """
 
     module: int
@@ -70,6 +77,7 @@ class Life:
     state: Any
     observations: list[Observation] = field(default_factory=list)
     choices: list[Chosen] = field(default_factory=list)
+    before: list[int] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +138,7 @@ class Task:
     play: Play
     conditions: Conditions
     folder: str
+    clock: str = "lockstep"
 
 
 @dataclass(frozen=True, order=True, slots=True)
@@ -145,9 +154,10 @@ class Access:
 class Answer:
     """What came of a task.
 
-    `sites` are where modules were before each round of a whole run. `changed` names what the rule's
-    file holds that is not as it was before the rules were made. `specs` are the scenes that it
-    is for. `unfit` says why it is not for the scene, `broken` how the play itself came to an end.
+    `sites` are where modules were before each round of a whole run, or each turn. `changed` names
+    what the rule's file holds that is not as it was before the rules were made. `specs` are the
+    scenes that it is for. `unfit` says why it is not for the scene, `broken` how the play itself
+    came to an end.
     """
 
     lives: dict[int, Life] = field(default_factory=dict)

@@ -47,7 +47,7 @@ def within_reach(system: System, place: Site) -> frozenset[Site]:
 class Changes:
     """Makes surroundings for one module of a run, from a source of random choices.
 
-    `sites` are those of all modules before each round of the run.
+    `sites` are those of all modules before each round or turn of the run.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class Changes:
         self._scene, self._life, self._random = scene, life, random
         self._vain = 0
         self._place_of = scene.system.place_of
-        self._rows = [sites[0], *sites[: len(life.observations)]]
+        self._rows = [sites[0], *(sites[number] for number in life.before)]
         self._others = [n for n in range(len(scene.start)) if n != life.module]
         self._goals: dict[int, tuple[Site, ...]] = {}
 

@@ -1,8 +1,8 @@
 """Rules: what a module chooses from what it sees, built in or from other distributions.
 
 Room: agents. A rule sees a `View` and returns a `Choice`; an `Actor` asks one for one module. It
-imports `local`, the protocol, and of `keepers` what an attempt is. Module processes and environments let rules act; the coordinator
-asks for them by name.
+imports `local`, the protocol, and of `keepers` what an attempt takes. Module processes and
+environments let rules act; the coordinator asks for them by name.
 """
 
 from typing import TYPE_CHECKING

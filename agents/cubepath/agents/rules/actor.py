@@ -29,7 +29,8 @@ class Actor:
     """Acts for one module: asks its rule for a choice, and may hesitate to claim it.
 
     With `hesitate` P the module makes no claim in a round with probability P. Its rule is still
-    asked and its note is still sent, as if the claim had been lost.
+    asked and its note is still sent, as if the claim had been lost. Under the free clock nothing
+    comes of the whole choice, as if the attempt had been refused.
     """
 
     def __init__(
@@ -43,6 +44,7 @@ class Actor:
     ) -> None:
         """Make the rule for this module, with all that it knows; `doubt` decides hesitations."""
         self.note_length = rule.length(knowledge.modules, clock)
+        self._clock = clock
         self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
             with _blamed_on(self._who):
@@ -64,10 +66,16 @@ class Actor:
                 legal = view.mask.nonzero()[0].tolist()
                 raise InputError(f"chose action {choice.action}, legal were {legal}")
             note = None if choice.note is None else checked_note(choice.note, self.note_length)
+            exchanges = {
+                place: checked_note(new, self.note_length)
+                for place, new in choice.exchanges.items()
+            }
         hesitates = self._doubt is not None and self._doubt.random() < self._hesitate
+        if self._clock == "lockstep":
+            return Choice(STAY if hesitates else choice.action, note, choice.failed)
         if hesitates:
-            return Choice(STAY, note, choice.failed)
-        return replace(choice, note=note)
+            return Choice(failed=choice.failed)
+        return replace(choice, note=note, exchanges=exchanges)
 
 
 @contextmanager
@@ -90,6 +98,7 @@ def actors_for(
     hesitate: float,
     modules: list[int] | None = None,
     sites: Mapping[int, Site] | None = None,
+    clock: str = "lockstep",
 ) -> dict[int, Actor]:
     """Return an actor for each of the modules (by default all).
 
@@ -109,6 +118,7 @@ def actors_for(
             ),
             hesitate=hesitate,
             doubt=stream(seed, module, HESITATE) if hesitate else None,
+            clock=clock,
         )
         for module in (range(count) if modules is None else modules)
     }

@@ -35,11 +35,12 @@ def attempt_of(
 ) -> Attempt | None:
     """Return the attempt that a choice makes, None if it changes nothing.
 
-    `occupants` maps places to the site that was seen on there, `notes` maps places to the registers
-    that were seen there, `register` is the module's own, ``()`` while it is empty. An action that
-    is not admissible where that was seen counts as stay. A note that repeats the register writes
-    nothing, but holds the attempt to it. InputError if a guard is not sensed or has no move to
-    guard, or if a register is out of reach, or is to be exchanged and nothing was heard from it.
+    `occupants` maps other places to the site that was seen on there, `notes` maps places to the
+    registers that were seen there, `register` is the module's own, ``()`` while it is empty. An
+    action that is not admissible where that was seen counts as stay. A note that repeats the
+    register writes nothing, but holds the attempt to it. InputError if a guard is not sensed or has
+    no move to guard, or if a register is out of reach, or is to be exchanged and nothing was heard
+    from it.
     """
     place = system.place_of(site)
     move = _move(system, site, occupants, choice.action)
@@ -50,7 +51,7 @@ def attempt_of(
         return None
     if move is None:  # the fence is at the module's own place
         registers.setdefault(place, (register, None))
-    units = _units(system, tiles, place, occupants, move, choice.guards)
+    units = {} if move is None else _units(system, tiles, occupants, move, choice.guards)
     return Attempt(
         module=module,
         epoch=epoch,
@@ -102,14 +103,12 @@ def _registers(
 def _units(
     system: System,
     tiles: Tiles,
-    place: Site,
     occupants: Mapping[Site, Site],
-    move: Move | None,
+    move: Move,
     guards: Iterable[Site],
 ) -> dict[Site, Site | None]:
     """Return what was sensed on the units of a move and of its guards."""
-    if move is None:
-        return {}
+    place = system.place_of(move.source)
     reads, writes = support_units(system, tiles, move)
     units = {*reads, *writes}
     sensed = {place, *system.sensed(place)}
@@ -123,11 +122,9 @@ def _units(
             units |= {(guard, letter) for letter in system.letters} if shown is None else {shown}
         else:
             units.add(guard)
-    return {unit: _shown(system, occupants, unit) for unit in units}
-
-
-def _shown(system: System, occupants: Mapping[Site, Site], unit: Site) -> Site | None:
-    if system.labels is not None:
-        return occupants.get(unit)
-    site = occupants.get(system.place_of(unit))
-    return site if site == unit else None
+    found: dict[Site, Site | None] = {}
+    for unit in units:
+        at = unit if system.labels is not None else system.place_of(unit)
+        on = move.source if at == place else occupants.get(at)
+        found[unit] = on if system.labels is not None or on == unit else None
+    return found

@@ -39,6 +39,8 @@ Failure. A vehicle gives up, in one line, when it has spent more than `patience`
 away from its goal, or in the first round if there is no way to it. In a run that does not end, some
 vehicle is away in every round, so one of n vehicles gives up within n times that many rounds.
 Usually that happens much earlier, since usually a single vehicle is away throughout.
+
+`free_pibt` has the rule without rounds.
 """
 
 from __future__ import annotations
@@ -47,8 +49,9 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import NamedTuple
 
 from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules import free_pibt
 from cubepath.agents.rules.graph_distances import roads_of
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
@@ -227,4 +230,10 @@ PIBT = RuleType(
     fits=lambda system: system.graph is not None and system.labels is not None,
     make=make,
     note_length=lambda _: len(PushNote._fields),
+    free=FreeRule(
+        why="priorities are causal, and who follows a push says so first; under the conditions of"
+        " the rule with rounds everybody reaches the goal at some time",
+        make=free_pibt.make,
+        note_length=lambda _: len(free_pibt.PushRegister._fields),
+    ),
 )

@@ -42,6 +42,8 @@ A vehicle that has passed on no probe may change its want to an empty vertex. He
 claims only cost time, since wants and goals do not depend on them. Distances are those of the
 static map; a vehicle without a way to its goal at birth gives up in one line, since it cannot know
 which goals in its part of the map are held by vehicles elsewhere.
+
+`free_tswap` has the rule without rounds.
 """
 
 from __future__ import annotations
@@ -50,8 +52,9 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules import free_tswap
 from cubepath.agents.rules.graph_distances import roads_of
-from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
@@ -196,4 +199,10 @@ TSWAP = RuleType(
     fits=lambda system: system.graph is not None and system.labels is None,
     make=make,
     note_length=lambda _: len(ExchangeNote._fields),
+    free=FreeRule(
+        why="goals are exchanged in one commit, and each commit comes nearer; a probe that returns"
+        " has found a blocked cycle, which turns",
+        make=free_tswap.make,
+        note_length=lambda _: len(free_tswap.GoalRegister._fields),
+    ),
 )

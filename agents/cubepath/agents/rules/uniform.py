@@ -1,6 +1,6 @@
 """The random rule, for every system: any of the legal actions, including stay.
 
-Room: agents.
+Room: agents. Without rounds every move is still legal: its support is checked when it is committed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,5 @@ RANDOM = RuleType(
     source="none needed",
     fits=lambda _: True,
     make=make,
-    free=FreeRule(
-        why="it relies on nothing but its own move, which is checked when that is committed"
-    ),
+    free=FreeRule(why="every commit is a legal move, and nothing more is promised"),
 )

@@ -13,12 +13,17 @@ y, then h(i+1) = h(i) < H(i) <= H(i+1), so segment i+1 would be one further righ
 are y, x (or y and the end of the arm), and the corner turns upwards in h. The case h > H is
 symmetric. A segment that lost its claim tries again; the highest claim always wins, so some move is
 made in every round, and the word is spelt after at most sum |h - H| rounds.
+
+Without rounds: whatever it was chosen on, a move is committed only if it is admissible, and it
+brings its segment nearer to H(i), so at most sum |h - H| are committed. While none is, nothing
+changes, so the segment of the argument comes to see what holds, and its next attempt is committed.
+The rule keeps nothing in mind, so a segment that is started again goes on as before.
 """
 
 from __future__ import annotations
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.rule import InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.catalogue import EDGES
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -55,4 +60,5 @@ WORD = RuleType(
         and set(system.catalogue.by_name) == {"flip", "rotate"}
     ),
     make=make,
+    free=FreeRule(why="each commit brings one height nearer, and one always can come nearer"),
 )

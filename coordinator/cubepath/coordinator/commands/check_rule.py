@@ -32,6 +32,12 @@ def add_check_rule_command(command: AddCommand) -> None:
         " each family that it is for)",
     )
     check.add_argument(
+        "--clock",
+        choices=("lockstep", "free"),
+        default="lockstep",
+        help="play it in rounds, or without",
+    )
+    check.add_argument(
         "--seed", type=whole(0), default=0, help="seed of the runs and of what is changed"
     )
 
@@ -42,7 +48,11 @@ def _check_rule(options: argparse.Namespace) -> int:
     began = time.monotonic()
     with progress_bar(None, "check-rule", " plays") as bar:
         found = check_rule(
-            options.rule, options.systems or None, seed=options.seed, progress=bar.update
+            options.rule,
+            options.systems or None,
+            seed=options.seed,
+            clock=options.clock,
+            progress=bar.update,
         )
     seconds = time.monotonic() - began
     answer(options, _document(found, seconds), _text(found, seconds))
@@ -52,6 +62,7 @@ def _check_rule(options: argparse.Namespace) -> int:
 def _document(found: Checked, seconds: float) -> dict[str, object]:
     return {
         "rule": found.rule,
+        "clock": found.clock,
         "seed": found.seed,
         "systems": list(found.systems),
         "local": not found.findings,
@@ -64,8 +75,9 @@ def _document(found: Checked, seconds: float) -> dict[str, object]:
 
 
 def _text(found: Checked, seconds: float) -> str:
+    clock = "" if found.clock == "lockstep" else f", {found.clock} clock"
     rows: list[tuple[str, object]] = [
-        ("rule", f"{found.rule}, seed {found.seed}"),
+        ("rule", f"{found.rule}, seed {found.seed}{clock}"),
         ("systems", ", ".join(found.systems)),
         ("modules", f"{found.modules} played again alone"),
         ("choices", f"{found.choices} compared"),

@@ -224,21 +224,27 @@ def _rules(options: argparse.Namespace) -> int:
 
     systems = {name: scene_from_spec(name).system for name in all_families()}
     systems = {name: system for name, system in systems.items() if system.local}
-    document = [
-        {
-            "name": rule.name,
-            "summary": rule.summary,
-            "source": rule.source,
-            "systems": [name for name, system in systems.items() if rule.fits(system)],
-        }
-        for rule in rules().values()
-    ]
-    lines = [
-        f"{rule['name']}: {rule['summary']}\n"
-        f"    for {', '.join(rule['systems'])}\n"
-        f"    source: {rule['source']}"
-        for rule in document
-    ]
+    document: list[dict[str, object]] = []
+    lines: list[str] = []
+    for rule in rules().values():
+        fitting = [name for name, system in systems.items() if rule.fits(system)]
+        free = None if rule.free is None else rule.free.why
+        document.append(
+            {
+                "name": rule.name,
+                "summary": rule.summary,
+                "source": rule.source,
+                "systems": fitting,
+                "clocks": list(rule.clocks),
+                "free": free,
+            }
+        )
+        lines += [
+            f"{rule.name}: {rule.summary}",
+            f"    for {', '.join(fitting)}",
+            f"    clocks: {', '.join(rule.clocks)}" + (f"; without rounds: {free}" if free else ""),
+            f"    source: {rule.source}",
+        ]
     answer(options, document, "\n".join(lines))
     return DONE
 

@@ -1,0 +1,258 @@
+"""The PettingZoo environment without rounds: modules act by themselves, one after another.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.utils import EzPickle
+from numpy.typing import NDArray
+from pettingzoo import AECEnv
+
+from cubepath.agents.environments.environment import (
+    CubepathEnv,
+    observation_space_of,
+    rendered,
+    share_at_goal,
+    state_of,
+)
+from cubepath.agents.environments.free_world import Acted, FreeWorld
+from cubepath.agents.environments.schedulers import Scheduler, scheduler_named
+from cubepath.agents.local.observation import STAY, Observation, checked_note
+from cubepath.agents.rules.rule import Choice
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+
+class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
+    """The modules of a scene as agents module_0, module_1, ... under the free clock.
+
+    `agent_selection` is who acts next, as the scheduler wants it. Observation, mask and action are
+    those of `CubepathEnv`; with a `note_length` observations have ``notes``, the registers within
+    reach, and ``register``, the agent's own. `step` attempts the chosen move, which is committed at
+    once or refused, if what the agent was shown does not hold any more; `declare` before it adds
+    what else a `Choice` has. ``infos[agent]`` tells of the agent's last turn: ``committed``,
+    ``refused`` (why, or None) and ``illegal``. All agents share one reward: the change in the
+    fraction of goal places that are taken. The episode terminates at the goal, and is truncated
+    after `max_cycles` turns for each agent.
+
+    scheduler: ``"random"``, seeded, with `speeds` (a module with factor f acts f times more rarely)
+    and `jitter` (the time between two turns is 1 - jitter to 1 + jitter times the average);
+    ``"unfair"``, which prefers those that acted last; ``"turns"``. `lag` shows agents what is up to
+    so many commits old. What is attempted follows from the seed and the actions.
+    """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable
+        **CubepathEnv.metadata,
+        "name": "cubepath_free_v0",
+        "is_parallelizable": False,
+    }
+
+    def __init__(
+        self,
+        system: str | Scene = "hex",
+        *,
+        max_cycles: int = 500,
+        render_mode: str | None = None,
+        note_length: int = 0,
+        scheduler: str = "random",
+        speeds: Mapping[int, int] | None = None,
+        jitter: float = 0.5,
+        lag: int = 0,
+    ) -> None:
+        """Make the environment; InputError if an argument is not as described above."""
+        EzPickle.__init__(
+            self,
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            note_length=note_length,
+            scheduler=scheduler,
+            speeds=speeds,
+            jitter=jitter,
+            lag=lag,
+        )
+        super().__init__()
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InputError(
+                f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
+            )
+        if lag < 0:
+            raise InputError(f"lag={lag}: expected 0 or more")
+        scene = scene_from_spec(system) if isinstance(system, str) else system
+        self.scene = local_only(scene, "environment")
+        self.max_cycles = max_cycles
+        self.render_mode = render_mode
+        self.note_length = note_length
+        self.lag = lag
+        self.possible_agents = list(self.scene.modules)
+        self._module = {name: number for number, name in enumerate(self.possible_agents)}
+        self._scheduling = scheduler, dict(speeds or {}), jitter
+        self._make_scheduler(0)
+        self.agents: list[str] = []
+        space = observation_space_of(self.scene, note_length, register=True)
+        self.observation_spaces = dict.fromkeys(self.possible_agents, space)
+        size = self.scene.system.move_slots + 1
+        self.action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
+        info = np.iinfo(np.int32)
+        shape = len(self.possible_agents), self.scene.system.site_size
+        self.state_space = spaces.Box(info.min, info.max, shape, np.int32)
+        self._world: FreeWorld | None = None
+        self._declared: Choice | None = None
+        self.last_turn: Acted | None = None
+
+    def _make_scheduler(self, seed: int) -> Scheduler:
+        name, speeds, jitter = self._scheduling
+        count = len(self.possible_agents)
+        return scheduler_named(name, modules=count, seed=seed, speeds=speeds, jitter=jitter)
+
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the agent's observation space, the same object each time."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space[Any]:
+        """Return the agent's action space, the same object each time."""
+        return self.action_spaces[agent]
+
+    @property
+    def world(self) -> FreeWorld:
+        """Return the current world; InputError before the first reset."""
+        if self._world is None:
+            raise InputError("the environment has not been reset yet: call reset first")
+        return self._world
+
+    @property
+    def sites(self) -> tuple[Site, ...]:
+        """Return the site of each module, by number; before the first reset, the start."""
+        return self.scene.start if self._world is None else tuple(self._world.sites)
+
+    def reset(
+        self,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # noqa: ARG002 - PettingZoo passes it by name
+    ) -> None:
+        """Put every module at its start; `seed` (by default 0) decides who acts when."""
+        seed = int(seed or 0)
+        if seed < 0:
+            raise InputError(f"seed={seed}: expected 0 or more")
+        if self._world is None:
+            self._world = FreeWorld(
+                self.scene, seed=seed, note_length=self.note_length, lag=self.lag
+            )
+        else:
+            self._world.reset(seed)
+        self._scheduler = self._make_scheduler(seed)
+        self._declared = None
+        self.last_turn = None
+        self.agents = list(self.possible_agents)
+        self.rewards = dict.fromkeys(self.agents, 0.0)
+        self._cumulative_rewards = dict.fromkeys(self.agents, 0.0)
+        self.terminations = dict.fromkeys(self.agents, False)
+        self.truncations = dict.fromkeys(self.agents, False)
+        self.infos = {
+            agent: _info(self.observe(agent), committed=False, refused=None, illegal=False)
+            for agent in self.agents
+        }
+        self._select(committed=False)
+
+    def _select(self, *, committed: bool) -> None:
+        """Begin the turn of the module that the scheduler wants."""
+        module = self._scheduler.next(committed=committed)
+        self.agent_selection = self.possible_agents[module]
+        seen = self.world.look(module)
+        self.infos[self.agent_selection]["action_mask"] = seen["action_mask"]
+
+    def observe(self, agent: str) -> Observation:
+        """Return what an agent was shown when its last turn began: the selected one, this turn."""
+        return self.world.observation(self._module[agent])
+
+    def declare(self, choice: Choice) -> None:
+        """Add note, guards, heeds and exchanges of a choice to the next action of the selected one.
+
+        The action of the choice does not count.
+        """
+        if choice.note is not None:
+            checked_note(choice.note, self.note_length)
+        for note in choice.exchanges.values():
+            checked_note(note, self.note_length)
+        self._declared = choice
+
+    def act(self, choice: Choice) -> Acted:
+        """Step with a whole choice, and return what came of it."""
+        self.declare(choice)
+        self.step(choice.action)
+        if self.last_turn is None:  # `step` has just set it
+            raise AssertionError("a step without a turn")
+        return self.last_turn
+
+    def step(self, action: int | None) -> None:
+        """Let the selected agent act; None stays."""
+        agent = self.agent_selection
+        if self.terminations[agent] or self.truncations[agent]:
+            self._was_dead_step(action)
+            return
+        world = self.world
+        declared = Choice() if self._declared is None else self._declared
+        self._declared = None
+        choice = Choice(
+            STAY if action is None else int(action),
+            declared.note,
+            declared.failed,
+            declared.guards,
+            declared.heeds,
+            declared.exchanges,
+        )
+        before = share_at_goal(self.scene, world.sites)
+        played = self.last_turn = world.act(self._module[agent], choice)
+        reward = share_at_goal(self.scene, world.sites) - before
+        committed = played.moved is not None
+        done = self.scene.reached(world.sites)
+        late = world.turns >= self.max_cycles * len(self.possible_agents)
+        self._cumulative_rewards[agent] = 0.0
+        self.rewards = dict.fromkeys(self.agents, reward)
+        self.terminations = dict.fromkeys(self.agents, done)
+        self.truncations = dict.fromkeys(self.agents, late and not done)
+        self.infos[agent] = _info(
+            self.observe(agent),
+            committed=committed,
+            refused=played.why or None,
+            illegal=played.illegal,
+        )
+        self._accumulate_rewards()
+        if done or late:
+            self.agent_selection = self.agents[0]
+        else:
+            self._select(committed=committed)
+        if self.render_mode == "human":
+            self.render()
+
+    def state(self) -> NDArray[np.int32]:
+        """Return the places of all modules, int32, shape (modules, site_size)."""
+        return state_of(self.scene, self.sites)
+
+    def render(self) -> str | NDArray[np.uint8] | None:
+        """Draw the modules as `CubepathEnv.render` does."""
+        return rendered(self.scene, self.sites, self.render_mode)
+
+    def close(self) -> None:
+        """Forget the world."""
+        self._world = None
+        self.agents = []
+
+
+def _info(
+    seen: Observation, *, committed: bool, refused: str | None, illegal: bool
+) -> dict[str, Any]:
+    return {
+        "action_mask": seen["action_mask"],
+        "committed": committed,
+        "refused": refused,
+        "illegal": illegal,
+    }

@@ -1,0 +1,97 @@
+"""Play a rule without rounds, in one process.
+
+Room: agents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+from cubepath.agents.environments.free_environment import FreeEnv
+from cubepath.agents.environments.free_world import Acted, FreeWorld
+from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.rule import RuleType
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.free_messages import Moved
+
+
+@dataclass(frozen=True, slots=True)
+class FreePlayed:
+    """A finished run: what was committed, in order, the turns, and how it ended."""
+
+    commits: tuple[Moved, ...]
+    """Those without a generator wrote registers alone."""
+    turns: int
+    refused: int
+    """Attempts that were refused."""
+    sites: tuple[Site, ...]
+    reached: bool
+    failed: str | None = None
+
+    @property
+    def moves(self) -> tuple[Moved, ...]:
+        """Return the commits that moved modules."""
+        return tuple(commit for commit in self.commits if commit.generator is not None)
+
+
+def play_free(
+    scene: Scene,
+    rule: RuleType,
+    *,
+    seed: int = 0,
+    hesitate: float = 0.0,
+    max_cycles: int = 2000,
+    scheduler: str = "random",
+    speeds: Mapping[int, int] | None = None,
+    jitter: float = 0.5,
+    lag: int = 0,
+    restarts: Mapping[int, Collection[int]] | None = None,
+    watch: Callable[[FreeWorld, Acted], None] | None = None,
+) -> FreePlayed:
+    """Play until the goal is reached, a rule gives up, or after `max_cycles` turns a module.
+
+    The arguments from `scheduler` to `lag` are those of `FreeEnv`. `restarts` has the modules that
+    lose all they know before a turn, by its number from 1. `watch` is told of each turn.
+    """
+    env = FreeEnv(
+        scene,
+        max_cycles=max_cycles,
+        note_length=rule.length(len(scene.start), "free"),
+        scheduler=scheduler,
+        speeds=speeds,
+        jitter=jitter,
+        lag=lag,
+    )
+    actors = actors_for(scene, rule, seed=seed, hesitate=hesitate, clock="free")
+    env.reset(seed=seed)
+    world = env.world
+    commits: list[Moved] = []
+    refused = 0
+    failed: str | None = None
+    while failed is None and not any(env.truncations.values()) and not scene.reached(world.sites):
+        for module in (restarts or {}).get(world.turns + 1, ()):
+            world.restart(module)
+            sites = {module: world.sites[module]}
+            actors |= actors_for(
+                scene,
+                rule,
+                seed=seed,
+                hesitate=hesitate,
+                modules=[module],
+                sites=sites,
+                clock="free",
+            )
+        name = env.agent_selection
+        choice = actors[env.possible_agents.index(name)].act(env.observe(name))
+        if choice.failed is not None:
+            failed = f"{name}: {choice.failed}"
+        acted = env.act(choice)
+        refused += bool(acted.why)
+        if acted.moved is not None:
+            commits.append(acted.moved)
+        if watch is not None:
+            watch(world, acted)
+    reached = scene.reached(world.sites)
+    return FreePlayed(tuple(commits), world.turns, refused, env.sites, reached, failed)
