@@ -196,7 +196,7 @@ def _tested(trial: Trial, folder: Path) -> int:
         _keep_no_machine_code()
         sys.meta_path.insert(0, _MutantFinder(trial.file, trial.number))
     if trial.seeds:
-        return _simulated(trial.seeds, folder)
+        return _simulated(trial.file, trial.seeds, folder)
     arguments = ["-n", "0", "-x", "-q", "-p", "no:randomly", "-p", "no:cacheprovider"]
     arguments += ["-c", str(ROOT / "pyproject.toml"), "--rootdir", str(ROOT), "-o", "timeout=0"]
     marked = "slow and not thorough" if trial.slow else "not slow"
@@ -206,14 +206,18 @@ def _tested(trial: Trial, folder: Path) -> int:
     return int(pytest.main([*arguments, *trial.tests], plugins=[_SameExamples()]))
 
 
-def _simulated(seeds: int, folder: Path) -> int:
+def _simulated(file: str, seeds: int, folder: Path) -> int:
     """Run the simulator from seed 0 on until a seed fails, hangs or raises."""
-    from cubepath.coordinator.simulation.swarm import run_of  # the mutant is in place by now
+    # The mutant is in place by now.
+    from cubepath.coordinator.simulation.free_swarm import Free
+    from cubepath.coordinator.simulation.lockstep import Lockstep
 
+    without_rounds = "agents/keepers/" in file or "agents/free/" in file
+    simulator = Free() if without_rounds else Lockstep()
     with (folder / _BEGUN).open("wb", buffering=0) as begun:
         for seed in range(seeds):
             begun.write(b".")
-            failure = run_of(seed).failure
+            failure = simulator.run_of(seed).failure
             if failure is not None:
                 print(f"seed {seed}: {failure.kind}: {failure.detail}")
                 return FAILED

@@ -39,6 +39,8 @@ from mutants import ROOT, Trial, Verdict, mutations_of, run_trials
 _VERIFICATION = "coordinator/cubepath/coordinator/verification"
 _LOCAL = "agents/cubepath/agents/local"
 _PROCESSES = "agents/cubepath/agents/processes"
+_KEEPERS = "agents/cubepath/agents/keepers"
+_FREE = "agents/cubepath/agents/free"
 _RUNS = "coordinator/cubepath/coordinator/runs"
 _EXHAUSTIVE = "tests/agents/processes/test_exhaustive.py"
 _RECORDED = ("tests/coordinator/verification/test_recording.py",)
@@ -105,6 +107,13 @@ SIMULATED = (
     f"{_RUNS}/gatherer.py",
     f"{_RUNS}/conductor.py",
     f"{_RUNS}/plausibility.py",
+    f"{_KEEPERS}/attempts.py",
+    f"{_KEEPERS}/keeper.py",
+    f"{_KEEPERS}/node.py",
+    f"{_KEEPERS}/units.py",
+    f"{_FREE}/host_node.py",
+    f"{_FREE}/mover.py",
+    f"{_FREE}/sensing.py",
 )
 """The files of a simulated run that are changed with ``--seeds``."""
 FOUND_LEAST = 0.95

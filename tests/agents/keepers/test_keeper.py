@@ -313,9 +313,7 @@ def test_commits_are_fetched_some_at_a_time() -> None:
         target = 0 if site else 2
         (move,) = [e for e in STAR.system.moves(site) if e is not None and e.target == target]
         sensed = sorted([(site, site), (target, None)])  # type: ignore[type-var]
-        keeper.ask(
-            1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed)
-        )
+        keeper.ask(1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed))
         site = target
     keeper.said()
     keeper.fetch(0)

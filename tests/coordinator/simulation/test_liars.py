@@ -11,9 +11,9 @@ import pytest
 from cubepath.agents.processes.node import HostNode
 from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.simulation.faults import LIES, SAYS, Drawn, Fault, Listed
+from cubepath.coordinator.simulation.lockstep import Lockstep
 from cubepath.coordinator.simulation.scenarios import Asked, Scenario
 from cubepath.coordinator.simulation.simulated import LIE, Simulated, simulate
-from cubepath.coordinator.simulation.swarm import run_of
 from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
@@ -153,7 +153,7 @@ def test_who_is_accused_and_has_not_lied_is_a_failure() -> None:
 @pytest.mark.slow
 def test_lies_are_listed_and_shown() -> None:
     """The list of faults gives the same run; the picture has a remark."""
-    first = run_of(4, LYING)
+    first = Lockstep(LYING).run_of(4)
     assert any(fault.kind in LIES for fault in first.fired)
     trace = Trace()
     again = simulate(first.scenario, Listed(first.fired), fault_seed=4, trace=trace)
@@ -165,7 +165,7 @@ def test_lies_are_listed_and_shown() -> None:
 @pytest.mark.parametrize("seed", [3, 7, 11])
 def test_without_lies_a_seed_is_what_it_was(seed: int) -> None:
     """Liars are drawn apart: until the first lie both runs are the same."""
-    plain, lying = run_of(seed), run_of(seed, LYING)
+    plain, lying = Lockstep().run_of(seed), Lockstep(LYING).run_of(seed)
     assert plain.scenario == lying.scenario
     if not any(fault.kind in LIES for fault in lying.fired):
         assert plain.recording.records == lying.recording.records
@@ -190,7 +190,7 @@ def test_every_kind_of_lie_is_drawn_and_in_some_runs_none() -> None:
 @pytest.mark.slow
 def test_some_seeds_with_liars_hold() -> None:
     """No honest process dies or is accused, and each path is verified."""
-    runs = [run_of(seed, LYING) for seed in range(30)]
+    runs = [Lockstep(LYING).run_of(seed) for seed in range(30)]
     assert [run.failure for run in runs if run.failure] == []
     assert sum(run.outcome == LIE for run in runs) > 5
 
@@ -200,7 +200,7 @@ def test_three_hundred_seeds_with_liars_hold() -> None:
     """As above; each kind of lie is told."""
     told: Counter[str] = Counter()
     for seed in range(2000, 2300):
-        found = run_of(seed, LYING)
+        found = Lockstep(LYING).run_of(seed)
         assert found.failure is None, (seed, found.failure)
         told.update(fault.kind for fault in found.fired if fault.kind in LIES)
     assert told.keys() >= set(LIES) - {"lie-verdict", "lie-note"}

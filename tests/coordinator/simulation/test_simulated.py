@@ -13,9 +13,9 @@ from cubepath.agents.processes.orders import Orders
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import KINDS, SECOND_US, Fault, Listed
+from cubepath.coordinator.simulation.lockstep import Lockstep
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, simulate
-from cubepath.coordinator.simulation.swarm import run_of
 from cubepath.coordinator.simulation.trace import Trace
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.system import Scene
@@ -107,7 +107,7 @@ def test_a_stall_of_a_process_ends_the_run_by_patience() -> None:
 @pytest.mark.parametrize("seed", [3, 7])
 def test_the_same_seed_gives_the_same_trace_and_recording(seed: int) -> None:
     """Bit for bit, and also from the list of the faults that happened."""
-    first, again = run_of(seed), run_of(seed)
+    first, again = Lockstep().run_of(seed), Lockstep().run_of(seed)
     assert first.fired == again.fired
     assert first.recording.records == again.recording.records
     traces = [Trace(), Trace()]
@@ -119,7 +119,7 @@ def test_the_same_seed_gives_the_same_trace_and_recording(seed: int) -> None:
 
 def test_some_seeds_hold() -> None:
     """A quick handful: no failure, and most reach their end."""
-    outcomes = Counter(run_of(seed).outcome for seed in range(6))
+    outcomes = Counter(Lockstep().run_of(seed).outcome for seed in range(6))
     assert not outcomes["failure"]
     assert outcomes["goal"] + outcomes["max-rounds"] >= 4
 
@@ -131,7 +131,7 @@ def test_three_hundred_seeds_hold() -> None:
     fired: Counter[str] = Counter()
     failures = []
     for seed in range(1000, 1300):
-        found = run_of(seed)
+        found = Lockstep().run_of(seed)
         outcomes[found.outcome] += 1
         fired.update(fault.kind for fault in found.fired)
         if found.failure is not None:
@@ -189,7 +189,7 @@ def test_a_run_stops_at_the_first_round_with_other_moves() -> None:
 )
 def test_a_planted_bug_is_found(make: MakeNode, kinds: set[str]) -> None:
     """Within some tens of seeds, with the check or the error that it breaks."""
-    found = (run_of(seed, make=make).failure for seed in range(60))
+    found = (Lockstep(make=make).run_of(seed).failure for seed in range(60))
     first = next(failure for failure in found if failure is not None)
     assert first.kind in kinds, first
 

@@ -9,17 +9,18 @@ import pytest
 
 from command_line import cubepath
 from cubepath.coordinator.simulation.faults import KINDS, Listed
+from cubepath.coordinator.simulation.free_faults import FREE_KINDS
+from cubepath.coordinator.simulation.free_swarm import FREE_OUTCOMES, WITHOUT_ROUNDS
+from cubepath.coordinator.simulation.lockstep import OUTCOMES, Lockstep, label
 from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked
-from cubepath.coordinator.simulation.shrinking import shrunk
 from cubepath.coordinator.simulation.simulated import simulate
 from cubepath.coordinator.simulation.swarm import (
-    OUTCOMES,
     Kept,
     Tally,
     command_of,
-    label,
-    run_of,
     simulate_seeds,
+    simulator_of,
+    small,
 )
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
@@ -32,20 +33,19 @@ LINES = Asked("hex", "chain")
 @cache
 def first_failing(make: type[TakesDoubles | Raises], asked: Asked = LINES) -> int:
     """Return the first seed that fails with a planted bug."""
-    return next(seed for seed in range(100) if run_of(seed, asked, make=make).failure is not None)
+    planted = Lockstep(asked, make)
+    return next(seed for seed in range(100) if planted.run_of(seed).failure is not None)
 
 
 @pytest.fixture(scope="module")
 def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[Kept, Tally, list[int]]:
     """Return what is kept of a planted bug, what was counted, and the seeds that were shrunk."""
-    tally, shrinking = Tally(), list[int]()
+    tally, shrinking = Tally(Lockstep(LINES, TakesDoubles)), list[int]()
     (found,) = simulate_seeds(
         [first_failing(TakesDoubles)],
-        LINES,
         tmp_path_factory.mktemp("kept"),
         tally,
         failing=shrinking.append,
-        make=TakesDoubles,
     )
     assert found is not None
     return found, tally, shrinking
@@ -61,7 +61,7 @@ def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[Kept, Tally, list[in
     assert tally.outcomes["failure"] == tally.seeds == 1
     assert kept.kind == "verify deliveries"
     assert kept.modules <= 3
-    assert kept.rounds <= 2
+    assert (kept.unit, kept.long) <= ("rounds", 2)
     assert len(kept.faults) == 1
     assert kept.faults[0].startswith("duplicate at ")
     recording = read_recording(Path(kept.log))
@@ -94,22 +94,23 @@ def test_what_is_kept_can_be_opened(told: tuple[Kept, Tally, list[int]]) -> None
 def test_shrinking_fails_in_the_same_way() -> None:
     """The kind of the failure stays, and what is left fails each time from its list."""
     seed = first_failing(Raises)
-    found = run_of(seed, LINES, make=Raises)
-    small = shrunk(found, seed, make=Raises)
+    raising = Lockstep(LINES, Raises)
+    found = raising.run_of(seed)
+    left = small(found, seed, raising)
     assert found.failure is not None
-    assert small.failure is not None
-    assert small.failure.kind == found.failure.kind == "raised"
-    assert "raised KeyError" in small.failure.detail
-    assert len(small.fired) < len(found.fired) / 2
-    assert len(small.scenario.scene.start) <= len(found.scenario.scene.start)
-    again = simulate(small.scenario, Listed(small.fired), fault_seed=seed, make=Raises)
-    assert again.failure == small.failure
+    assert left.failure is not None
+    assert left.failure.kind == found.failure.kind == "raised"
+    assert "raised KeyError" in left.failure.detail
+    assert len(left.fired) < len(found.fired) / 2
+    assert len(left.scenario.scene.start) <= len(found.scenario.scene.start)
+    again = simulate(left.scenario, Listed(left.fired), fault_seed=seed, make=Raises)
+    assert again.failure == left.failure
 
 
 def test_a_run_that_holds_is_not_shrunk() -> None:
     """There is nothing that could be made small."""
     with pytest.raises(ValueError, match="nothing to shrink"):
-        shrunk(run_of(0, LINES), 0)
+        small(Lockstep(LINES).run_of(0), 0, Lockstep(LINES))
 
 
 @pytest.mark.slow
@@ -118,28 +119,39 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     seed = first_failing(Raises)
     earlier = tmp_path / f"simulated-{seed}.mcap"
     earlier.write_text("earlier")
-    (kept,) = simulate_seeds([seed], LINES, tmp_path, Tally(), make=Raises)
+    (kept,) = simulate_seeds([seed], tmp_path, Tally(Lockstep(LINES, Raises)))
     assert kept is not None
     assert Path(kept.log).name == f"simulated-{seed}-2.mcap"
     assert earlier.read_text() == "earlier"
 
 
-def test_the_tally_counts_every_kind(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("asked", "kinds", "outcomes"),
+    [(ANYTHING, KINDS, OUTCOMES), (WITHOUT_ROUNDS, FREE_KINDS, FREE_OUTCOMES)],
+)
+def test_the_tally_counts_every_kind(
+    tmp_path: Path, asked: Asked, kinds: tuple[str, ...], outcomes: tuple[str, ...]
+) -> None:
     """Also those that did not come to pass; numbers of runs add up."""
-    tally = Tally()
-    assert list(simulate_seeds(range(3), ANYTHING, tmp_path, tally)) == [None] * 3
+    simulator = simulator_of(asked)
+    tally = Tally(simulator)
+    assert list(simulate_seeds(range(3), tmp_path, tally)) == [None] * 3
     document = tally.document(2.0)
-    assert set(document["faults"]) == set(KINDS)
-    assert set(document["outcomes"]) == set(OUTCOMES)
+    assert set(document["faults"]) == set(kinds)
+    assert set(document["outcomes"]) == set(outcomes)
     assert sum(document["outcomes"].values()) == document["seeds"] == 3
     assert document["failures"] == len(document["failed"]) == 0
     assert document["seeds_per_second"] == 1.5
-    assert document["steps"] == sum(run_of(seed).steps for seed in range(3))
+    runs = [simulator.run_of(seed) for seed in range(3)]
+    assert document["steps"] == sum(run.steps for run in runs)
+    assert document[simulator.unit] == sum(run.long for run in runs)
 
 
 def test_the_command_replays_the_seed_alone() -> None:
     """With what was asked for, in quotes where a shell needs them."""
     assert command_of(7, ANYTHING) == "cubepath simulate --seeds 7..7"
+    command = "cubepath simulate --seeds 7..7 --clock free"
+    assert command_of(7, WITHOUT_ROUNDS) == command
     asked = Asked("my scene.toml", "random", None)
     command = "cubepath simulate --seeds 7..7 --system 'my scene.toml' --rule random"
     assert command_of(7, asked) == command

@@ -59,6 +59,12 @@ def add_simulate_command(command: AddCommand) -> None:
         "--liars", action="store_true", help="let module processes lie in most of the runs"
     )
     simulate.add_argument(
+        "--clock",
+        choices=("lockstep", "free"),
+        default="lockstep",
+        help="simulate runs with rounds, or with keepers and without rounds (default: lockstep)",
+    )
+    simulate.add_argument(
         "--out",
         type=Path,
         default=Path("logs"),
@@ -77,13 +83,17 @@ def _seeds(text: str) -> range:
 
 def _simulate(options: argparse.Namespace) -> int:
     from cubepath.coordinator.simulation.scenarios import Asked, check  # noqa: PLC0415
-    from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds  # noqa: PLC0415
+    from cubepath.coordinator.simulation.swarm import (  # noqa: PLC0415
+        Tally,
+        simulate_seeds,
+        simulator_of,
+    )
 
     check_files(options, [])
-    asked = Asked(options.system, options.rule, options.modules, options.liars)
+    asked = Asked(options.system, options.rule, options.modules, options.liars, options.clock)
     check(asked)
     check_output_folder(options.out)
-    tally, began, interrupted = Tally(), time.monotonic(), False
+    tally, began, interrupted = Tally(simulator_of(asked)), time.monotonic(), False
     with progress_bar(len(options.seeds), "simulate", " seeds") as bar:
 
         def failing(seed: int) -> None:
@@ -92,9 +102,7 @@ def _simulate(options: argparse.Namespace) -> int:
         try:
             # A rule that prints would print into the answer.
             with contextlib.redirect_stdout(sys.stderr):
-                for kept in simulate_seeds(
-                    options.seeds, asked, options.out, tally, failing=failing
-                ):
+                for kept in simulate_seeds(options.seeds, options.out, tally, failing=failing):
                     if kept is not None:
                         bar.clear()
                         _tell(kept)
@@ -127,16 +135,23 @@ def _tell(kept: Kept) -> None:
 def _table(tally: Tally, seconds: float) -> str:
     faults = ", ".join(f"{count} {kind}" for kind, count in tally.faults.items() if count)
     outcomes = tally.outcomes
-    by_fault = sum(outcomes[kind] for kind in ("crash", "return", "stall", "lie"))
-    return table(
-        [
-            ("seeds", tally.seeds),
-            ("failures", outcomes["failure"]),
-            ("to the goal", outcomes["goal"]),
+    rows: list[tuple[str, object]] = [
+        ("seeds", tally.seeds),
+        ("failures", outcomes["failure"]),
+        ("to the goal", outcomes["goal"]),
+    ]
+    if tally.simulator.unit == "moves":
+        rows += [("enough moves", outcomes["moves"]), ("blocked", outcomes["blocked"])]
+    else:
+        rows += [
             ("all rounds", outcomes["max-rounds"]),
             ("rule gave up", outcomes["gave-up"]),
-            ("by a fault", by_fault),
-            ("rounds", tally.rounds),
+            ("by a fault", sum(outcomes[kind] for kind in ("crash", "return", "stall", "lie"))),
+        ]
+    return table(
+        [
+            *rows,
+            (tally.simulator.unit, tally.long),
             ("steps", tally.steps),
             ("faults", faults or "none"),
             ("time", f"{seconds:.2f} s, {tally.virtual_seconds:.0f} s of virtual time"),

@@ -11,14 +11,14 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.simulation.scenarios import Asked, check
-    from cubepath.coordinator.simulation.swarm import Kept, Tally, simulate_seeds
+    from cubepath.coordinator.simulation.swarm import Kept, Tally, simulate_seeds, simulator_of
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "scenarios": "Asked check",
-            "swarm": "Kept Tally simulate_seeds",
+            "swarm": "Kept Tally simulate_seeds simulator_of",
         },
     )
 
-__all__ = ["Asked", "Kept", "Tally", "check", "simulate_seeds"]
+__all__ = ["Asked", "Kept", "Tally", "check", "simulate_seeds", "simulator_of"]

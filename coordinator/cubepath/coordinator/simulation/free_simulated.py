@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -34,9 +35,9 @@ from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.credentials import keeper_name, process_name
-from cubepath.protocol.wire.free_messages import Asks, Attempt, decode_free
+from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Look, decode_free
 from cubepath.protocol.wire.messages import encode
-from cubepath.protocol.wire.nodes import Node, Put
+from cubepath.protocol.wire.nodes import Effect, Node, Put
 from cubepath.protocol.wire.tiles import Tiles
 
 MakeKeeper = Callable[[int, Scene, Tiles, Journal], Keeper]
@@ -52,7 +53,7 @@ _STUCK_US = 20 * SECOND_US
 _JITTER = 0.5
 
 Phase = Literal["faults", "on", "rest"]
-FreeOutcome = Literal["goal", "moves", "blocked", "failure"]
+FreeOutcome = Literal["goal", "moves", "blocked"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +68,11 @@ class FreeSimulated:
     seconds: float
     """The virtual time that it took."""
     came_to: FreeOutcome
+
+    @property
+    def long(self) -> int:
+        """Return its moves."""
+        return self.moves
 
     @property
     def outcome(self) -> str:
@@ -160,18 +166,13 @@ class _Run:
         network.on_death(self._died)
         network.watch(self._through, self._after)
         for keeper, name in enumerate(keeper_names(self.scenario)):
-            tear = self._journals[keeper].tear
-            network.add(
-                name, lambda keeper=keeper, name=name: self._keeper(keeper, name), tear=tear
-            )
+            network.add(name, partial(self._keeper, keeper, name), tear=self._journals[keeper].tear)
         for process, name in enumerate(host_names(self.scenario)):
             late = faults.on_process(name + STARTS, 0)
             if late is not None:
                 network.fired.append(late)
             start_us = 0 if late is None else late.amount_us
-            network.add(
-                name, lambda process=process, name=name: self._host(process, name), start_us
-            )
+            network.add(name, partial(self._host, process, name), start_us)
 
     def _keeper(self, keeper: int, name: str) -> Node:
         journal = self._journals[keeper].again()
@@ -218,7 +219,7 @@ class _Run:
     def _where(self) -> str:
         return f"in phase {self.phase}, after {self._moves} moves"
 
-    def _died(self, process: int, error: CubepathError | None) -> list[object]:
+    def _died(self, process: int, error: CubepathError | None) -> list[Effect]:
         if error is not None:
             raise Broken("ended", f"process {process} ended: {error}")
         return []
@@ -230,7 +231,9 @@ class _Run:
         self._log()
         message = decode_free(put.data)
         if self.phase == "rest" and isinstance(message, Asks):
-            parts = [part for part in message.parts if not isinstance(part, Attempt)]
+            parts: list[Attempt | Enter | Look] = [
+                part for part in message.parts if not isinstance(part, Attempt)
+            ]
             if len(parts) < len(message.parts):
                 return Put(put.key, encode(Asks(message.process, message.keeper, parts)))
         self.oracle.said(message)

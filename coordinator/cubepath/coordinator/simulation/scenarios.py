@@ -147,6 +147,15 @@ class Scenario:
         fewer = (replace(self, processes=number) for number in range(1, self.processes))
         return [*found, *fewer]
 
+    def shorter(self, rounds: int) -> list[Scenario]:
+        """Return scenarios like this with fewer rounds than a run had."""
+        numbers = sorted({1, 2, 3, rounds // 4, rounds // 2, rounds - 1, rounds})
+        return [replace(self, max_rounds=most) for most in numbers if 0 < most < self.max_rounds]
+
+    def plainer(self) -> list[Scenario]:
+        """Return scenarios like this in which modules do not hesitate."""
+        return [replace(self, hesitate=0.0)] if self.hesitate else []
+
 
 @lru_cache(maxsize=256)
 def built(spec: str) -> Scene:

@@ -34,6 +34,10 @@ _SPANS = {
     "crash": (_LOST, "crashed"),
     "return": ("#f6d5da", "crashed, comes back without memory"),
     "router": ("#f6d5da", "router down"),
+    "partition": ("#fbeccb", "some do not hear the others"),
+    "cut": ("#f6d5da", "killed before it had said all"),
+    "torn": ("#f6d5da", "killed before it had written all"),
+    "leave": ("#f6d5da", "left"),
 }
 _LEGEND = "dashed: the copy of a message; with a cross: lost"
 _LETTER_IN = 0.1

@@ -6,21 +6,10 @@ are: first halves of the list are tried, then smaller parts (delta debugging, Ze
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
-from random import Random
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, Generic, Protocol, Self, TypeVar
 
-from cubepath.coordinator.simulation.faults import LIES, Drawn, Fault, Faults, Listed
-from cubepath.coordinator.simulation.scenarios import Scenario
-from cubepath.coordinator.simulation.simulated import (
-    COORDINATOR,
-    PATIENCE_US,
-    MakeNode,
-    Simulated,
-    host_node,
-    process_names,
-    simulate,
-)
+from cubepath.coordinator.simulation.faults import Fault, Faults, Listed
 
 _RUNS_MAX = 250
 """How many runs are tried in all."""
@@ -28,55 +17,94 @@ _DRAWS = 12
 """How often faults are drawn anew for a scenario with fewer modules."""
 
 
-class _Shrinking:
+class Failed(Protocol):
+    """What did not hold of a run."""
+
+    @property
+    def kind(self) -> str:
+        """Return the kind by which failures are the same."""
+
+
+class Shrinkable(Protocol):
+    """What a seed stands for."""
+
+    def smaller(self) -> Sequence[Self]:
+        """Return the same with fewer modules and processes, the smallest first."""
+
+    def shorter(self, long: int) -> Sequence[Self]:
+        """Return the same with less to do than a run of this length did."""
+
+    def plainer(self) -> Sequence[Self]:
+        """Return the same with fewer peculiarities."""
+
+
+class Run(Protocol):
+    """A run that may have failed."""
+
+    @property
+    def scenario(self) -> Any:
+        """Return what it was of."""
+
+    @property
+    def fired(self) -> tuple[Fault, ...]:
+        """Return the faults that came to pass."""
+
+    @property
+    def failure(self) -> Failed | None:
+        """Return what did not hold, if anything."""
+
+    @property
+    def long(self) -> int:
+        """Return how much it did, in rounds or moves."""
+
+
+_Run = TypeVar("_Run", bound=Run)
+Play = Callable[[Any, Faults], _Run]
+"""Simulates a scenario under faults."""
+Draw = Callable[[Any, str], Faults]
+"""Draws faults for a scenario, from a text."""
+
+
+class _Shrinking(Generic[_Run]):
     """The smallest failing run so far, and how many more may be tried."""
 
-    def __init__(self, found: Simulated, fault_seed: int, make: MakeNode) -> None:
+    def __init__(self, found: _Run, play: Play[_Run], draw: Draw) -> None:
         self.best = found
         self.left = _RUNS_MAX
-        self._fault_seed = fault_seed
-        self._make = make
+        self._play = play
+        self._draw = draw
 
-    def fails(self, scenario: Scenario, faults: Faults) -> bool:
+    def fails(self, scenario: Shrinkable, faults: Faults) -> bool:
         """Try a run; return whether it fails in the same way, and take it if it does."""
         if self.left == 0:
             return False
         self.left -= 1
-        tried = simulate(scenario, faults, fault_seed=self._fault_seed, make=self._make)
+        tried = self._play(scenario, faults)
         if (tried.failure and tried.failure.kind) != (self.best.failure and self.best.failure.kind):
             return False
         self.best = tried
         return True
 
-    def fewer_rounds(self) -> None:
-        rounds = max(1, self.best.rounds)
-        for most in sorted({1, 2, 3, rounds // 4, rounds // 2, rounds - 1, rounds}):
-            scenario = self.best.scenario
-            if 0 < most < scenario.max_rounds and self.fails(
-                replace(scenario, max_rounds=most), Listed(self.best.fired)
-            ):
+    def shorter(self) -> None:
+        for scenario in self.best.scenario.shorter(max(1, self.best.long)):
+            if self.fails(scenario, Listed(self.best.fired)):
                 return
 
     def plainer(self) -> None:
-        scenario = self.best.scenario
-        if scenario.hesitate:
-            self.fails(replace(scenario, hesitate=0.0), Listed(self.best.fired))
+        for scenario in self.best.scenario.plainer():
+            if self.fails(scenario, Listed(self.best.fired)):
+                return
 
     def fewer_modules(self) -> None:
         for scenario in self.best.scenario.smaller():
             if any(self.fails(scenario, faults) for faults in self._faults_for(scenario)):
                 return
 
-    def _faults_for(self, scenario: Scenario) -> Iterable[Faults]:
+    def _faults_for(self, scenario: Shrinkable) -> Iterable[Faults]:
         fired = self.best.fired
         yield Listed(fired)
-        if not fired:
-            return
-        lying = any(fault.kind in LIES for fault in fired)
-        for number in range(_DRAWS):
-            random = Random(f"{self._fault_seed}/{number}/smaller")  # noqa: S311 - not for secrets
-            lies = Random(f"{self._fault_seed}/{number}/lies") if lying else None  # noqa: S311
-            yield Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US, lies)
+        for number in range(_DRAWS if fired else 0):
+            yield self._draw(scenario, f"{number}/smaller")
 
     def fewer_faults(self) -> None:
         if self.best.fired and self.fails(self.best.scenario, Listed(())):
@@ -111,14 +139,14 @@ class _Shrinking:
         return False
 
 
-def shrunk(found: Simulated, fault_seed: int, *, make: MakeNode = host_node) -> Simulated:
+def shrunk(found: _Run, play: Play[_Run], draw: Draw) -> _Run:
     """Return the smallest run found that fails in the same way as a failing run."""
     if found.failure is None:
         raise ValueError("a run that holds has nothing to shrink")
-    shrinking = _Shrinking(found, fault_seed, make)
+    shrinking = _Shrinking(found, play, draw)
     while shrinking.left:
         before = shrinking.best
-        shrinking.fewer_rounds()
+        shrinking.shorter()
         shrinking.fewer_modules()
         shrinking.fewer_faults()
         shrinking.plainer()

@@ -88,6 +88,11 @@ class Simulated:
     """The virtual time that it took."""
 
     @property
+    def long(self) -> int:
+        """Return its rounds."""
+        return self.rounds
+
+    @property
     def outcome(self) -> str:
         """Return how the run came out, in a word or two."""
         if self.failure is not None:

@@ -11,30 +11,20 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from random import Random
-from typing import Any
+from typing import Any, TypeAlias
 
-from cubepath.coordinator.simulation.faults import KINDS, Drawn, Listed
-from cubepath.coordinator.simulation.scenarios import ANYTHING, Asked, scenario_of
+from cubepath.coordinator.simulation.faults import Listed
+from cubepath.coordinator.simulation.free_simulated import FreeSimulated
+from cubepath.coordinator.simulation.free_swarm import Free
+from cubepath.coordinator.simulation.lockstep import Lockstep
+from cubepath.coordinator.simulation.scenarios import Asked
 from cubepath.coordinator.simulation.sequence import sequence_picture
 from cubepath.coordinator.simulation.shrinking import shrunk
-from cubepath.coordinator.simulation.simulated import (
-    COORDINATOR,
-    LIE,
-    PATIENCE_US,
-    MakeNode,
-    Simulated,
-    host_node,
-    process_names,
-    simulate,
-)
+from cubepath.coordinator.simulation.simulated import Simulated
 from cubepath.coordinator.simulation.trace import Trace
-from cubepath.protocol.core.errors import CheckError, CubepathError
-from cubepath.protocol.recordings.recording import RecordingWriter
-from cubepath.protocol.wire.messages import Again, Go, Ready, Said, Waiting, decode, kind_of
+from cubepath.protocol.core.errors import CheckError
 
-OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "failure")
-"""How a run can come out: it ends as without faults in the first three, or by one, or it fails."""
+Simulator: TypeAlias = Lockstep | Free
 _SAME_NAMES_MAX = 1000
 
 
@@ -51,32 +41,36 @@ class Kept:
     system: str
     rule: str
     modules: int
-    rounds: int
+    unit: str
+    long: int
+    """How much the run did, in this unit: rounds, or moves."""
     faults: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
         """Return the keys of an entry of ``failed`` of ``cubepath simulate --json``."""
-        found = {key: getattr(self, key) for key in self.__slots__}
-        return found | {"pictures": list(self.pictures), "faults": list(self.faults)}
+        found = {key: getattr(self, key) for key in self.__slots__ if key not in ("unit", "long")}
+        found |= {"pictures": list(self.pictures), "faults": list(self.faults)}
+        return found | {self.unit: self.long}
 
 
 @dataclass(slots=True)
 class Tally:
     """What came of the seeds so far."""
 
+    simulator: Simulator = field(default_factory=Lockstep)
     seeds: int = 0
     steps: int = 0
-    rounds: int = 0
+    long: int = 0
     virtual_seconds: float = 0.0
-    faults: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(KINDS, 0)))
-    outcomes: Counter[str] = field(default_factory=lambda: Counter(dict.fromkeys(OUTCOMES, 0)))
+    faults: Counter[str] = field(default_factory=Counter)
+    outcomes: Counter[str] = field(default_factory=Counter)
     failed: list[Kept] = field(default_factory=list)
 
-    def add(self, run: Simulated) -> None:
+    def add(self, run: Simulated | FreeSimulated) -> None:
         """Count a run."""
         self.seeds += 1
         self.steps += run.steps
-        self.rounds += run.rounds
+        self.long += run.long
         self.virtual_seconds += run.seconds
         self.faults.update(fault.kind for fault in run.fired)
         self.outcomes[run.outcome] += 1
@@ -87,9 +81,9 @@ class Tally:
             "seeds": self.seeds,
             "failures": self.outcomes["failure"],
             "steps": self.steps,
-            "rounds": self.rounds,
-            "faults": dict(self.faults),
-            "outcomes": dict(self.outcomes),
+            self.simulator.unit: self.long,
+            "faults": {kind: self.faults[kind] for kind in self.simulator.kinds},
+            "outcomes": {kind: self.outcomes[kind] for kind in self.simulator.outcomes},
             "failed": [kept.document() for kept in self.failed],
             "virtual_seconds": round(self.virtual_seconds, 3),
             "seconds": round(seconds, 3),
@@ -97,39 +91,46 @@ class Tally:
         }
 
 
-def run_of(seed: int, asked: Asked = ANYTHING, *, make: MakeNode = host_node) -> Simulated:
-    """Simulate the run that a seed stands for, with the faults that are drawn from it."""
-    scenario = scenario_of(seed, asked)
-    random = Random(f"{seed}/faults")  # noqa: S311 - not for secrets
-    lies = Random(f"{seed}/lies") if asked.liars else None  # noqa: S311 - not for secrets
-    faults = Drawn(random, COORDINATOR, process_names(scenario), PATIENCE_US, lies)
-    return simulate(scenario, faults, fault_seed=seed, make=make)
+def simulator_of(asked: Asked) -> Simulator:
+    """Return what simulates the runs that are asked for."""
+    return Free(asked) if asked.clock == "free" else Lockstep(asked)
 
 
 def simulate_seeds(
     seeds: Iterable[int],
-    asked: Asked,
     folder: Path,
     tally: Tally,
     *,
     failing: Callable[[int], object] | None = None,
-    make: MakeNode = host_node,
 ) -> Iterator[Kept | None]:
     """Simulate the seeds one by one and count them; yield for each what was kept, if it failed.
 
     `failing` is called with a seed that fails before it is shrunk.
     """
+    simulator: Any = tally.simulator  # its runs are of its own kind
     for seed in seeds:
-        found = run_of(seed, asked, make=make)
+        found = simulator.run_of(seed)
         tally.add(found)
         if found.failure is None:
             yield None
             continue
         if failing is not None:
             failing(seed)
-        kept = keep(shrunk(found, seed, make=make), seed, asked, folder, make=make)
+        kept = keep(small(found, seed, simulator), seed, folder, simulator)
         tally.failed.append(kept)
         yield kept
+
+
+def small(found: Any, seed: int, simulator: Any) -> Any:
+    """Return the smallest run found that fails in the same way as a failing run of a seed."""
+
+    def play(scenario: Any, faults: Any) -> Any:
+        return simulator.play(seed, scenario, faults)
+
+    def draw(scenario: Any, text: str) -> Any:
+        return simulator.draw(seed, scenario, text)
+
+    return shrunk(found, play, draw)
 
 
 def command_of(seed: int, asked: Asked) -> str:
@@ -137,43 +138,35 @@ def command_of(seed: int, asked: Asked) -> str:
     return shlex.join(["cubepath", "simulate", "--seeds", f"{seed}..{seed}", *asked.arguments()])
 
 
-def keep(
-    run: Simulated, seed: int, asked: Asked, folder: Path, *, make: MakeNode = host_node
-) -> Kept:
-    """Write a failing run as a recording, with pictures of its messages beside it.
+def keep(run: Any, seed: int, folder: Path, simulator: Any) -> Kept:
+    """Write a failing run as a recording, if it has one, with pictures of its messages beside it.
 
     InputError or CheckError if they cannot be written.
     """
     if run.failure is None:
         raise ValueError("a run that holds is not kept")
     log = _new_name(folder, f"simulated-{seed}")
-    recording = run.recording
-    parameters = {**recording.parameters, "simulated": f"seed {seed}: {run.failure.detail}"}
-    with RecordingWriter(log, recording.scene, parameters) as writer:
-        for record in recording.records:
-            writer.write(
-                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
-            )
+    title = f"seed {seed}: {run.failure.detail}"
+    recorded = simulator.write(run, log, title)
     trace = Trace()
-    faults = Listed(run.fired)
-    simulate(run.scenario, faults, fault_seed=seed, trace=trace, make=make)
+    simulator.play(seed, run.scenario, Listed(run.fired), trace)
     # Not the name of the log alone: that is where `cubepath view` draws the states.
     pictures = tuple(log.with_name(f"{log.stem}-messages{kind}") for kind in (".svg", ".png"))
-    names = [COORDINATOR, *process_names(run.scenario)]
-    title = f"seed {seed}: {run.failure.detail}"
+    names = simulator.names(run.scenario)
     for picture in pictures:
-        sequence_picture(trace, names, picture, title=_short(title), label=label)
+        sequence_picture(trace, names, picture, title=_short(title), label=simulator.label)
     return Kept(
         seed=seed,
         kind=run.failure.kind,
         detail=run.failure.detail,
-        command=command_of(seed, asked),
-        log=str(log),
+        command=command_of(seed, simulator.asked),
+        log=str(log if recorded else pictures[0]),
         pictures=tuple(map(str, pictures)),
         system=run.scenario.system,
         rule=run.scenario.rule,
         modules=len(run.scenario.scene.start),
-        rounds=run.rounds,
+        unit=simulator.unit,
+        long=run.long,
         faults=tuple(
             f"{fault.kind} at {fault.where} {fault.nth}"
             + (f" for {fault.amount_us} us" if fault.amount_us else "")
@@ -186,27 +179,11 @@ def _new_name(folder: Path, stem: str) -> Path:
     """Return the first name that no recording has; earlier ones are never overwritten."""
     names = (f"{stem}{f'-{number}' if number > 1 else ''}.mcap" for number in range(1, 1000))
     for name in names:
-        if not (folder / name).exists():
-            return folder / name
+        log = folder / name
+        if not log.exists() and not log.with_name(f"{log.stem}-messages.svg").exists():
+            return log
     raise CheckError(f"{folder}: holds {_SAME_NAMES_MAX} recordings {stem}, expected fewer")
 
 
 def _short(title: str) -> str:
     return title if len(title) <= 160 else title[:157] + "..."
-
-
-def label(data: bytes) -> str:
-    """Return in a few words what a message is, for a picture."""
-    try:
-        message = decode(data)
-    except CubepathError:
-        return "no message"
-    match message:
-        case Go() | Ready() | Again() | Waiting():
-            return f"{kind_of(message)} {message.round} {message.phase}"
-        case Said():
-            kinds = Counter(kind_of(part) for part in message.parts)
-            told = ", ".join(kind if n == 1 else f"{n} {kind}" for kind, n in kinds.items())
-            return f"{told} to {message.region}"
-        case _:
-            return f"{kind_of(message)} {message.round}"
