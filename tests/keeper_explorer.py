@@ -153,7 +153,7 @@ class Scenario:
     targets: Callable[[int, Site], Iterable[tuple[Site, tuple[tuple[Site, Site | None], ...]]]]
     """By module and site, where it may attempt to go, with its guards."""
     attempts: int = 1
-    faults: Faults = Faults()
+    faults: Faults = field(default_factory=Faults)
     enters: bool = False
     """Whether modules begin outside."""
 

@@ -54,7 +54,7 @@ def test_a_golden_recording_replays(golden: Recording) -> None:
 
 @pytest.mark.slow
 def test_a_golden_run_can_be_run_again(golden: Recording, tmp_path: Path) -> None:
-    """The same system, rule and seed take the same path today."""
+    """The same system, rule and seed take the same path today, chains without rounds too."""
     told = golden.parameters
     outcome = run(
         Plan(
@@ -62,7 +62,8 @@ def test_a_golden_run_can_be_run_again(golden: Recording, tmp_path: Path) -> Non
             rule=told["rule"],
             seed=int(told["seed"]),
             hesitate=float(told["hesitate"]),
-            processes=0,
+            processes=0 if golden.clock == "lockstep" else 1,
+            clock=golden.clock,
             max_rounds=int(told["max_rounds"]),
             log=tmp_path / "again.mcap",
         )
