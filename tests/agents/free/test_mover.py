@@ -26,7 +26,7 @@ TILES = Tiles(SCENE.system, 1)
 
 def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
     """Return a module of an epoch that has just sent its first attempt."""
-    rule = rule_named("random", SCENE.system, "free")
+    rule = rule_named("tswap", SCENE.system, "free")
     mover = Mover(SCENE, TILES, rule, 0, birth=epoch, seed=1)
     sensing = Sensing(SCENE.system, TILES)
     (tile,) = mover.needs
@@ -38,7 +38,7 @@ def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
         for _, asked in mover.step(float(now), sensing):
             assert isinstance(asked, Attempt)
             return mover, sensing, asked
-    raise AssertionError("it chose to stay a hundred times")
+    raise AssertionError("it chose to stay")
 
 
 def test_only_the_decision_of_this_very_attempt_is_its_outcome() -> None:
