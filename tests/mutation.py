@@ -43,6 +43,12 @@ _KEEPERS = "agents/cubepath/agents/keepers"
 _FREE = "agents/cubepath/agents/free"
 _RUNS = "coordinator/cubepath/coordinator/runs"
 _EXHAUSTIVE = "tests/agents/processes/test_exhaustive.py"
+_KEEPERS = "agents/cubepath/agents/keepers"
+_FREE = "agents/cubepath/agents/free"
+_KEPT = (
+    "tests/agents/keepers/test_keeper.py",
+    "tests/agents/keepers/test_keeper_exploration.py",
+)
 _RECORDED = ("tests/coordinator/verification/test_recording.py",)
 MIRRORED: dict[str, tuple[str, ...]] = {
     "protocol/cubepath/protocol/core/actions.py": ("tests/protocol/core/test_actions.py",),
@@ -63,6 +69,11 @@ MIRRORED: dict[str, tuple[str, ...]] = {
     f"{_PROCESSES}/pacer.py": ("tests/agents/processes/test_pacer.py", _EXHAUSTIVE),
     f"{_PROCESSES}/refusals.py": ("tests/agents/processes/test_refusals.py",),
     f"{_PROCESSES}/settling.py": ("tests/agents/processes/test_settling.py",),
+    f"{_KEEPERS}/attempts.py": _KEPT,
+    f"{_KEEPERS}/journal.py": ("tests/agents/keepers/test_journal.py", _KEPT[0]),
+    f"{_KEEPERS}/keeper.py": _KEPT,
+    f"{_KEEPERS}/units.py": _KEPT,
+    f"{_FREE}/mover.py": ("tests/agents/free/test_mover.py",),
     f"{_RUNS}/gatherer.py": ("tests/coordinator/runs/test_gatherer.py", _EXHAUSTIVE),
     f"{_RUNS}/conductor.py": (
         "tests/coordinator/runs/test_conductor.py",

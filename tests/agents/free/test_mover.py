@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf
 
 from cubepath.agents.free.mover import Mover
 from cubepath.agents.free.sensing import Sensing
-from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.rule import FreeRule
+from cubepath.agents.rules.uniform import RANDOM
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -26,7 +28,7 @@ TILES = Tiles(SCENE.system, 1)
 
 def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
     """Return a module of an epoch that has just sent its first attempt."""
-    rule = rule_named("random", SCENE.system, "free")
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
     mover = Mover(SCENE, TILES, rule, 0, birth=epoch, seed=1)
     sensing = Sensing(SCENE.system, TILES)
     (tile,) = mover.needs
@@ -38,7 +40,7 @@ def _pending(epoch: int) -> tuple[Mover, Sensing, Attempt]:
         for _, asked in mover.step(float(now), sensing):
             assert isinstance(asked, Attempt)
             return mover, sensing, asked
-    raise AssertionError("it chose to stay a hundred times")
+    raise AssertionError("it chose to stay")
 
 
 def test_only_the_decision_of_this_very_attempt_is_its_outcome() -> None:

@@ -577,7 +577,10 @@ class Keeper:
             return
         waiting = self._waiting.get(inquiry.module)
         if isinstance(waiting, _Pending) and name_of(waiting.passed.attempt) == name:
-            return
+            if not self._waits_for_a_hold(waiting):
+                return
+            # Whoever holds may come to wait for what this one has locked at lower keepers.
+            del self._waiting[inquiry.module]
         last = self._last.get(inquiry.module)
         if last is not None and last.id == name[1:] and last.decision is not None:
             self._pass(keeper, last.decision)
@@ -587,6 +590,12 @@ class Keeper:
             self._journal.append(Decided(decision))
             self._last[inquiry.module] = _Last(inquiry.epoch, inquiry.number, decision)
         self._pass(keeper, decision)
+
+    def _waits_for_a_hold(self, pending: _Pending) -> bool:
+        return any(
+            module != pending.owner and hold.share.conflicts(pending.share)
+            for module, hold in self._holds.items()
+        )
 
     def _acknowledged(self, keeper: int, settled: Settled) -> None:
         unsettled = self._unsettled.get(name_of(settled))
