@@ -15,7 +15,7 @@ PAGE = (Path(__file__).parents[3] / "docs" / "free-clock.md").read_text()
 ROWS = {
     name: text
     for names, text in re.findall(
-        r"^\| (`\w+`(?:, `\w+`)*) \| (.*) \|$", PAGE.partition("## Specification")[2], re.M
+        r"^\| (`\w+`(?:, `\w+`)*) \| (.*) \|$", PAGE.partition("## Specification")[2], re.MULTILINE
     )
     for name in re.findall(r"\w+", names)
 }

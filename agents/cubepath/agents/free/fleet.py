@@ -11,7 +11,7 @@ import contextlib
 import shutil
 import tempfile
 import uuid
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -127,9 +127,9 @@ class FreeFleet:
         for keeper in range(self.keepers):
             self._keep(keeper)
 
-    def begin(self) -> None:
-        """Start the modules."""
-        for process in range(len(self.modules_of)):
+    def begin(self, processes: Iterable[int] | None = None) -> None:
+        """Start the modules, or those of some processes; others may come later."""
+        for process in range(len(self.modules_of)) if processes is None else processes:
             self._host(process)
 
     def processes_alive(self) -> set[int]:
@@ -211,14 +211,9 @@ class FreeFleet:
             raise ProcessDied(ended.last)
         if self.on_crash == "stop":
             raise ProcessDied(f"{ended.name} has ended: {ended.how}")
-        kind, _, number = ended.name.partition("_")
         self._offspring.forget(ended.name)
         if self.on_crash == "restart":
-            if kind == "keeper":
-                self._keep(int(number))
-            else:
-                self._births[int(number)] += 1
-                self._host(int(number))
+            self.start_again(ended.name)
         return Crash(ended.name, ended.how, restarted=self.on_crash == "restart")
 
     def start_again(self, name: str) -> None:
@@ -229,6 +224,14 @@ class FreeFleet:
         else:
             self._births[int(number)] += 1
             self._host(int(number))
+
+    def leave(self, process: int) -> None:
+        """End a module process for good, without a crash: its modules stay where they are."""
+        name = process_name(process)
+        child = self._offspring.by_name[name]
+        child.kill()
+        child.wait()
+        self._offspring.forget(name)
 
     @property
     def pids(self) -> dict[str, int]:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from cubepath.agents.free.fleet import Crash, FreeFleet
+from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import Ending, results_of
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -35,6 +35,21 @@ _SETTLE_S_MAX = 5.0
 
 
 @dataclass(slots=True)
+class Noticed:
+    """A process that died: how, whether it was started again, and when that was noticed.
+
+    `seconds` are from the start of the run, and `idle_seconds` from then until the next commit of
+    anyone; None if there was none.
+    """
+
+    name: str
+    how: str
+    restarted: bool
+    seconds: float
+    idle_seconds: float | None = None
+
+
+@dataclass(slots=True)
 class FreeRun:
     """A run in progress: messages are recorded as they arrive, and gathered by their versions."""
 
@@ -46,13 +61,14 @@ class FreeRun:
     before: Recording | None = None
     """What is on record of a run that is taken up again."""
     refused: int = 0
-    crashes: list[Crash] = field(default_factory=list)
+    crashes: list[Noticed] = field(default_factory=list)
     gatherer: FreeGatherer = field(init=False)
     _collector: Collector = field(init=False)
     _level: int = 0
     _flushed: float = 0.0
     _looked: float = 0.0
     _watched: float = 0.0
+    _began: float = field(default_factory=time.monotonic)
     _heard: float = 0.0
     """When anything was last committed."""
 
@@ -165,6 +181,7 @@ class FreeRun:
             self._look_after(fleet)
             if self.gatherer.moves > moves:
                 self._heard = time.monotonic()
+                self._goes_on()
                 if self.watch is not None and self._heard - self._watched > _LOOK_S:
                     self._watched = self._heard
                     self.watch(self.gatherer)
@@ -177,6 +194,13 @@ class FreeRun:
             if ending.ended != "goal" or self.gatherer.reached:
                 return ending
             shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
+
+    def _goes_on(self) -> None:
+        """Take note of how long nothing was committed after a process had died."""
+        after = self._heard - self._began
+        for crash in self.crashes:
+            if crash.idle_seconds is None:
+                crash.idle_seconds = round(after - crash.seconds, 3)
 
     def _ended(self) -> Ending | None:
         gatherer, collector, plan = self.gatherer, self._collector, self.plan
@@ -224,7 +248,8 @@ class FreeRun:
             return
         self._looked = now
         for crash in fleet.look():
-            self.crashes.append(crash)
+            after = round(now - self._began, 3)
+            self.crashes.append(Noticed(crash.name, crash.how, crash.restarted, after))
             again = ", and was started again" if crash.restarted else ""
             self.say(f"{crash.name} has died ({crash.how}){again}")
         if now - self._flushed >= _FLUSH_S:

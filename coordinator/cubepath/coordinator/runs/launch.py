@@ -13,11 +13,10 @@ from typing import Any
 
 import msgspec
 
-from cubepath.agents.free.fleet import Crash
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.coordinator.runs.conductor import Conductor, Ended, Ending
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.free_launch import FreeRun
+from cubepath.coordinator.runs.free_launch import FreeRun, Noticed
 from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.plan import (
     Plan,
@@ -75,7 +74,7 @@ class Outcome:
     schedule_cubes: int | None = None
     schedule_stopped: Stopped | None = None
     keepers: int | None = None
-    crashes: tuple[Crash, ...] = ()
+    crashes: tuple[Noticed, ...] = ()
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""

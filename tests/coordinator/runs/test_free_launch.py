@@ -1,0 +1,229 @@
+"""Runs without rounds from start to end: what is on record holds, whatever happened."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cubepath.agents.free.fleet import FreeFleet
+from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.runs import free_launch
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.launch import Outcome, run
+from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.resuming import keeper_logs
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.systems.graph import GraphSystem
+
+CHAIN = "hex:n=6"
+
+
+def sound(log: Path) -> None:
+    """Assert that everything on record holds, the choices of rules too."""
+    found = audit(read_recording(log))
+    assert found.ok, [check for check in found.checks if not check.ok]
+
+
+@pytest.fixture
+def fleets(monkeypatch: pytest.MonkeyPatch) -> list[FreeFleet]:
+    """Return the fleets that runs make, as they make them."""
+    made: list[FreeFleet] = []
+
+    class Seen(FreeFleet):
+        def begin(self, processes: Any = None) -> None:
+            made.append(self)
+            super().begin(processes)
+
+    monkeypatch.setattr(free_launch, "FreeFleet", Seen)
+    return made
+
+
+def wounded(
+    fleets: list[FreeFleet], name: str, plan: Plan, how: int = signal.SIGKILL, *, after: int = 4
+) -> Outcome:
+    """Run a plan, and do this to a process after some moves."""
+    done: list[str] = []
+
+    def watch(gathered: Gathered) -> None:
+        if not done and len(gathered.path) >= after:
+            done.append(name)
+            os.kill(fleets[0].pids[name], how)
+
+    outcome = run(plan, watch)
+    assert done, "the run was over before"
+    return outcome
+
+
+@pytest.mark.slow
+def test_a_run_is_on_record_and_holds(tmp_path: Path) -> None:
+    """Its levels are the height of its heap, and its keepers' logs are gone at the end."""
+    log = tmp_path / "run.mcap"
+    outcome = run(Plan(system=CHAIN, clock="free", processes=2, keepers=2, log=log))
+    assert outcome.ended == "goal"
+    assert outcome.goal_reached
+    assert (outcome.moves, outcome.cubes) == (40, 24)
+    assert outcome.rounds == outcome.cubes
+    sound(log)
+    assert not keeper_logs(log).exists()
+    document = outcome.document()
+    assert document["keepers"] == 2
+    assert not document["crashes"]
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["process_0", "keeper_0", "keeper_1", "router"])
+def test_a_run_with_a_crash_holds(name: str, fleets: list[FreeFleet], tmp_path: Path) -> None:
+    """Started again, its processes reach the goal by the same moves, and it says who died."""
+    log = tmp_path / "run.mcap"
+    plan = Plan(system="hex:n=9", clock="free", processes=2, keepers=2, on_crash="restart", log=log)
+    outcome = wounded(fleets, name, plan)
+    assert outcome.goal_reached
+    assert outcome.moves == 88
+    sound(log)
+    (crash,) = outcome.document()["crashes"]
+    assert (crash["name"], crash["restarted"]) == (name, True)
+    assert 0 <= crash["idle_seconds"] < 30
+
+
+def islands() -> Scene:
+    """Return two rows that nothing joins, with a vehicle at the left end of each."""
+    rows = [[f"{row}{column}" for column in range(6)] for row in "ab"]
+    edges = [(one, two) for row in rows for one, two in pairwise(row)]
+    system = GraphSystem([vertex for row in rows for vertex in row], edges)
+    goals = (("a5",), ("b5",))
+    return Scene(
+        spec="islands",
+        family="",
+        system=system,
+        start=("a0", "b0"),
+        goal=frozenset({"a5", "b5"}),
+        goals=goals,
+    )
+
+
+@pytest.mark.slow
+def test_the_living_reach_their_goals_where_the_dead_are_in_nobodys_way(
+    fleets: list[FreeFleet], tmp_path: Path
+) -> None:
+    """One of two vehicles on two islands dies; the other goes to its goal, and the run says so."""
+    system, log = tmp_path / "islands.toml", tmp_path / "run.mcap"
+    system.write_text(scene_to_toml(islands()))
+    plan = Plan(
+        system=str(system),
+        rule="tswap",
+        clock="free",
+        processes=2,
+        keepers=2,
+        on_crash="continue",
+        speeds={0: 10.0, 1: 10.0},
+        patience=3.0,
+        log=log,
+    )
+    outcome = wounded(fleets, "process_0", plan, after=1)
+    assert outcome.ended == "failed"
+    assert outcome.error == "nothing was committed for 3 s; process_0 had died"
+    sound(log)
+    ends = [step for record in read_recording(log).of_kind("edges") for step in [record.data]]
+    assert b'"b4","b5"' in b"".join(ends) or b'["b4","b5"]' in b"".join(ends)
+    (crash,) = outcome.document()["crashes"]
+    assert not crash["restarted"]
+    assert crash["idle_seconds"] is not None
+
+
+def test_what_a_plan_cannot_be_is_one_line(tmp_path: Path) -> None:
+    """What is for the other clock, and numbers out of range."""
+    wrong: list[tuple[dict[str, Any], str]] = [
+        ({"speeds": {0: 1.0}}, "speed: only for runs without rounds"),
+        ({"on_crash": "restart"}, "on-crash: only for runs without rounds"),
+        ({"clock": "free", "keepers": 0}, "keepers=0: expected 1 to 256"),
+        ({"clock": "free", "processes": 0}, "processes=0: expected 1 or more"),
+        ({"clock": "free", "speeds": {0: 0.0}}, "speed=0=0: expected more than 0"),
+        ({"clock": "free", "speeds": {99: 1.0}}, "speed=99=1: no such module"),
+        ({"clock": "free", "jitter": -1.0}, "jitter=-1: expected 0 to"),
+        ({"clock": "free", "listen": "tcp/127.0.0.1:0"}, "listen: not for runs without rounds"),
+        ({"resume": tmp_path / "none.mcap"}, "system: the run that is resumed has its own"),
+    ]
+    for options, why in wrong:
+        with pytest.raises(InputError, match=why):
+            run(Plan(system=CHAIN, log=tmp_path / "run.mcap", **options))
+    assert not list(tmp_path.iterdir())
+
+
+def until(what: Callable[[], bool], patience_s: float = 60.0) -> None:
+    """Wait until something holds."""
+    end = time.monotonic() + patience_s
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def started(*arguments: str) -> subprocess.Popen[bytes]:
+    """Start the command line."""
+    return subprocess.Popen(
+        [sys.executable, "-m", "cubepath", "run", *arguments, "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+RESTLESS = ("hex:n=6", "--rule", "random", "--clock", "free", "--keepers", "2", "--processes", "2")
+
+
+@pytest.mark.slow
+def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
+    tmp_path: Path,
+) -> None:
+    """Both recordings hold, and the second has the moves of the first."""
+    log, more = tmp_path / "run.mcap", tmp_path / "more.mcap"
+    child = started(*RESTLESS, "--max-rounds", "100000", "--log", str(log))
+    journal = keeper_logs(log) / "keeper_0.log"
+    until(lambda: journal.is_file() and journal.stat().st_size > 20_000)
+    child.kill()
+    child.communicate()
+    assert keeper_logs(log).is_dir()
+    outcome = run(Plan(resume=log, log=more, max_rounds=1))
+    assert outcome.ended == "max-rounds"
+    assert outcome.moves >= sum(1 for _ in read_recording(log).of_kind("moved")) > 0
+    assert not keeper_logs(log).exists()
+    sound(more)
+    with pytest.raises(InputError, match=r"run\.mcap\.keepers: not there"):
+        run(Plan(resume=log, log=tmp_path / "third.mcap"))
+
+
+@pytest.mark.slow
+def test_an_interrupt_closes_the_recording(tmp_path: Path) -> None:
+    """With exit code 130, one document, and nothing left of its processes."""
+    log = tmp_path / "run.mcap"
+    child = started(*RESTLESS, "--max-rounds", "100000", "--log", str(log))
+    until(lambda: log.is_file() and log.stat().st_size > 10_000)
+    child.send_signal(signal.SIGINT)
+    out, _ = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert json.loads(out)["moves"] > 0
+    found = read_recording(log)
+    assert not found.problems
+    assert audit(found).ok
+
+
+@pytest.mark.slow
+def test_a_schedule_is_carried_out_without_rounds(tmp_path: Path) -> None:
+    """The levels are its cubes."""
+    log, again = tmp_path / "run.mcap", tmp_path / "again.mcap"
+    first = run(Plan(system=CHAIN, processes=0, hesitate=0.4, log=log))
+    outcome = run(Plan(schedule=log, clock="free", processes=2, keepers=2, log=again))
+    assert outcome.ended == "goal"
+    assert outcome.rounds == outcome.schedule_cubes == first.cubes
+    sound(again)
