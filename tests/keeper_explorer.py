@@ -29,6 +29,7 @@ from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any, NamedTuple, TypeAlias
 
+from components import bottoms
 from cubepath.agents.keepers.journal import Committed, Record
 from cubepath.agents.keepers.keeper import (
     LEASE_TICKS,
@@ -153,7 +154,7 @@ class Scenario:
     targets: Callable[[int, Site], Iterable[tuple[Site, tuple[tuple[Site, Site | None], ...]]]]
     """By module and site, where it may attempt to go, with its guards."""
     attempts: int = 1
-    faults: Faults = Faults()
+    faults: Faults = Faults()  # noqa: RUF009 - a tuple
     enters: bool = False
     """Whether modules begin outside."""
 
@@ -255,7 +256,7 @@ class Explorer:
                 found.transitions += len(after)
                 at += 1
             last = "ends so"
-            for bottom in _bottoms(following):
+            for bottom in bottoms(following):
                 at = bottom[0]
                 found.ends += len(bottom)
                 for number in bottom:
@@ -383,7 +384,9 @@ class Explorer:
 
     # What can happen.
 
-    def _moves(self, world: World) -> Iterator[tuple[str, Callable[[], World]]]:
+    def _moves(  # noqa: C901 - a list of what can happen
+        self, world: World
+    ) -> Iterator[tuple[str, Callable[[], World]]]:
         """Yield what can happen, each in words and as a function to what comes of it."""
         faults = world.faults
         for number in sorted(world.under_way):
@@ -783,54 +786,3 @@ def _check_no_circle(edges: set[tuple[Name, Name]]) -> None:
         left = {(one, other) for one, other in edges if one in waited_for}
         assert left != edges, f"they wait in a circle: {sorted(edges)}"
         edges = left
-
-
-def _bottoms(following: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Return the strongly connected components that nothing leads out of (Tarjan, iteratively)."""
-    index = [-1] * len(following)
-    low = [0] * len(following)
-    on_stack = bytearray(len(following))
-    component = [-1] * len(following)
-    stack: list[int] = []
-    components: list[list[int]] = []
-    count = 0
-    for root in range(len(following)):
-        if index[root] >= 0:
-            continue
-        work = [(root, 0)]
-        while work:
-            node, at = work.pop()
-            if at == 0:
-                index[node] = low[node] = count
-                count += 1
-                stack.append(node)
-                on_stack[node] = 1
-            after = following[node]
-            while at < len(after):
-                other = after[at]
-                at += 1
-                if index[other] < 0:
-                    work.append((node, at))
-                    work.append((other, 0))
-                    break
-                if on_stack[other]:
-                    low[node] = min(low[node], index[other])
-            else:
-                if low[node] == index[node]:
-                    found = []
-                    while True:
-                        other = stack.pop()
-                        on_stack[other] = 0
-                        component[other] = len(components)
-                        found.append(other)
-                        if other == node:
-                            break
-                    components.append(found)
-                if work:
-                    parent = work[-1][0]
-                    low[parent] = min(low[parent], low[node])
-    return [
-        each
-        for number, each in enumerate(components)
-        if all(component[other] == number for node in each for other in following[node])
-    ]

@@ -92,7 +92,8 @@ def test_keepers_come_to_the_same_state_as_the_moves(spec: str) -> None:
         assert attempt is not None
         first = min(
             run.tiles.keeper_of(
-                site_from_json(unit) if system.labels is not None
+                site_from_json(unit)
+                if system.labels is not None
                 else system.place_of(site_from_json(unit))
             )
             for unit, _ in attempt.sensed
