@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from itertools import combinations
 from typing import Any, NamedTuple, TypeAlias
 
@@ -74,7 +75,7 @@ class Dealt(Tiles):
     def __init__(self, system: System, keeper_of: dict[Site, int]) -> None:
         """Deal the places so."""
         super().__init__(system, max(keeper_of.values()) + 1)
-        self.tile_of = str
+        self.tile_of = lru_cache(str)
         self._dealt = {str(place): keeper for place, keeper in keeper_of.items()}
 
     def keeper_of_tile(self, tile: str) -> int:
@@ -353,9 +354,9 @@ class Explorer:
             case "letter":
                 letter = self._letters[about]
                 if letter.sender < 0:
-                    keeper.ask(-letter.sender - 1, letter.part)  # type: ignore[arg-type]
+                    keeper.ask(-letter.sender - 1, letter.part)
                 else:
-                    keeper.hear(letter.sender, letter.part)  # type: ignore[arg-type]
+                    keeper.hear(letter.sender, letter.part)
             case "settle":
                 keeper._owed_age = SETTLE_TICKS
                 rest = {other: owed for other, owed in keeper._owed.items() if other != about}
@@ -392,28 +393,28 @@ class Explorer:
         for number in sorted(world.under_way):
             told = f"{_words(self._letters[number])}"
             rest = world._replace(under_way=world.under_way - {number})
-            yield told, lambda rest=rest, number=number: self._delivered(rest, number)
+            yield told, partial(self._delivered, rest, number)
             if faults.double:
                 kept = world._replace(faults=faults._replace(double=faults.double - 1))
-                yield f"double of {told}", lambda w=kept, n=number: self._delivered(w, n)
+                yield f"double of {told}", partial(self._delivered, kept, number)
             if faults.loss:
                 lost = rest._replace(faults=faults._replace(loss=faults.loss - 1))
-                yield f"lost: {told}", lambda lost=lost: lost
+                yield f"lost: {told}", partial(_unchanged, lost)
         for number in self._available(world):
             told = f"said again, {_words(self._letters[number])}"
             if self._changes(world, number) and number not in world.under_way:
-                yield told, lambda number=number: self._delivered(world, number)
+                yield told, partial(self._delivered, world, number)
             if faults.double and number not in world.under_way:
                 late = world._replace(
                     under_way=world.under_way | {number},
                     faults=faults._replace(double=faults.double - 1),
                 )
-                yield f"will come late: {told}", lambda late=late: late
+                yield f"will come late: {told}", partial(_unchanged, late)
         for keeper, state in enumerate(world.keepers):
             for other in self._seats[state].settles:
                 yield (
                     f"keeper {keeper} acknowledges to {other}",
-                    lambda k=keeper, other=other: self._kept(world, k, ("settle", other)),
+                    partial(self._kept, world, keeper, ("settle", other)),
                 )
             if faults.keeper:
                 yield from self._keeper_crashes(world, keeper)
@@ -464,7 +465,7 @@ class Explorer:
                 rest = world._replace(faults=faults, under_way=world.under_way - {*lost})
                 yield (
                     f"keeper {keeper} crashes, {count} messages of it are lost",
-                    lambda rest=rest: self._kept(rest, keeper, ("crash", 0)),
+                    partial(self._kept, rest, keeper, ("crash", 0)),
                 )
 
     def _of_module(self, world: World, number: int) -> Iterator[tuple[str, Callable[[], World]]]:
@@ -474,13 +475,13 @@ class Explorer:
             for attempt in self._attempts(number, module):
                 yield (
                     f"module {number} begins {attempt.sensed}",
-                    lambda attempt=attempt: self._begun(world, number, attempt),
+                    partial(self._begun, world, number, attempt),
                 )
         if faults.module and module.phase != "dead":
             rest = world._replace(faults=faults._replace(module=faults.module - 1))
-            yield f"module {number} crashes", lambda: self._born(rest, number)
+            yield f"module {number} crashes", partial(self._born, rest, number)
             dead = module._replace(phase="dead", says=())
-            yield f"module {number} dies", lambda: _with(rest, number, dead)
+            yield f"module {number} dies", partial(_with, rest, number, dead)
 
     def _attempts(self, number: int, module: Module) -> Iterator[Attempt]:
         system = self._scenario.scene.system
@@ -690,6 +691,10 @@ def _letters(keeper: Keeper) -> Iterator[Letter]:
                 yield Letter(keeper.me, -message.process - 1, told)
 
 
+def _unchanged(world: World) -> World:
+    return world
+
+
 def _with(world: World, number: int, module: Module) -> World:
     modules = (*world.modules[:number], module, *world.modules[number + 1 :])
     return world._replace(modules=modules)
@@ -700,7 +705,11 @@ def _words(letter: Letter) -> str:
         return f"keeper {number}" if number >= 0 else f"module {-number - 1}"
 
     part = letter.part
-    about = () if isinstance(part, Entered | Enter) else name_of(getattr(part, "attempt", part))
+    about = (
+        ()
+        if isinstance(part, Entered | Enter)
+        else name_of(part.attempt if isinstance(part, Passed) else part)
+    )
     if isinstance(part, Decision):
         about = (*about, part.why or "committed")
     return f"{who(letter.sender)} to {who(letter.to)}: {type(part).__name__} {about}"

@@ -29,6 +29,7 @@ from cubepath.protocol.wire.free_messages import (
     Passed,
     Passes,
     Settled,
+    Shown,
     Shows,
     Tail,
     Tells,
@@ -170,7 +171,7 @@ def test_a_later_epoch_waits_in_place_of_an_earlier_one() -> None:
 
 
 def test_an_expired_lease_forbids_an_attempt_that_has_not_arrived() -> None:
-    """Asked, the last keeper logs that; the attempt is refused when it comes, also after a crash."""
+    """Asked, the last keeper logs that; the attempt is refused when it comes, after a crash too."""
     pair = Pair()
     (passed,) = pair.ask(0, attempt(0))
     assert pair.ticks(0, LEASE_TICKS - 1) == []
@@ -240,7 +241,7 @@ def test_a_commit_is_told_until_it_is_acknowledged() -> None:
 
 
 def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
-    """Its keeper asks what became of that first; a later birth is fenced off from an earlier one."""
+    """Its keeper asks what became of that first; an earlier birth is fenced off by a later one."""
     pair = Pair()
     (passed,) = pair.ask(0, attempt(0))
     assert pair.ask(0, Enter(0, 1)) == [Inquiry(0, 0, 1)]
@@ -261,7 +262,7 @@ def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
 
 
 def test_what_is_none_of_its_business_is_counted() -> None:
-    """No attempt of anyone, one of other keepers, from another keeper than the one before, a tile."""
+    """No attempt of anyone, of other keepers, not from the keeper before; another's tile."""
     pair = Pair()
     wrong = [
         attempt(0, at=["nowhere"]),
@@ -302,7 +303,7 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
         ("0", 1, False),
         ("2", 1, False),
     ]
-    assert [each.parts[0].module for each in changes] == [1, None]
+    assert [each.parts for each in changes] == [[Shown(0, 1, 0, 1, [], 1)], [Shown(2, 1)]]
 
 
 def test_commits_are_fetched_some_at_a_time() -> None:
@@ -312,7 +313,7 @@ def test_commits_are_fetched_some_at_a_time() -> None:
     for number in range(1, FETCH_MAX + 3):
         target = 0 if site else 2
         (move,) = [e for e in STAR.system.moves(site) if e is not None and e.target == target]
-        sensed = sorted([(site, site), (target, None)])  # type: ignore[type-var]
+        sensed = sorted([(site, site), (target, None)])
         keeper.ask(1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed))
         site = target
     keeper.said()

@@ -66,6 +66,8 @@ def test_keepers_come_to_the_same_state_as_the_moves(spec: str) -> None:
     system, random = run.scene.system, Random(1)  # noqa: S311 - to be repeated
     sites: list[Site] = list(run.scene.start)
     done: list[tuple[int, Action]] = []
+    known: dict[str, list[int]] = {}
+    """By unit its version, and how often that was read."""
     for number in range(1, 40):
         occupants = {system.place_of(site): site for site in sites}
         on = {*sites, *system.filled}
@@ -104,6 +106,13 @@ def test_keepers_come_to_the_same_state_as_the_moves(spec: str) -> None:
         level = 1 + max((one for one, old in done if not commute(old, move.action)), default=0)
         assert run.moved[-1].level == level
         done.append((level, move.action))
+        for unit, version in run.moved[-1].read:
+            count = known.setdefault(repr(unit), [0, 0])
+            assert version == count[0]
+            count[1] += 1
+        for unit, version, reads in run.moved[-1].written:
+            assert [version, reads] == known.get(repr(unit), [0, 0])
+            known[repr(unit)] = [version + 1, 0]
         for who, source, target, _ in run.moved[-1].motion:
             assert sites[who] == site_from_json(source)
             sites[who] = site_from_json(target)
