@@ -239,7 +239,7 @@ class Explorer:
         came_from: list[tuple[int, str]] = [(-1, "start")]
         following: list[list[int]] = []
         found = Explored()
-        at = 0
+        at, last = 0, "start"
         try:
             while at < len(worlds):
                 world, after = worlds[at], []
@@ -363,6 +363,8 @@ class Explorer:
                 keeper._owed = {about: keeper._owed[about]}
                 keeper.tick()
                 keeper._owed = rest
+            case _:
+                assert kind == "crash"
         records = keeper._journal.all[before:]  # type: ignore[attr-defined]
         letters = tuple(map(self._letter, _letters(keeper)))
         state = self._seat(keeper)
