@@ -26,9 +26,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, field
+from functools import lru_cache, partial
 from itertools import combinations
 from typing import Any, NamedTuple, TypeAlias
 
+from components import bottoms
 from cubepath.agents.keepers.journal import Committed, Record
 from cubepath.agents.keepers.keeper import (
     LEASE_TICKS,
@@ -73,7 +75,7 @@ class Dealt(Tiles):
     def __init__(self, system: System, keeper_of: dict[Site, int]) -> None:
         """Deal the places so."""
         super().__init__(system, max(keeper_of.values()) + 1)
-        self.tile_of = str
+        self.tile_of = lru_cache(str)
         self._dealt = {str(place): keeper for place, keeper in keeper_of.items()}
 
     def keeper_of_tile(self, tile: str) -> int:
@@ -153,7 +155,7 @@ class Scenario:
     targets: Callable[[int, Site], Iterable[tuple[Site, tuple[tuple[Site, Site | None], ...]]]]
     """By module and site, where it may attempt to go, with its guards."""
     attempts: int = 1
-    faults: Faults = field(default_factory=Faults)
+    faults: Faults = Faults()  # noqa: RUF009 - a tuple
     enters: bool = False
     """Whether modules begin outside."""
 
@@ -237,7 +239,7 @@ class Explorer:
         came_from: list[tuple[int, str]] = [(-1, "start")]
         following: list[list[int]] = []
         found = Explored()
-        at = 0
+        at, last = 0, "start"
         try:
             while at < len(worlds):
                 world, after = worlds[at], []
@@ -255,7 +257,7 @@ class Explorer:
                 found.transitions += len(after)
                 at += 1
             last = "ends so"
-            for bottom in _bottoms(following):
+            for bottom in bottoms(following):
                 at = bottom[0]
                 found.ends += len(bottom)
                 for number in bottom:
@@ -352,15 +354,17 @@ class Explorer:
             case "letter":
                 letter = self._letters[about]
                 if letter.sender < 0:
-                    keeper.ask(-letter.sender - 1, letter.part)  # type: ignore[arg-type]
+                    keeper.ask(-letter.sender - 1, letter.part)
                 else:
-                    keeper.hear(letter.sender, letter.part)  # type: ignore[arg-type]
+                    keeper.hear(letter.sender, letter.part)
             case "settle":
                 keeper._owed_age = SETTLE_TICKS
                 rest = {other: owed for other, owed in keeper._owed.items() if other != about}
                 keeper._owed = {about: keeper._owed[about]}
                 keeper.tick()
                 keeper._owed = rest
+            case _:
+                assert kind == "crash"
         records = keeper._journal.all[before:]  # type: ignore[attr-defined]
         letters = tuple(map(self._letter, _letters(keeper)))
         state = self._seat(keeper)
@@ -383,34 +387,36 @@ class Explorer:
 
     # What can happen.
 
-    def _moves(self, world: World) -> Iterator[tuple[str, Callable[[], World]]]:
+    def _moves(  # noqa: C901 - a list of what can happen
+        self, world: World
+    ) -> Iterator[tuple[str, Callable[[], World]]]:
         """Yield what can happen, each in words and as a function to what comes of it."""
         faults = world.faults
         for number in sorted(world.under_way):
             told = f"{_words(self._letters[number])}"
             rest = world._replace(under_way=world.under_way - {number})
-            yield told, lambda rest=rest, number=number: self._delivered(rest, number)
+            yield told, partial(self._delivered, rest, number)
             if faults.double:
                 kept = world._replace(faults=faults._replace(double=faults.double - 1))
-                yield f"double of {told}", lambda w=kept, n=number: self._delivered(w, n)
+                yield f"double of {told}", partial(self._delivered, kept, number)
             if faults.loss:
                 lost = rest._replace(faults=faults._replace(loss=faults.loss - 1))
-                yield f"lost: {told}", lambda lost=lost: lost
+                yield f"lost: {told}", partial(_unchanged, lost)
         for number in self._available(world):
             told = f"said again, {_words(self._letters[number])}"
             if self._changes(world, number) and number not in world.under_way:
-                yield told, lambda number=number: self._delivered(world, number)
+                yield told, partial(self._delivered, world, number)
             if faults.double and number not in world.under_way:
                 late = world._replace(
                     under_way=world.under_way | {number},
                     faults=faults._replace(double=faults.double - 1),
                 )
-                yield f"will come late: {told}", lambda late=late: late
+                yield f"will come late: {told}", partial(_unchanged, late)
         for keeper, state in enumerate(world.keepers):
             for other in self._seats[state].settles:
                 yield (
                     f"keeper {keeper} acknowledges to {other}",
-                    lambda k=keeper, other=other: self._kept(world, k, ("settle", other)),
+                    partial(self._kept, world, keeper, ("settle", other)),
                 )
             if faults.keeper:
                 yield from self._keeper_crashes(world, keeper)
@@ -461,7 +467,7 @@ class Explorer:
                 rest = world._replace(faults=faults, under_way=world.under_way - {*lost})
                 yield (
                     f"keeper {keeper} crashes, {count} messages of it are lost",
-                    lambda rest=rest: self._kept(rest, keeper, ("crash", 0)),
+                    partial(self._kept, rest, keeper, ("crash", 0)),
                 )
 
     def _of_module(self, world: World, number: int) -> Iterator[tuple[str, Callable[[], World]]]:
@@ -471,13 +477,13 @@ class Explorer:
             for attempt in self._attempts(number, module):
                 yield (
                     f"module {number} begins {attempt.sensed}",
-                    lambda attempt=attempt: self._begun(world, number, attempt),
+                    partial(self._begun, world, number, attempt),
                 )
         if faults.module and module.phase != "dead":
             rest = world._replace(faults=faults._replace(module=faults.module - 1))
-            yield f"module {number} crashes", lambda: self._born(rest, number)
+            yield f"module {number} crashes", partial(self._born, rest, number)
             dead = module._replace(phase="dead", says=())
-            yield f"module {number} dies", lambda: _with(rest, number, dead)
+            yield f"module {number} dies", partial(_with, rest, number, dead)
 
     def _attempts(self, number: int, module: Module) -> Iterator[Attempt]:
         system = self._scenario.scene.system
@@ -687,6 +693,10 @@ def _letters(keeper: Keeper) -> Iterator[Letter]:
                 yield Letter(keeper.me, -message.process - 1, told)
 
 
+def _unchanged(world: World) -> World:
+    return world
+
+
 def _with(world: World, number: int, module: Module) -> World:
     modules = (*world.modules[:number], module, *world.modules[number + 1 :])
     return world._replace(modules=modules)
@@ -697,7 +707,11 @@ def _words(letter: Letter) -> str:
         return f"keeper {number}" if number >= 0 else f"module {-number - 1}"
 
     part = letter.part
-    about = () if isinstance(part, Entered | Enter) else name_of(getattr(part, "attempt", part))
+    about = (
+        ()
+        if isinstance(part, Entered | Enter)
+        else name_of(part.attempt if isinstance(part, Passed) else part)
+    )
     if isinstance(part, Decision):
         about = (*about, part.why or "committed")
     return f"{who(letter.sender)} to {who(letter.to)}: {type(part).__name__} {about}"
@@ -783,54 +797,3 @@ def _check_no_circle(edges: set[tuple[Name, Name]]) -> None:
         left = {(one, other) for one, other in edges if one in waited_for}
         assert left != edges, f"they wait in a circle: {sorted(edges)}"
         edges = left
-
-
-def _bottoms(following: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Return the strongly connected components that nothing leads out of (Tarjan, iteratively)."""
-    index = [-1] * len(following)
-    low = [0] * len(following)
-    on_stack = bytearray(len(following))
-    component = [-1] * len(following)
-    stack: list[int] = []
-    components: list[list[int]] = []
-    count = 0
-    for root in range(len(following)):
-        if index[root] >= 0:
-            continue
-        work = [(root, 0)]
-        while work:
-            node, at = work.pop()
-            if at == 0:
-                index[node] = low[node] = count
-                count += 1
-                stack.append(node)
-                on_stack[node] = 1
-            after = following[node]
-            while at < len(after):
-                other = after[at]
-                at += 1
-                if index[other] < 0:
-                    work.append((node, at))
-                    work.append((other, 0))
-                    break
-                if on_stack[other]:
-                    low[node] = min(low[node], index[other])
-            else:
-                if low[node] == index[node]:
-                    found = []
-                    while True:
-                        other = stack.pop()
-                        on_stack[other] = 0
-                        component[other] = len(components)
-                        found.append(other)
-                        if other == node:
-                            break
-                    components.append(found)
-                if work:
-                    parent = work[-1][0]
-                    low[parent] = min(low[parent], low[node])
-    return [
-        each
-        for number, each in enumerate(components)
-        if all(component[other] == number for node in each for other in following[node])
-    ]

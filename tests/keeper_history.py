@@ -75,7 +75,7 @@ class History(NamedTuple):
         sites = self.sites
         for module, source, target, _ in moved.motion:
             assert sites[module] == site_from_json(source), f"{name}: nobody to take along"
-            sites = _with(sites, module, site_from_json(target))
+            sites = (*sites[:module], site_from_json(target), *sites[module + 1 :])
         assert len({*sites}) == len(sites), f"{name}: two modules in one place"
         level = 1 + max(
             [

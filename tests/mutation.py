@@ -47,6 +47,7 @@ _KEEPERS = "agents/cubepath/agents/keepers"
 _FREE = "agents/cubepath/agents/free"
 _KEPT = (
     "tests/agents/keepers/test_keeper.py",
+    "tests/agents/keepers/test_units.py",
     "tests/agents/keepers/test_keeper_exploration.py",
 )
 _RECORDED = ("tests/coordinator/verification/test_recording.py",)

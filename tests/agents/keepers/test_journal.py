@@ -111,7 +111,7 @@ def test_a_full_disk_ends_a_keeper(tmp_path: Path) -> None:
     """With a line that says so; nothing was logged."""
     with FileJournal(tmp_path / "log") as journal:
         journal._file.close()
-        journal._file = Path("/dev/full").open("r+b")  # type: ignore[assignment]
+        journal._file = Path("/dev/full").open("r+b")  # noqa: SIM115 - closed with the journal
         with pytest.raises(CheckError, match="log of the keeper stopped: No space left"):
             journal.append(RECORDS[0])
         assert [*journal.records()] == []

@@ -29,6 +29,7 @@ from cubepath.protocol.wire.free_messages import (
     Passed,
     Passes,
     Settled,
+    Shown,
     Shows,
     Tail,
     Tells,
@@ -170,7 +171,7 @@ def test_a_later_epoch_waits_in_place_of_an_earlier_one() -> None:
 
 
 def test_an_expired_lease_forbids_an_attempt_that_has_not_arrived() -> None:
-    """Asked, the last keeper logs that; the attempt is refused when it comes, also after a crash."""
+    """Asked, the last keeper logs that; the attempt is refused when it comes, after a crash too."""
     pair = Pair()
     (passed,) = pair.ask(0, attempt(0))
     assert pair.ticks(0, LEASE_TICKS - 1) == []
@@ -240,7 +241,7 @@ def test_a_commit_is_told_until_it_is_acknowledged() -> None:
 
 
 def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
-    """Its keeper asks what became of that first; a later birth is fenced off from an earlier one."""
+    """Its keeper asks what became of that first; an earlier birth is fenced off by a later one."""
     pair = Pair()
     (passed,) = pair.ask(0, attempt(0))
     assert pair.ask(0, Enter(0, 1)) == [Inquiry(0, 0, 1)]
@@ -261,7 +262,7 @@ def test_a_module_enters_when_nothing_of_it_is_under_way() -> None:
 
 
 def test_what_is_none_of_its_business_is_counted() -> None:
-    """No attempt of anyone, one of other keepers, from another keeper than the one before, a tile."""
+    """No attempt of anyone, of other keepers, not from the keeper before; another's tile."""
     pair = Pair()
     wrong = [
         attempt(0, at=["nowhere"]),
@@ -302,7 +303,7 @@ def test_a_tile_is_shown_whole_to_who_looks() -> None:
         ("0", 1, False),
         ("2", 1, False),
     ]
-    assert [each.parts[0].module for each in changes] == [1, None]
+    assert [each.parts for each in changes] == [[Shown(0, 1, 0, 1, [], 1)], [Shown(2, 1)]]
 
 
 def test_commits_are_fetched_some_at_a_time() -> None:
@@ -312,7 +313,7 @@ def test_commits_are_fetched_some_at_a_time() -> None:
     for number in range(1, FETCH_MAX + 3):
         target = 0 if site else 2
         (move,) = [e for e in STAR.system.moves(site) if e is not None and e.target == target]
-        sensed = sorted([(site, site), (target, None)])  # type: ignore[type-var]
+        sensed = sorted([(site, site), (target, None)])
         keeper.ask(1, Attempt(1, 0, number, 0, site, move.generator, move.at, sensed))
         site = target
     keeper.said()
@@ -328,3 +329,87 @@ def test_commits_are_fetched_some_at_a_time() -> None:
     last = FETCH_MAX + 2
     assert rest.units == [(0, last, last, 0, None), (2, last, last, 0, 2)]
     assert isinstance(rest.parts[0], Moved)
+
+
+def test_registers_are_exchanged_at_once() -> None:
+    """The own one is written with that of another module, whose own is only held to another."""
+    pair = Pair()
+    own = Attempt(0, 0, 1, 0, 1, notes=[(1, [], [5])])
+    (told,) = pair.ask(0, own)
+    assert told.moved.notes == [(1, 0, 1, [5])]
+    assert told.moved.level == 0
+    exchange = Attempt(0, 0, 2, 0, 1, notes=[(1, [5], None), (2, [], [7])])
+    (passed,) = pair.ask(0, exchange)
+    assert pair.ask(0, Enter(0, 1)) == [Inquiry(0, 0, 2)], "what has to hold is locked"
+    decision = pair.hear(1, passed)[0]
+    assert decision.moved.notes == [(1, 0, 1, None), (2, 1, 1, [7])]
+    pair.hear(0, decision)
+    notes = [pair.keepers[0].units.occupant(1), pair.keepers[1].units.occupant(2)]
+    assert [each.note for each in notes if each is not None] == [[5], [7]]
+    assert [each.version for each in notes if each is not None] == [1, 1]
+    (refused,) = pair.ask(0, Attempt(0, 0, 3, 0, 1, notes=[(1, [6], [7])]))
+    assert refused.why == "the register at 1 is [5], [6] was sensed"
+    assert not pair.keepers[0]._shared
+
+
+def test_a_refusal_is_told_when_asked_and_stays_the_last_word() -> None:
+    """With its own reason; an inquiry about an earlier attempt does not come in its place."""
+    pair = Pair()
+    pair.ask(1, attempt(1), 1)
+    (passed,) = pair.ask(0, attempt(0, 2))
+    refusal = pair.hear(1, passed)[0]
+    assert pair.hear(1, Inquiry(0, 0, 2)) == [refusal]
+    records = len([*pair.journals[1].records()])
+    assert pair.hear(1, Inquiry(0, 0, 1)) == [Decision(0, 0, 1, why=ABORTED)]
+    assert len([*pair.journals[1].records()]) == records
+    assert pair.hear(1, passed) == [refusal]
+
+
+def test_a_lease_is_short_again_after_another_outcome() -> None:
+    """It is longer only after an attempt that was given up."""
+    pair = Pair()
+    pair.ask(0, attempt(0))
+    pair.hear(0, Decision(0, 0, 1, why=ABORTED))
+    pair.ask(0, attempt(0, 2))
+    assert pair.ticks(0, LEASE_TICKS) == []
+    pair.hear(0, Decision(0, 0, 2, why="no"))
+    pair.ask(0, attempt(0, 3))
+    assert pair.ticks(0, LEASE_TICKS) == [Inquiry(0, 0, 3)]
+
+
+def test_the_next_attempt_waits_until_the_last_one_is_decided_here_too() -> None:
+    """The module knows what became of it, and this keeper asks."""
+    pair = Pair()
+    (passed,) = pair.ask(0, attempt(0))
+    pair.ask(1, attempt(1), 1)
+    refusal = pair.hear(1, passed)[0]
+    assert pair.ask(0, attempt(0, 2)) == [Inquiry(0, 0, 1)]
+    told = pair.hear(0, refusal)
+    assert told[0].attempt.number == 2
+    assert told[1] == refusal
+
+
+def test_who_waits_is_not_overtaken_by_who_conflicts_with_it_alone() -> None:
+    """A guard of what it will write waits behind it."""
+    row = replace(scene_from_spec("agv:graph=P5,n=3"), start=(0, 2, 3), goal=None, goals=())
+    tiles = Dealt(row.system, {0: 1, 1: 0, 2: 0, 3: 0, 4: 0})
+    keeper = Keeper(0, row, tiles, MemoryJournal())
+
+    def go(module: int, source: int, target: int, *guards: tuple[int, int]) -> None:
+        (move,) = [e for e in row.system.moves(source) if e is not None and e.target == target]
+        sensed = sorted([(source, source), (target, None), *guards], key=lambda pair: pair[0])
+        keeper.ask(module, Attempt(module, 0, 1, 0, source, move.generator, move.at, list(sensed)))
+
+    go(0, 0, 1)
+    go(1, 2, 1)
+    go(2, 3, 4, (2, 2))
+    assert list(keeper._waiting) == [1, 2]
+    assert keeper.commits == 0
+    keeper.said()
+    keeper.hear(1, Decision(0, 0, 1, why="no"))
+    told = [part for each in keeper.said() if isinstance(each, Tells) for part in each.parts]
+    assert [(each.module, each.why) for each in told if isinstance(each, Decision)] == [
+        (0, "no"),
+        (1, ""),
+        (2, "2 shows None, 2 was sensed"),
+    ]

@@ -1,0 +1,95 @@
+"""A keeper on the wire: what it refuses, and when it ticks."""
+
+from __future__ import annotations
+
+import pytest
+
+from cubepath.agents.keepers.journal import MemoryJournal
+from cubepath.agents.keepers.keeper import Keeper
+from cubepath.agents.keepers.node import TICK_S, KeeperNode
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Enter,
+    Fetch,
+    FreeMessage,
+    Inquiry,
+    Look,
+    Passes,
+    Tail,
+    Tells,
+    decode_free,
+    free_key,
+)
+from cubepath.protocol.wire.messages import MESSAGE_BYTES_MAX, Go, encode
+from cubepath.protocol.wire.nodes import End, Listen, Put, Timer
+from cubepath.protocol.wire.tiles import Tiles
+
+SCENE = scene_from_spec("agv:graph=S3,n=2")
+
+
+def node() -> KeeperNode:
+    """Return the only keeper of a run in which each process has one module."""
+    keeper = Keeper(0, SCENE, Tiles(SCENE.system, 1), MemoryJournal())
+    return KeeperNode(keeper, "run", [[0], [1]])
+
+
+def said(keeper: KeeperNode, message: FreeMessage) -> list[FreeMessage]:
+    """Return what a keeper answers to a message on its key."""
+    effects = keeper.receive(free_key("run", message), encode(message))
+    return [decode_free(effect.data) for effect in effects if isinstance(effect, Put)]
+
+
+def test_a_keeper_listens_answers_and_ends() -> None:
+    """On its keys; to a process, and to the coordinator."""
+    keeper = node()
+    (listen,) = keeper.start()
+    assert isinstance(listen, Listen)
+    (tells,) = said(keeper, Asks(1, 0, [Enter(1, 1)]))
+    assert isinstance(tells, Tells)
+    (tail,) = said(keeper, Fetch(0, 0))
+    assert isinstance(tail, Tail)
+    assert tail.refused == 0
+    stop = Go(0, "stop")
+    assert keeper.receive(free_key("run", stop), encode(stop)) == [Timer(None), End()]
+
+
+@pytest.mark.parametrize(
+    ("key", "data"),
+    [
+        ("cubepath/run/ask/0/process_1", b"{"),
+        ("cubepath/run/ask/0/process_1", b" " * (MESSAGE_BYTES_MAX + 1)),
+        ("cubepath/run/ask/0/process_1", b'{"kind":"ask","process":1,"keeper":0,"parts":[{}]}'),
+        ("cubepath/run/ask/0/process_0", encode(Asks(1, 0, [Enter(1, 1)]))),
+        ("cubepath/other/ask/0/process_1", encode(Asks(1, 0, [Enter(1, 1)]))),
+        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Enter(1, 1)]))),
+        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Enter(7, 1)]))),
+        ("cubepath/run/ask/1/process_0", encode(Asks(0, 1, [Enter(0, 1)]))),
+        ("cubepath/run/pass/1/keeper_0", encode(Passes(0, 1, [Inquiry(0, 0, 1)]))),
+        ("cubepath/run/fetch/1/coordinator", encode(Fetch(1, 0))),
+        ("cubepath/run/tell/0/keeper_0", encode(Tells(0, 0, []))),
+        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Look("elsewhere", -1)]))),
+    ],
+)
+def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: bytes) -> None:
+    """Cut off, too large, unknown, on another key, of another run, for others, of others."""
+    keeper = node()
+    tiles_of = keeper.keeper._tiles
+    tiles_of.keepers = 2  # so that a tile may be elsewhere
+    keeper.start()
+    assert keeper.receive(key, data) == []
+    assert keeper.keeper.refused == 1
+    assert not keeper.keeper.units.occupant(SCENE.start[1]).birth  # type: ignore[union-attr]
+    assert not keeper.keeper.commits
+
+
+def test_a_keeper_ticks_while_something_is_due() -> None:
+    """One timer at a time."""
+    keeper = node()
+    keeper.keeper._owed = {1: []}
+    effects = keeper.tick()
+    assert effects == [Timer(TICK_S)]
+    assert keeper.receive("no key", b"") == []
+    assert keeper.tick() == [Timer(TICK_S)]
+    keeper.keeper._owed = {}
+    assert keeper.tick() == []
