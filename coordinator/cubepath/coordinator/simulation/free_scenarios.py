@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from random import Random
 
-from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.registry import BUILT_IN, rule_named
 from cubepath.coordinator.simulation.faults import SECOND_US, between
 from cubepath.coordinator.simulation.scenarios import (
     INSTANCES,
@@ -58,8 +58,8 @@ class FreeScenario:
 
     @property
     def to_goal(self) -> bool:
-        """Return whether the rule moves towards a goal."""
-        return self.rule != "random"
+        """Return whether the rule moves towards a goal; those of other people may not."""
+        return self.rule in BUILT_IN and self.rule != "random"
 
     def smaller(self) -> list[FreeScenario]:
         """Return scenarios like this with less in them, the smallest first."""
