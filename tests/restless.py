@@ -1,4 +1,4 @@
-"""A rule for runs without rounds that uses all that there is: moves, guards, registers, exchanges."""
+"""A rule for runs without rounds that uses all there is: moves, guards, registers, exchanges."""
 
 from __future__ import annotations
 
