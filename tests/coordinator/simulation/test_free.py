@@ -14,7 +14,7 @@ from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_sc
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
 from cubepath.coordinator.simulation.free_swarm import WITHOUT_ROUNDS, Free
 from cubepath.coordinator.simulation.scenarios import Asked
-from cubepath.coordinator.simulation.swarm import small
+from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds
 from cubepath.coordinator.simulation.trace import Trace
 from planted_keepers import PLANTED
 
@@ -162,13 +162,15 @@ def test_registers_and_exchanges_hold(system: str) -> None:
 
 
 @pytest.mark.slow
-def test_a_broken_keeper_is_found_with_few_faults_left() -> None:
-    """What is left of a failing seed fails in the same way."""
-    planted = Free(Asked("agv", "random", clock="free"), PLANTED["counts no reads"])
-    found = next(run for seed in range(20) if (run := planted.run_of(seed)).failure is not None)
-    left = small(found, 0, planted)
-    assert found.failure is not None
-    assert left.failure is not None
-    assert left.failure.kind == found.failure.kind == "level"
-    assert left.fired == ()
-    assert len(left.scenario.scene.start) <= 3
+def test_a_broken_keeper_is_found_with_few_faults_left(tmp_path: Path) -> None:
+    """What is left of a failing seed fails in the same way; its messages are drawn."""
+    planted = Free(Asked("hex", "random", clock="free"), PLANTED["counts no reads"])
+    seed = next(seed for seed in range(20) if planted.run_of(seed).failure is not None)
+    folder = tmp_path / "new"
+    (kept,) = simulate_seeds([seed], folder, Tally(planted))
+    assert kept is not None
+    assert kept.kind == "level"
+    assert kept.modules <= 3
+    assert len(kept.faults) <= 1
+    assert kept.log == kept.pictures[0]
+    assert {str(path) for path in folder.iterdir()} == {*kept.pictures}
