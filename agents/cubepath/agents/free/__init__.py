@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.free.fleet import ON_CRASH, Crash, FreeFleet, OnCrash
+    from cubepath.agents.free.fleet import ON_CRASH, FreeFleet, OnCrash
     from cubepath.agents.free.host_node import FreeHostNode
     from cubepath.agents.free.orders import FreeOrders, OwnMove
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "fleet": "ON_CRASH Crash FreeFleet OnCrash",
+            "fleet": "FreeFleet ON_CRASH OnCrash",
             "host_node": "FreeHostNode",
             "orders": "FreeOrders OwnMove",
         },
@@ -25,7 +25,6 @@ else:
 
 __all__ = [
     "ON_CRASH",
-    "Crash",
     "FreeFleet",
     "FreeHostNode",
     "FreeOrders",

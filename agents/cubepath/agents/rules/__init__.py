@@ -12,7 +12,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
     from cubepath.agents.rules.attempting import attempt_of
-    from cubepath.agents.rules.registry import find_rule, rule_named, rules, unknown_rule
+    from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import is_in_file
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
@@ -23,7 +23,7 @@ else:
         {
             "actor": "Actor actors_for",
             "attempting": "attempt_of",
-            "registry": "find_rule rule_named rules unknown_rule",
+            "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "is_in_file",
             "schedule": "SCHEDULE scheduled",
@@ -32,6 +32,7 @@ else:
     )
 
 __all__ = [
+    "BUILT_IN",
     "HESITATE",
     "RULE",
     "SCHEDULE",

@@ -38,9 +38,9 @@ FREE_KINDS = (
 written, and before it has said, what follows from a message, or while it writes that; a module
 process leaves, and perhaps comes back, or comes late; some processes do not hear the others."""
 _HOPS: Mapping[str, tuple[float, float]] = {
-    "delay": (0.003, 0.2),
-    "reorder": (0.003, 0.2),
-    "duplicate": (0.003, 0.2),
+    "delay": (0.003, 0.3),
+    "reorder": (0.003, 0.4),
+    "duplicate": (0.003, 0.5),
     "loss": (0.003, 0.2),
     "drag": (0.0003, 0.01),
 }
@@ -48,8 +48,8 @@ _HOST: Mapping[str, tuple[float, float]] = {
     "pause": (0.0005, 0.02),
     "slow": (0.0005, 0.01),
     "stall": (0.0002, 0.003),
-    "return": (0.0005, 0.02),
-    "cut": (0.0005, 0.02),
+    "return": (0.0005, 0.06),
+    "cut": (0.0005, 0.06),
     "leave": (0.0002, 0.005),
     "crash": (0.0002, 0.004),
 }
@@ -69,9 +69,9 @@ _START: Mapping[str, tuple[float, float]] = {"late": (0.05, 0.5)}
 """The least and the greatest rate of a kind: per hop, per message taken, per message routed,
 and per module process at its start."""
 _AMOUNTS_US: Mapping[str, tuple[float, float]] = {
-    "delay": (10, 2 * SECOND_US),
-    "reorder": (10, 5 * SECOND_US),
-    "duplicate": (0.5, 10 * SECOND_US),
+    "delay": (300, 2 * SECOND_US),
+    "reorder": (300, 5 * SECOND_US),
+    "duplicate": (300, 10 * SECOND_US),
     "drag": (1000, 0.5 * SECOND_US),
     "pause": (100, 2 * SECOND_US),
     "slow": (100, 0.1 * SECOND_US),

@@ -19,8 +19,10 @@ from cubepath.protocol.wire.free_messages import (
     Decision,
     Entered,
     FreeMessage,
+    Held,
     Moved,
     Passes,
+    Shown,
     Shows,
     Tail,
     Tells,
@@ -133,7 +135,7 @@ class Oracle:
                     if isinstance(said, Decision):
                         self._passed(to, said)
             case Shows():
-                self._shown(message)
+                self._shown(message.parts)
             case Moved(keeper=keeper, serial=serial):
                 same("moved", f"commit {serial}", message, self.commits[keeper][serial - 1])
             case Tail():
@@ -143,10 +145,13 @@ class Oracle:
 
     def _told(self, tells: Tells) -> None:
         for part in tells.parts:
-            if isinstance(part, Entered):
-                self._entered(part)
-            else:
-                self._decision(tells.keeper, part)
+            match part:
+                case Entered():
+                    self._entered(part)
+                case Decision():
+                    self._decision(tells.keeper, part)
+                case Held(parts=shown):
+                    self._shown(shown)
 
     def _turn(self, turn: Turn) -> None:
         if turn.failed is not None:
@@ -196,8 +201,8 @@ class Oracle:
         elif name in self._committed and keeper not in self._learned.get(name, ()):
             raise Broken("passed", f"{_what(name)} was committed, and is passed on as refused")
 
-    def _shown(self, shows: Shows) -> None:
-        for part in shows.parts:
+    def _shown(self, parts: Iterable[Shown]) -> None:
+        for part in parts:
             place = site_from_json(part.place)
             found = self.state.shown.get((place, part.version, part.module_version))
             site = None if part.site is None else site_from_json(part.site)

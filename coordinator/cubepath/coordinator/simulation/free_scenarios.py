@@ -5,14 +5,16 @@ Room: coordinator.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from random import Random
 
-from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.registry import BUILT_IN, rule_named
 from cubepath.coordinator.simulation.faults import SECOND_US, between
 from cubepath.coordinator.simulation.scenarios import (
     INSTANCES,
     Asked,
+    Instance,
     built,
     drawn_system,
     fitting,
@@ -21,7 +23,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 
 _SMALL = (3, 4, 5, 6, 7, 8)
-_KEEPERS = (2, 2, 3, 3, 4, 5, 6)
+_KEEPERS = (2, 3, 3, 4, 5, 6)
 _HESITATE = (0.0, 0.0, 0.0, 0.1, 0.5)
 _ALONE = 0.8
 """How probable it is that each module has a process of its own."""
@@ -29,8 +31,26 @@ _FACTORS = (0.0, 0.0, 0.0, 1.0, 3.0, 10.0, 40.0)
 """How slowly modules think."""
 _MOVES, _LONG_S = (5, 40), (0.5, 20.0)
 """After how many moves, and how many seconds at most, there are no more faults."""
+_STRIPS = 0.6
 _FILES = 1 / 32
 """How probable it is that keepers have their journals in files."""
+
+
+def _vehicles(name: str) -> Instance:
+    def spec(modules: int, random: Random) -> str:
+        if random.random() < _STRIPS:
+            return f"{name}:graph=grid2x{max(6, modules + modules // 2 + 1)},n={modules}"
+        return INSTANCES[name](modules, random)
+
+    return spec
+
+
+FREE_INSTANCES: Mapping[str, Instance] = {
+    **INSTANCES,
+    "agv": _vehicles("agv"),
+    "agv-labelled": _vehicles("agv-labelled"),
+}
+"""Of vehicles many are in strips that are crowded, and lie across several tiles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +78,16 @@ class FreeScenario:
 
     @property
     def to_goal(self) -> bool:
-        """Return whether the rule moves towards a goal."""
-        return self.rule != "random"
+        """Return whether the rule moves towards a goal; those of other people may not."""
+        return self.rule in BUILT_IN and self.rule != "random"
 
     def smaller(self) -> list[FreeScenario]:
         """Return scenarios like this with less in them, the smallest first."""
         family, count = self.system.partition(":")[0], len(self.scene.start)
         found: list[FreeScenario] = []
-        for modules in range(1, count) if family in INSTANCES else ():
+        for modules in range(1, count) if family in FREE_INSTANCES else ():
             try:
-                spec = INSTANCES[family](modules, Random(self.seed))  # noqa: S311 - not for secrets
+                spec = FREE_INSTANCES[family](modules, Random(self.seed))  # noqa: S311 - not for secrets
                 scene = built(spec)
                 rule_named(self.rule, scene.system, "free")
             except InputError:
@@ -92,7 +112,7 @@ class FreeScenario:
 def free_scenario_of(seed: int, asked: Asked) -> FreeScenario:
     """Return the run that a seed stands for."""
     random = Random(f"{seed}/free scenario")  # noqa: S311 - not for secrets
-    spec = drawn_system(asked, random, _SMALL)
+    spec = drawn_system(asked, random, _SMALL, FREE_INSTANCES)
     scene = built(spec)
     modules = len(scene.start)
     alone = random.random() < _ALONE

@@ -35,7 +35,7 @@ from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.credentials import keeper_name, process_name
-from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Look, decode_free
+from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Hold, Look, decode_free
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 from cubepath.protocol.wire.tiles import Tiles
@@ -231,7 +231,7 @@ class _Run:
         self._log()
         message = decode_free(put.data)
         if self.phase == "rest" and isinstance(message, Asks):
-            parts: list[Attempt | Enter | Look] = [
+            parts: list[Attempt | Enter | Hold | Look] = [
                 part for part in message.parts if not isinstance(part, Attempt)
             ]
             if len(parts) < len(message.parts):

@@ -64,8 +64,9 @@ class Free:
         """Return the names of the processes."""
         return [*host_names(scenario), *keeper_names(scenario), COORDINATOR]
 
-    def write(self, _run: FreeSimulated, _log: Path, _why: str) -> bool:
-        """Write nothing: what a run without rounds has said is in its picture."""
+    def write(self, _run: FreeSimulated, log: Path, _why: str) -> bool:
+        """Write no recording, only make the folder: what was said is in the picture."""
+        log.parent.mkdir(parents=True, exist_ok=True)
         return False
 
     def label(self, data: bytes) -> str:

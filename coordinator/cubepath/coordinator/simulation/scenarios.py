@@ -29,11 +29,11 @@ _TO_GOAL, _TO_GOAL_LARGE = 1000, 150
 """The most rounds of a rule that moves towards one; not all runs get there."""
 _HESITATE = (0.0, 0.0, 0.1, 0.25, 0.5)
 
-_Instance = Callable[[int, Random], str]
+Instance = Callable[[int, Random], str]
 """Returns the spec of a scene with about so many modules."""
 
 
-def _chain(name: str) -> _Instance:
+def _chain(name: str) -> Instance:
     def spec(modules: int, random: Random) -> str:
         bend = random.choice((60, 120, -60, -120, 0))
         return f"{name}:n={modules}" + ("" if bend == 120 else f",bend={bend}")
@@ -41,7 +41,7 @@ def _chain(name: str) -> _Instance:
     return spec
 
 
-def _vehicles(name: str) -> _Instance:
+def _vehicles(name: str) -> Instance:
     def spec(modules: int, random: Random) -> str:
         side = ceil(sqrt(3 * modules))
         graphs = [f"grid{side}x{side}"]
@@ -66,7 +66,7 @@ def _assembly(modules: int, random: Random) -> str:
     return f"assembly:kind={kind},n={max(2, rows.get(kind, modules.bit_length() - 1))}"
 
 
-INSTANCES: Mapping[str, _Instance] = {
+INSTANCES: Mapping[str, Instance] = {
     "hex": _chain("hex"),
     "hex-open": _chain("hex-open"),
     "hex-tunnel": lambda modules, _: f"hex-tunnel:n={modules}",
@@ -212,19 +212,24 @@ def fitting(scene: Scene, clock: str = "lockstep") -> list[str]:
     ]
 
 
-def drawn_system(asked: Asked, random: Random, small: Sequence[int] = _SMALL) -> str:
+def drawn_system(
+    asked: Asked,
+    random: Random,
+    small: Sequence[int] = _SMALL,
+    instances: Mapping[str, Instance] = INSTANCES,
+) -> str:
     """Draw the spec of a scene, with about one of these numbers of modules in most cases."""
-    if asked.system is not None and asked.system not in INSTANCES:
+    if asked.system is not None and asked.system not in instances:
         return asked.system
     large = random.random() < _LARGE_RATE
     modules = asked.modules or (_LARGE if large else random.choice(small))
     family = asked.system or random.choice(_families(asked, large=large))
-    spec = INSTANCES[family](modules, random)
+    spec = instances[family](modules, random)
     for _ in range(_TRIES):
         scene = built(spec)
         if not scene.reached(scene.start):
             break
-        spec = INSTANCES[family](modules, random)
+        spec = instances[family](modules, random)
     return spec
 
 

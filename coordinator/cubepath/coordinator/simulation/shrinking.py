@@ -23,6 +23,7 @@ class Failed(Protocol):
     @property
     def kind(self) -> str:
         """Return the kind by which failures are the same."""
+        ...
 
 
 class Shrinkable(Protocol):
@@ -30,12 +31,15 @@ class Shrinkable(Protocol):
 
     def smaller(self) -> Sequence[Self]:
         """Return the same with fewer modules and processes, the smallest first."""
+        ...
 
     def shorter(self, long: int) -> Sequence[Self]:
         """Return the same with less to do than a run of this length did."""
+        ...
 
     def plainer(self) -> Sequence[Self]:
         """Return the same with fewer peculiarities."""
+        ...
 
 
 class Run(Protocol):
@@ -44,18 +48,22 @@ class Run(Protocol):
     @property
     def scenario(self) -> Any:
         """Return what it was of."""
+        ...
 
     @property
     def fired(self) -> tuple[Fault, ...]:
         """Return the faults that came to pass."""
+        ...
 
     @property
     def failure(self) -> Failed | None:
         """Return what did not hold, if anything."""
+        ...
 
     @property
     def long(self) -> int:
         """Return how much it did, in rounds or moves."""
+        ...
 
 
 _Run = TypeVar("_Run", bound=Run)

@@ -1,0 +1,176 @@
+"""Runs without rounds under faults: what they come to, what happens in them, and what is found."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cubepath.coordinator.simulation.faults import ROUTER, SECOND_US, Fault, Listed
+from cubepath.coordinator.simulation.free_faults import FREE_KINDS, STARTS
+from cubepath.coordinator.simulation.free_scenarios import FreeScenario, free_scenario_of
+from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
+from cubepath.coordinator.simulation.free_swarm import WITHOUT_ROUNDS, Free
+from cubepath.coordinator.simulation.scenarios import Asked
+from cubepath.coordinator.simulation.swarm import Tally, simulate_seeds
+from cubepath.coordinator.simulation.trace import Trace
+from planted_keepers import PLANTED
+
+RESTLESS = f"{Path(__file__).parents[2] / 'restless.py'}:RESTLESS"
+GRID = FreeScenario(
+    "agv:graph=grid2x9,n=6", "random", 4, 3, 0.0, (0.0, 3.0), 30, 20 * SECOND_US, False, 7
+)
+HEX = FreeScenario("hex:n=4", "chain", 4, 2, 0.0, (0.0,), 30, 20 * SECOND_US, False, 7)
+
+
+def held(scenario: FreeScenario, *faults: Fault, trace: Trace | None = None) -> FreeSimulated:
+    """Return a run with these faults, which holds, and in which they all come to pass."""
+    found = free_simulate(scenario, Listed(faults), trace=trace)
+    assert found.failure is None
+    assert sorted(found.fired) == sorted(faults)
+    return found
+
+
+def test_without_faults_there_are_moves_enough() -> None:
+    """A rule without a goal goes on after its last fault as before."""
+    found = held(GRID)
+    assert found.outcome == "moves"
+    assert found.moves >= 50
+
+
+@pytest.mark.slow
+def test_without_faults_the_goal_is_reached() -> None:
+    """In fewer moves than end the faults."""
+    assert held(HEX).outcome == "goal"
+
+
+SLOW = pytest.mark.slow
+ON_KEEPERS = ("cut", "torn", "return", "pause", "slow", "stall")
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=SLOW if kind == "torn" else ()) for kind in FREE_KINDS]
+)
+def test_each_fault_happens_and_is_survived(kind: str) -> None:
+    """To a message, a keeper, a module process or the router; nothing is wrong in between."""
+    amount = 0 if kind in ("crash", "loss") else SECOND_US // 4
+    where, nth = {
+        "late": (f"process_1{STARTS}", 0),
+        "router": (ROUTER, 30),
+        "partition": (ROUTER, 30),
+        "leave": ("process_1", 8),
+        "crash": ("process_1", 8),
+    }.get(kind, ("keeper_0", 12) if kind in ON_KEEPERS else ("keeper_0 up", 12))
+    tries = range(nth, nth + 20 if kind == "torn" else nth + 1)
+    found = [free_simulate(GRID, Listed([Fault(where, at, kind, amount)])) for at in tries]
+    assert [run.failure for run in found] == [None] * len(found)
+    assert any(run.fired for run in found)
+
+
+def test_a_keeper_with_its_journal_in_a_file_comes_back_from_it() -> None:
+    """Also from one with a torn record, time and again."""
+    files = replace(GRID, files=True)
+    faults = [
+        Fault(f"keeper_{keeper}", nth, kind, 20_000)
+        for keeper in (0, 2)
+        for nth, kind in ((8, "torn"), (9, "cut"), (10, "torn"), (11, "torn"), (13, "return"))
+    ]
+    found = free_simulate(files, Listed(faults))
+    assert found.failure is None
+    assert {fault.kind for fault in found.fired} == {"torn", "cut", "return"}
+
+
+@pytest.mark.slow
+def test_a_seed_is_the_same_run_each_time() -> None:
+    """With every message at the same time."""
+    simulator = Free()
+    traces = []
+    for _ in range(2):
+        scenario = free_scenario_of(3, WITHOUT_ROUNDS)
+        traces.append(Trace())
+        simulator.play(3, scenario, simulator.draw(3, scenario, "free faults"), traces[-1])
+    assert traces[0] == traces[1]
+    assert traces[0].arrows
+
+
+@pytest.mark.slow
+def test_a_seed_is_its_scenario_and_the_faults_that_fired() -> None:
+    """What happened can be listed, and then happens again."""
+    found = Free().run_of(5)
+    again = Free().play(5, found.scenario, Listed(found.fired))
+    assert again == found
+    assert found.fired
+
+
+@pytest.mark.slow
+def test_forty_seeds_hold() -> None:
+    """And most kinds of faults happen in them."""
+    runs = [Free().run_of(seed) for seed in range(40)]
+    assert [run.failure for run in runs] == [None] * 40
+    kinds = Counter(fault.kind for run in runs for fault in run.fired)
+    assert len(kinds) >= len(FREE_KINDS) - 3
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(3600)
+def test_a_thousand_seeds_hold() -> None:
+    """All kinds of faults happen in them, and all rules."""
+    kinds, rules = Counter[str](), Counter[str]()
+    for seed in range(1000):
+        run = Free().run_of(seed)
+        assert run.failure is None, (seed, run.failure)
+        kinds.update(fault.kind for fault in run.fired)
+        rules[run.scenario.rule] += 1
+    assert set(kinds) == set(FREE_KINDS)
+    assert {"random", "chain", "word", "tswap", "pibt"} <= set(rules)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bug", ["counts no reads", "decides alone", "logs no promise"])
+def test_a_broken_keeper_is_found(bug: str) -> None:
+    """Within few seeds of one rule."""
+    planted = Free(Asked(rule="random", clock="free"), PLANTED[bug])
+    assert any(planted.run_of(seed).failure is not None for seed in range(60))
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("bug", ["forgets refusals", "forgets fences", "locks no reads"])
+def test_a_keeper_that_is_seldom_wrong_is_found(bug: str) -> None:
+    """Within some hundreds."""
+    planted = Free(Asked(rule="random", clock="free"), PLANTED[bug])
+    assert any(planted.run_of(seed).failure is not None for seed in range(600))
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(600)
+def test_a_keeper_that_locks_no_guards_is_found() -> None:
+    """With a rule that has guards without need."""
+    asked = Asked("agv:graph=grid2x9,n=6", RESTLESS, clock="free")
+    planted = Free(asked, PLANTED["locks no guards"])
+    assert any(planted.run_of(seed).failure is not None for seed in range(300))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", ["agv:graph=grid2x9,n=6", "hex"])
+def test_registers_and_exchanges_hold(system: str) -> None:
+    """With a rule that writes registers, heeds them and exchanges them at random."""
+    restless = Free(Asked(system, RESTLESS, clock="free"))
+    assert [restless.run_of(seed).failure for seed in range(6)] == [None] * 6
+
+
+@pytest.mark.slow
+def test_a_broken_keeper_is_found_with_few_faults_left(tmp_path: Path) -> None:
+    """What is left of a failing seed fails in the same way; its messages are drawn."""
+    planted = Free(Asked("hex", "random", clock="free"), PLANTED["counts no reads"])
+    seed = next(seed for seed in range(20) if planted.run_of(seed).failure is not None)
+    folder = tmp_path / "new"
+    (kept,) = simulate_seeds([seed], folder, Tally(planted))
+    assert kept is not None
+    assert kept.kind == "level"
+    assert kept.modules <= 5
+    assert len(kept.faults) <= 1
+    assert kept.log == kept.pictures[0]
+    assert {str(path) for path in folder.iterdir()} == {*kept.pictures}
