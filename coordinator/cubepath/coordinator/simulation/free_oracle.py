@@ -205,6 +205,8 @@ class Oracle:
         for part in parts:
             place = site_from_json(part.place)
             found = self.state.shown.get((place, part.version, part.module_version))
+            if found is None and not part.version and not part.module_version:
+                found = None, None, ()  # nobody has been there
             site = None if part.site is None else site_from_json(part.site)
             same(
                 "shown", f"what is shown of {place!r}", (site, part.module, tuple(part.note)), found
