@@ -6,7 +6,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from cubepath.agents.free.fleet import Crash, FreeFleet
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.free_messages import FreeMessage, Turns
+from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns
 from cubepath.protocol.wire.messages import Go
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.shell import Shell
@@ -61,6 +61,11 @@ class Watch:
         enough = self.gatherer.moves + more
         self.until(lambda: self.gatherer.moves >= enough)
 
+    def has_moved(self, modules: Iterable[int]) -> bool:
+        """Return whether any of these modules was the mover of a move."""
+        moved = {each.module for each in self.heard if isinstance(each, Moved)}
+        return not moved.isdisjoint(modules)
+
     def reached(self) -> bool:
         return self.gatherer.reached
 
@@ -96,6 +101,7 @@ def watched(
     *,
     ways: Mapping[str, Callable[[str], str]] | None = None,
     listening: bool = True,
+    begin: Iterable[int] | None = None,
     logs: Path | None = None,
     **options: Any,
 ) -> Generator[Watch]:
@@ -104,7 +110,7 @@ def watched(
     fleet.ways = ways or {}
     with fleet:
         watch = Watch(fleet, scene)
-        fleet.begin()
+        fleet.begin(begin)
         pids = list(fleet.pids.values())
         if listening:
             with listened(watch):

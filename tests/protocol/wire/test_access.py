@@ -17,29 +17,42 @@ from elsewhere import soon
 pytestmark = pytest.mark.slow
 
 RUN = "cubepath/0123456789ab"
-OWN = ("ready", "reports", "observations", "waiting", "again")
+OWN = ("ready", "reports", "observations", "waiting", "again", "turns", "rest")
 LED = ("go/coordinator", "go/process_0", "reset/process_0", "acts/process_0", "summary/coordinator")
 HEARD_S = 10.0
 
 
 @pytest.fixture(scope="module")
 def router() -> Iterator[Router]:
-    """Return a router that knows two processes."""
-    with Router(processes=2) as found:
+    """Return a router that knows two processes and two keepers."""
+    with Router(processes=2, keepers=2) as found:
         yield found
 
 
 def keys_of(process: int) -> list[str]:
     """Return the keys of a process."""
     name = f"process_{process}"
-    return [*(f"{RUN}/{kind}/{name}" for kind in OWN), f"{RUN}/to/0,-1/{name}"]
+    regions = (f"{RUN}/to/0,-1/{name}", f"{RUN}/ask/1/{name}")
+    return [*(f"{RUN}/{kind}/{name}" for kind in OWN), *regions]
 
 
-@pytest.mark.parametrize("name", ["guest", "process_0", "process_1", COORDINATOR])
+def keys_of_keeper(keeper: int) -> list[str]:
+    """Return the keys of a keeper."""
+    kinds = ("pass/1", "tell/0", "shows/0,-1", "moved", "tail")
+    return [f"{RUN}/{kind}/keeper_{keeper}" for kind in kinds]
+
+
+@pytest.mark.parametrize("name", ["guest", "process_0", "process_1", "keeper_0", COORDINATOR])
 def test_everyone_speaks_on_own_keys_alone(router: Router, name: str) -> None:
     """A guest on none, a process on its own, and the coordinator on all of a run."""
-    own = {"guest": [], "process_0": keys_of(0), "process_1": keys_of(1)}
-    everything = [*keys_of(0), *keys_of(1), *(f"{RUN}/{topic}" for topic in LED)]
+    own = {
+        "guest": [],
+        "process_0": keys_of(0),
+        "process_1": keys_of(1),
+        "keeper_0": keys_of_keeper(0),
+    }
+    led = [f"{RUN}/{topic}" for topic in LED]
+    everything = [*keys_of(0), *keys_of(1), *keys_of_keeper(0), *keys_of_keeper(1), *led]
     asked = [*everything, "elsewhere/go/coordinator"]
     expected = own.get(name, everything)
     with (
