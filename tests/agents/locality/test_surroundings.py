@@ -57,8 +57,10 @@ def life_of(spec: str, module: int) -> Life:
     scene, _, _ = run_of(spec)
     goals = scene.goals[module] if scene.goals else ()
     count = len(scene.start)
-    # What counts here is how many rounds it saw.
-    return Life(module, count, scene.start[module], goals, None, [{} for _ in range(ROUNDS)])
+    # What counts here is how many rounds it saw, and which.
+    seen = [{} for _ in range(ROUNDS)]
+    before = list(range(ROUNDS))
+    return Life(module, count, scene.start[module], goals, None, seen, before=before)
 
 
 def made(spec: str, module: int, seed: int) -> list[Surroundings]:
