@@ -43,8 +43,6 @@ _KEEPERS = "agents/cubepath/agents/keepers"
 _FREE = "agents/cubepath/agents/free"
 _RUNS = "coordinator/cubepath/coordinator/runs"
 _EXHAUSTIVE = "tests/agents/processes/test_exhaustive.py"
-_KEEPERS = "agents/cubepath/agents/keepers"
-_FREE = "agents/cubepath/agents/free"
 _KEPT = (
     "tests/agents/keepers/test_keeper.py",
     "tests/agents/keepers/test_units.py",

@@ -3,7 +3,7 @@
 import contextlib
 import signal
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 
 import pytest
 
@@ -128,7 +128,7 @@ def test_a_death_ends_the_run_unless_told_otherwise() -> None:
 
 
 @contextlib.contextmanager
-def relays(names: list[str], delay_s: float) -> Iterator[tuple[Ways, dict[str, Relay]]]:
+def relays(names: list[str], delay_s: float) -> Generator[tuple[Ways, dict[str, Relay]]]:
     """Yield the ways of processes through relays of their own."""
     made: dict[str, Relay] = {}
     with contextlib.ExitStack() as stack:

@@ -7,6 +7,7 @@ last line that was cut off by a crash is no record, and nobody was answered for 
 from __future__ import annotations
 
 import os
+from abc import abstractmethod
 from array import array
 from collections.abc import Iterator
 from pathlib import Path
@@ -61,12 +62,15 @@ _encode = msgspec.json.Encoder().encode
 class Journal(Protocol):
     """What a keeper writes to, and reads its commits from."""
 
+    @abstractmethod
     def append(self, record: Record) -> None:
         """Add a record; once this returns, a crash does not lose it."""
 
+    @abstractmethod
     def records(self) -> Iterator[Record]:
         """Yield all records, in their order."""
 
+    @abstractmethod
     def commit(self, serial: int) -> Moved:
         """Return the commit of this serial number, from 1."""
 

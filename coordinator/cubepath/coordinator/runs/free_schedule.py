@@ -9,6 +9,7 @@ from __future__ import annotations
 from cubepath.agents.free.orders import OwnMove
 from cubepath.agents.keepers.attempts import support_units
 from cubepath.coordinator.runs.schedule import Assignment
+from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.tiles import Tiles
@@ -32,16 +33,13 @@ def own_moves(scene: Scene, assignment: Assignment) -> dict[int, list[OwnMove]]:
                 continue  # no module can make it: the schedule stops there
             move = system.moves_of(system.action(placed.generator, at))[0]
             reads, writes = support_units(system, tiles, move)
-            found.setdefault(module, []).append(
-                OwnMove(
-                    placed,
-                    [(to_json(unit), *versions.get(unit, (0, 0))) for unit in in_order(writes)]
-                    + [
-                        (to_json(unit), versions.get(unit, (0, 0))[0], None)
-                        for unit in in_order(reads)
-                    ],
-                )
-            )
+            after: list[tuple[Json, int, int | None]] = [
+                (to_json(unit), *versions.get(unit, (0, 0))) for unit in in_order(writes)
+            ]
+            after += [
+                (to_json(unit), versions.get(unit, (0, 0))[0], None) for unit in in_order(reads)
+            ]
+            found.setdefault(module, []).append(OwnMove(placed, after))
             for unit in reads:
                 version, times = versions.get(unit, (0, 0))
                 versions[unit] = version, times + 1
