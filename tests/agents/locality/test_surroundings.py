@@ -58,9 +58,16 @@ def life_of(spec: str, module: int) -> Life:
     goals = scene.goals[module] if scene.goals else ()
     count = len(scene.start)
     # What counts here is how many rounds it saw, and which.
-    seen = [{} for _ in range(ROUNDS)]
     before = list(range(ROUNDS))
-    return Life(module, count, scene.start[module], goals, None, seen, before=before)
+    return Life(
+        module,
+        count,
+        scene.start[module],
+        goals,
+        None,
+        [{} for _ in before],
+        before=before,
+    )
 
 
 def made(spec: str, module: int, seed: int) -> list[Surroundings]:
