@@ -83,7 +83,9 @@ def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: b
     assert not keeper.keeper.commits
 
 
-@pytest.mark.parametrize("tile", ["", "**", "$*?", "a//b", "a#b", "elsewhere", "0,", "0\n", "0,0,0"])
+@pytest.mark.parametrize(
+    "tile", ["", "**", "$*?", "a//b", "a#b", "elsewhere", "0,", "0\n", "0,0,0"]
+)
 def test_a_keeper_shows_nothing_of_what_is_no_tile(tile: str) -> None:
     """What is asked for becomes a key: no one asks for one that is not, or that all listen to."""
     keeper = node()
