@@ -7,8 +7,10 @@ from math import inf
 
 from cubepath.agents.free.mover import Mover
 from cubepath.agents.free.sensing import Sensing
+from cubepath.agents.local.observation import View
 from cubepath.agents.rules.rule import FreeRule
 from cubepath.agents.rules.uniform import RANDOM
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Attempt,
@@ -53,6 +55,31 @@ def test_only_the_decision_of_this_very_attempt_is_its_outcome() -> None:
             assert mover.state == "pending"
     mover.decided(Decision(0, 2, 1, why="no"), 100.0)
     assert mover.state == "resting"
+
+
+def test_a_register_that_is_no_note_of_the_rule_is_not_heard() -> None:
+    """Keepers hold whatever another process has written, so it must not end this one."""
+    heard: list[dict[Site, tuple[int, ...]]] = []
+    register: list[tuple[int, ...] | None] = []
+
+    def choose(view: View) -> int:
+        heard.append(dict(view.notes))
+        register.append(view.register)
+        return 0
+
+    scene = scene_from_spec("agv:graph=P3,n=3")
+    free = FreeRule("it relies on nothing", lambda _: choose, lambda _: 2)
+    mover = Mover(scene, Tiles(scene.system, 1), replace(RANDOM, free=free), 1, birth=1, seed=1)
+    sensing = Sensing(scene.system, Tiles(scene.system, 1))
+    (tile,) = mover.needs
+    sensing.need([tile], 0.0)
+    notes = ([7, 8], [1], [1, 2, 3])
+    places = [Shown(at, 0, at, at, note) for at, note in zip(scene.start, notes, strict=True)]
+    sensing.take(Shows(0, tile, 0, places, whole=True), 0.0)
+    mover.entered(Entered(1, scene.start[1], Occupant(1, 1, 1, 0, [1], 0)), 0.0)
+    mover.step(0.0, sensing)
+    assert heard == [{scene.start[0]: (7, 8)}]
+    assert register == [None]
 
 
 def test_a_module_that_is_fenced_off_says_nothing_more() -> None:

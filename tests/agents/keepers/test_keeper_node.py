@@ -68,7 +68,7 @@ def test_a_keeper_listens_answers_and_ends() -> None:
         ("cubepath/run/pass/1/keeper_0", encode(Passes(0, 1, [Inquiry(0, 0, 1)]))),
         ("cubepath/run/fetch/1/coordinator", encode(Fetch(1, 0))),
         ("cubepath/run/tell/0/keeper_0", encode(Tells(0, 0, []))),
-        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Look("elsewhere", -1)]))),
+        ("cubepath/run/ask/0/process_0", encode(Asks(0, 0, [Look("1", -1)]))),
     ],
 )
 def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: bytes) -> None:
@@ -81,6 +81,16 @@ def test_what_is_no_message_to_it_is_counted_and_has_no_effect(key: str, data: b
     assert keeper.keeper.refused == 1
     assert not keeper.keeper.units.occupant(SCENE.start[1]).birth  # type: ignore[union-attr]
     assert not keeper.keeper.commits
+
+
+@pytest.mark.parametrize(
+    "tile", ["", "**", "$*?", "a//b", "a#b", "elsewhere", "0,", "0\n", "0,0,0"]
+)
+def test_a_keeper_shows_nothing_of_what_is_no_tile(tile: str) -> None:
+    """What is asked for becomes a key: no one asks for one that is not, or that all listen to."""
+    keeper = node()
+    assert said(keeper, Asks(0, 0, [Look(tile, -1)])) == []
+    assert keeper.keeper.refused == 1
 
 
 def test_a_keeper_ticks_while_something_is_due() -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -10,10 +13,11 @@ from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import BUILT_IN, rule_named
+from cubepath.agents.rules.rule import FreeRule
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
 from cubepath.protocol.core.actions import apply
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from free_plays import Pace, paces
 from local_families import LOCAL_FAMILIES
@@ -101,6 +105,16 @@ def test_random_makes_legal_moves_alone(spec: str) -> None:
 
     play_free(scene, RANDOM, seed=1, lag=4, max_cycles=60, watch=watch)
     assert count
+
+
+@pytest.mark.parametrize("length", [2, lambda _: "2", lambda _: 1 // 0])
+def test_a_rule_that_cannot_tell_how_long_its_notes_are_is_named(length: Any) -> None:
+    """Whoever writes one may give the number itself; nobody's processes end by a traceback."""
+    free = FreeRule("it relies on nothing", note_length=length)
+    rule = replace(RANDOM, name="odd", note_length=length, free=free)
+    for clock in ("lockstep", "free"):
+        with pytest.raises(RuleError, match="rule 'odd': its note_length: "):
+            rule.length(3, clock)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -191,6 +192,7 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     child = started(*RESTLESS, "--max-rounds", "100000", "--log", str(log))
     journal = keeper_logs(log) / "keeper_0.log"
     until(lambda: journal.is_file() and journal.stat().st_size > 20_000)
+    until(lambda: any(True for _ in read_recording(log).of_kind("moved")))
     child.kill()
     child.communicate()
     assert keeper_logs(log).is_dir()
@@ -200,6 +202,21 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     assert not keeper_logs(log).exists()
     sound(more)
     with pytest.raises(InputError, match=r"run\.mcap\.keepers: not there"):
+        run(Plan(resume=log, log=tmp_path / "third.mcap"))
+
+
+@pytest.mark.slow
+def test_a_run_that_failed_can_be_taken_up(tmp_path: Path) -> None:
+    """Nobody moved within the patience; until it is taken up its keepers' logs are kept."""
+    log, more = tmp_path / "run.mcap", tmp_path / "more.mcap"
+    plan = Plan(system="hex:n=2", rule="random", clock="free", log=log, keepers=1, patience=1.0)
+    failed = run(replace(plan, speeds={0: 10_000, 1: 10_000}))
+    assert failed.ended == "failed"
+    assert keeper_logs(log).is_dir()
+    assert run(Plan(resume=log, log=more, max_rounds=0)).ended == "max-rounds"
+    assert not keeper_logs(log).exists()
+    sound(more)
+    with pytest.raises(InputError, match=r"run\.mcap: the run has come to its end"):
         run(Plan(resume=log, log=tmp_path / "third.mcap"))
 
 

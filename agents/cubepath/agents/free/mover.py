@@ -428,9 +428,9 @@ class Mover:
             self.site,
             occupants,
             goals=self._goals,
-            notes=notes,
+            notes={near: note for near, note in notes.items() if self._is_note(note)},
             note_length=self._note_length,
-            register=own.note if self._note_length else None,
+            register=(own.note if self._is_note(own.note) else ()) if self._note_length else None,
         )
         actor = self._actor
         if actor is None:
@@ -454,6 +454,10 @@ class Mover:
         )
         self._on_record(choice, sensed, heard, attempt)
         return attempt
+
+    def _is_note(self, note: Sequence[int]) -> bool:
+        """Return whether its rule can take a note; keepers hold whatever a process has written."""
+        return len(note) == self._note_length
 
     def _on_record(
         self,

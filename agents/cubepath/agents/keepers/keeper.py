@@ -702,7 +702,7 @@ class Keeper:
             )
 
     def _look(self, look: Look) -> None:
-        if self._tiles.keeper_of_tile(look.tile) != self.me:
+        if not Tiles.is_name(look.tile) or self._tiles.keeper_of_tile(look.tile) != self.me:
             self.refused += 1
             return
         serial = self.units.serials.get(look.tile, 0)

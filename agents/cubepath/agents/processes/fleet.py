@@ -233,7 +233,7 @@ class Fleet:
     def _rule_note_length(self) -> int:
         if self._rule == OUTSIDE:
             return self._note_length
-        return rule_named(self._rule, self.scene.system).note_length(len(self.scene.start))
+        return rule_named(self._rule, self.scene.system).length(len(self.scene.start))
 
     def _own(self, modules: list[int]) -> dict[int, dict[int, GeneratorPlacement]] | None:
         if self._schedule is None:

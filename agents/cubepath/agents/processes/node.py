@@ -112,7 +112,7 @@ class HostNode:
             modules=orders.modules,
             sites=sites,
         )
-        return rule.note_length(len(scene.start))
+        return rule.length(len(scene.start))
 
     def _look_around(self) -> None:
         """Note where the modules are now."""

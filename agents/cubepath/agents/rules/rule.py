@@ -6,6 +6,7 @@ names a `RuleType`.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
@@ -13,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from cubepath.agents.local.observation import STAY, Note, View
+from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
@@ -109,10 +111,18 @@ class RuleType:
         return (own or self.make)(knowledge)
 
     def length(self, modules: int, clock: str = "lockstep") -> int:
-        """Return the length of the notes under a clock, from the number of modules."""
-        if clock == "lockstep" or self.free is None:
-            return self.note_length(modules)
-        return self.free.note_length(modules)
+        """Return the length of the notes under a clock, from the number of modules.
+
+        RuleError if the rule cannot tell.
+        """
+        own = (
+            self.note_length if clock == "lockstep" or self.free is None else self.free.note_length
+        )
+        try:
+            return operator.index(own(modules))
+        except Exception as error:
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            raise RuleError(f"rule {self.name!r}: its note_length: {why}") from error
 
 
 def as_choice(found: int | Choice) -> Choice:

@@ -52,7 +52,10 @@ class FreePlaying:
         except InputError as error:
             self._unchecked = str(error)
             return
-        self._length = self._rule.length(len(self._scene.start), "free")
+        try:
+            self._length = self._rule.length(len(self._scene.start), "free")
+        except RuleError as error:
+            self._rule, self._wrong = None, str(error)
 
     def unchecked(self) -> str | None:
         """Return in one line what was not asked again, and why; None if all was."""

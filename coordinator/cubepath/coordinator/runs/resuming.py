@@ -1,7 +1,7 @@
 """Taking up a run without rounds that was cut off: its recording, and the logs of its keepers.
 
 Room: coordinator. While such a run goes on, the logs of its keepers are in a folder beside its
-recording; a run that comes to its end takes the folder away.
+recording; a run that comes to its end takes the folder away, unless it failed.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def keeper_logs(recording: Path) -> Path:
 def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
     """Return plan and task of the run in a recording, and the recording.
 
-    InputError if it has no summary to come, or its keepers' logs are not there.
+    InputError if its keepers' logs are not there: a run that did not fail takes them away.
     """
     given = {
         "system": plan.system,
@@ -40,12 +40,12 @@ def resumed(plan: Plan, path: Path) -> tuple[Plan, Task, Recording]:
     told = recording.parameters
     if recording.clock != "free":
         raise InputError(f"{path}: a run in rounds, expected one without (clock=free)")
-    if next(recording.of_kind("summary"), None) is not None:
-        raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
     if "schedule" in told:
         raise InputError(f"{path}: a run of a schedule, expected one of a rule")
     logs = keeper_logs(path)
     if not logs.is_dir():
+        if next(recording.of_kind("summary"), None) is not None:
+            raise InputError(f"{path}: the run has come to its end, there is nothing to resume")
         raise InputError(f"{logs}: not there, expected the logs of the run's keepers")
     try:
         again = replace(

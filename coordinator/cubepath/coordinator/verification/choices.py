@@ -86,12 +86,13 @@ class Observing:
         """Return what a module observes without rounds, from what it was shown.
 
         `standing` has what is on at the places sensed and at its own, `notes` the registers within
-        reach that are not empty; `register` is its own.
+        reach that are not empty; `register` is its own. What is no note of the rule is not heard.
         """
         state = frozenset(standing.values()) | self._system.filled
-        found = self._observation(module, site, (standing, state), notes, note_length)
+        fitting = {at: note for at, note in notes.items() if is_note(note, note_length)}
+        found = self._observation(module, site, (standing, state), fitting, note_length)
         if note_length:
-            own = register or [_NOTHING_HEARD] * note_length
+            own = register if is_note(register, note_length) else [_NOTHING_HEARD] * note_length
             found["register"] = np.array(own, dtype=np.int32)
         return found
 

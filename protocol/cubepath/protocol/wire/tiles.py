@@ -6,6 +6,7 @@ little more, so a move concerns few of them, and a keeper that is gone stops few
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from zlib import crc32
@@ -17,6 +18,7 @@ _SIDE = 4
 """Side of a tile in cells, in a plane."""
 _ROW = 16
 """Places in a tile, where places have only numbers."""
+_NAME = re.compile(r"-?[0-9]+(,-?[0-9]+)?")
 
 
 class Tiles:
@@ -46,6 +48,11 @@ class Tiles:
         if self._places:
             return (self._places[place],)
         return system.encode_site(place)
+
+    @staticmethod
+    def is_name(tile: str) -> bool:
+        """Return whether a text is a tile's name: others could be keys of others, or no keys."""
+        return _NAME.fullmatch(tile) is not None
 
     def keeper_of_tile(self, tile: str) -> int:
         """Return the number of the keeper that has a tile."""
