@@ -36,21 +36,18 @@ from cubepath.protocol.wire.free_messages import (
     Look,
     Moved,
     Passes,
-    Rest,
     Shown,
     Shows,
     Tail,
     Tells,
     Turn,
     Turns,
-    decode_free,
-    free_sender,
     free_topic,
     level_of,
 )
 from cubepath.protocol.wire.messages import Certified, Cube, Edges, Summary, encode
-from cubepath.protocol.wire.sayings import Sayings
 from cubepath.protocol.wire.tiles import Tiles
+from free_numbers import numbered
 from free_rules import GOSSIP
 from recordings import new_path
 
@@ -351,22 +348,6 @@ def results(scene: Scene, messages: Sequence[FreeMessage], keepers: int) -> list
             path_digest=found.digest,
         ),
     ]
-
-
-def numbered(messages: Sequence[FreeMessage], processes: int = 2) -> list[FreeMessage]:
-    """Return the messages with the numbers that their senders give, and the last of each."""
-    sayings: dict[str, Sayings] = {}
-    found: list[FreeMessage] = []
-    for message in (*messages, *map(Rest, range(processes))):
-        said = sayings.setdefault(free_sender(message), Sayings("run", 1))
-        match message:
-            case Asks() | Passes() | Tells() | Shows() | Turns():
-                found.append(decode_free(said.say(message).data))
-            case Tail() | Rest():
-                found.append(decode_free(said.tell(message).data))
-            case _:
-                found.append(message)
-    return found
 
 
 def write(

@@ -26,7 +26,8 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
-from free_runs import free_recorded, free_run, numbered, results, write
+from free_numbers import numbered
+from free_runs import free_recorded, free_run, results, write
 from recordings import new_path
 
 SPEC, MOVES = "hex:n=4", 10

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from cubepath.coordinator.verification.free_births import Births
 from cubepath.coordinator.verification.free_history import (
     NO_SITE,
     History,
@@ -48,8 +49,7 @@ class Attempts:
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
         self._system, self._losses = history.system, transcript.losses
         self._committed: dict[AttemptId, Moved] = {}
-        self._births: dict[int, dict[int, int]] = {}
-        """By module the epoch of each birth."""
+        self._births = Births(transcript, tiles, history.system, fail)
         self._acknowledged = {
             (name_of(said.part), said.keeper)
             for said in transcript.said
@@ -74,7 +74,7 @@ class Attempts:
                 self._guarded(commit_text(moved), "attempts", self._check_commit, moved, attempt)
         for said in self._said.said:
             self._guarded(said.where, "decisions", self._check_said, said)
-        self._check_births()
+        self._births.check()
 
     def _lack(self, check: str, why: str, *, excused: bool) -> None:
         self._losses.lack(self._fail, check, why, excused=excused)
@@ -345,7 +345,7 @@ class Attempts:
             self._fail("decisions", f"{where}: {name} was elsewhere, or had another register")
         if occupant.number != self._number_at(occupant):
             self._fail("decisions", f"{where}: {name} has number {occupant.number}")
-        self._take_birth(where, occupant)
+        self._births.take(where, occupant)
 
     def _number_at(self, occupant: Occupant) -> int:
         """Return the module's last committed attempt of this epoch that changed it, up to then."""
@@ -356,59 +356,9 @@ class Attempts:
                 return moved.number if moved.epoch == occupant.epoch else 0
         return 0
 
-    # Births.
-
     def _check_entered(self, said: Said, entered: Entered) -> None:
-        occupant = entered.occupant
-        if (occupant.module, entered.birth) not in self._said.entered:
-            self._lack(
-                "entries",
-                f"{said.where}: module_{occupant.module} did not ask where it is",
-                excused=self._losses.of_module(occupant.module)
-                or self._losses.before(occupant.module, occupant.epoch),
-            )
-        if occupant.birth != entered.birth:
-            self._fail("entries", f"{said.where}: birth {occupant.birth} is not the one answered")
-        site = site_in(entered.site)
-        processes = self._said.asked_by.get(occupant.module, ())
-        if said.to not in processes:
-            self._lack(
-                "entries",
-                f"{said.where}: process_{said.to} did not ask for it",
-                excused=not processes and self._losses.of_module(occupant.module),
-            )
-        if site is not None and self._tiles.keeper_of(self._system.place_of(site)) != said.keeper:
-            self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
-        self._check_occupant(said.where, entered.site, occupant)
-
-    def _take_birth(self, where: str, occupant: Occupant) -> None:
-        known = self._births.setdefault(occupant.module, {0: 0})
-        if known.setdefault(occupant.birth, occupant.epoch) != occupant.epoch:
-            name = f"birth {occupant.birth} of module_{occupant.module}"
-            self._fail("entries", f"{where}: {name} has epoch {occupant.epoch}, and another")
-
-    def _check_births(self) -> None:
-        for module, known in sorted(self._births.items()):
-            births = sorted(known)
-            epochs = [known[birth] for birth in births]
-            if sorted(set(epochs)) != epochs:
-                self._fail("entries", f"module_{module}: its epochs do not grow with its births")
-            for birth in births:
-                if birth and (module, birth) not in self._said.entered:
-                    self._lack(
-                        "entries",
-                        f"module_{module} has birth {birth}, for which it did not ask",
-                        excused=self._losses.of_module(module)
-                        or self._losses.before(module, known[birth]),
-                    )
-        for name in sorted(self._said.attempts):
-            if name[1] not in self._births.get(name[0], {}).values():
-                self._lack(
-                    "entries",
-                    f"{attempt_text(name)}: it never entered so",
-                    excused=self._losses.of_keepers(range(self._tiles.keepers))
-                    or self._losses.before(name[0], name[1]),
-                )
+        self._births.answered(said, entered)
+        self._check_occupant(said.where, entered.site, entered.occupant)
 
 
 def name_of(part: Attempt | Decision | Moved | Inquiry | Settled) -> AttemptId:

@@ -7,7 +7,6 @@ and asks for them. All receivers take what is late or doubled, so the same messa
 from __future__ import annotations
 
 from collections import deque
-from typing import TypeVar
 
 from msgspec.structs import replace
 
@@ -21,8 +20,6 @@ REPEATED_MAX = 200
 """Messages in one answer to `Repeat`."""
 BIRTHS_OF_A_FLEET = 1_000_000
 """Births in a run that is taken up again begin so much later: which of them were before is told."""
-
-_Said = TypeVar("_Said", bound=Numbered | Rest | Tail)
 
 
 class Sayings:
@@ -46,7 +43,7 @@ class Sayings:
             self._bytes -= len(self._kept.popleft()[1].data)
         return put
 
-    def tell(self, message: _Said) -> Put:
+    def tell(self, message: Numbered | Rest | Tail) -> Put:
         """Return how a message is put that tells the last number and has none of its own."""
         numbered = replace(message, birth=self._birth, said=self.said)
         return Put(free_key(self._run, numbered), encode(numbered))
