@@ -47,6 +47,7 @@ from cubepath.protocol.wire.free_messages import (
 )
 from cubepath.protocol.wire.messages import Certified, Cube, Edges, Summary, encode
 from cubepath.protocol.wire.tiles import Tiles
+from free_numbers import numbered
 from free_rules import GOSSIP
 from recordings import new_path
 
@@ -391,5 +392,5 @@ def free_recorded(
 ) -> Recording:
     """Return the recording of a whole run, with its results."""
     scene, messages = free_run(spec, keepers=keepers, seed=seed, moves=moves, restarts=restarts)
-    whole = [*messages, *results(scene, messages, keepers)]
+    whole = [*numbered(messages), *results(scene, messages, keepers)]
     return read_recording(write(new_path(), scene, whole, keepers=keepers, seed=seed))

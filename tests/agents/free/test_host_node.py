@@ -9,7 +9,8 @@ from cubepath.agents.keepers.keeper import Keeper
 from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, decode_free
+from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Repeat, decode_free, free_key
+from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 from cubepath.protocol.wire.tiles import Tiles
 
@@ -62,4 +63,23 @@ def test_a_refusal_of_an_earlier_epoch_is_none_of_this_one() -> None:
     assert again.movers[0].state == "pending"
     assert not [part for put in said for part in parts(put) if isinstance(part, Enter)]
     tell(again, tell(keeper, own))
+    assert keeper.keeper.commits == 1
+
+
+def test_both_say_again_what_they_are_asked_for() -> None:
+    """Byte for byte, and what it is said to takes it as it takes what is doubled."""
+    scene = scene_from_spec("agv:graph=grid4x4,n=1")
+    keeper = KeeperNode(Keeper(0, scene, Tiles(scene.system, 1), MemoryJournal()), "run", [[0]])
+    node = host(scene, 1)
+    said = puts(node.start())
+    own, its = list(said), list[Put]()
+    while not attempts(said):
+        told = tell(keeper, said)
+        its += told
+        said = tell(node, told) or puts(node.tick())
+        own += said
+    for sender, who, due in ((node, "process_0", own), (keeper, "keeper_0", its)):
+        asked = Repeat(who, 1, 1, len(due))
+        assert puts(sender.receive(free_key("run", asked), encode(asked))) == due[1:]
+    tell(node, tell(keeper, [*own, *own]))
     assert keeper.keeper.commits == 1

@@ -99,6 +99,41 @@ def test_a_run_with_a_crash_holds(name: str, fleets: list[FreeFleet], tmp_path: 
     assert 0 <= crash["idle_seconds"] < 30
 
 
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_run_in_which_everything_dies_again_and_again_holds(
+    seed: int, fleets: list[FreeFleet], tmp_path: Path
+) -> None:
+    """The router, a keeper and a process, one after the other, each some moves after the last."""
+    log = tmp_path / "run.mcap"
+    names = ["router", "keeper_0", "process_1", "router", "process_0", "keeper_1"]
+    due = [30]
+
+    def watch(gathered: Gathered) -> None:
+        if names and len(gathered.path) >= due[0]:
+            name = names[0]
+            if name in fleets[0].pids:  # otherwise it has not come back yet
+                os.kill(fleets[0].pids[names.pop(0)], signal.SIGKILL)
+                due[0] = len(gathered.path) + 60
+
+    plan = Plan(
+        system="agv:graph=grid6x6,n=6",
+        rule="random",
+        clock="free",
+        processes=2,
+        keepers=2,
+        seed=seed,
+        speeds=dict.fromkeys(range(6), 0.5),
+        on_crash="restart",
+        max_rounds=300,
+        log=log,
+    )
+    outcome = run(plan, watch)
+    assert outcome.ended == "max-rounds"
+    assert not names
+    sound(log)
+
+
 def islands() -> Scene:
     """Return two rows that nothing joins, with a vehicle at the left end of each."""
     rows = [[f"{row}{column}" for column in range(6)] for row in "ab"]

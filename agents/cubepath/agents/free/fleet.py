@@ -33,6 +33,7 @@ from cubepath.protocol.wire.credentials import (
     process_name,
 )
 from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 
 OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
 ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
@@ -93,7 +94,9 @@ class FreeFleet:
         self._logs = logs
         self._folder: Path | None = None
         self._text = scene_to_toml(scene)
-        self._births = dict.fromkeys(range(len(self.modules_of)), first_birth(logs))
+        birth = first_birth(logs)
+        self._births = dict.fromkeys(range(len(self.modules_of)), birth)
+        self._births_of_keepers = dict.fromkeys(range(keepers), birth)
         self._restarts = 0
         self._router: Router | None = None
         self._offspring = Offspring()
@@ -163,6 +166,7 @@ class FreeFleet:
             modules_of=self.modules_of,
             scene=self._text,
             log=str(self._folder / f"{name}.log"),
+            birth=self._births_of_keepers[keeper],
             tell_reads=self._schedule is not None,
             credentials=self.credentials(name),
         )
@@ -220,6 +224,7 @@ class FreeFleet:
         """Start a process again that has died, or was never started."""
         kind, _, number = name.partition("_")
         if kind == "keeper":
+            self._births_of_keepers[int(number)] += 1
             self._keep(int(number))
         else:
             self._births[int(number)] += 1
@@ -253,7 +258,7 @@ class FreeFleet:
 
 
 def first_birth(logs: Path | None) -> int:
-    """Return the birth of modules whose keepers have these logs: later than all before.
+    """Return the first birth of processes whose keepers have these logs: later than all before.
 
     How often the folder was used is kept in it.
     """
@@ -262,7 +267,7 @@ def first_birth(logs: Path | None) -> int:
     counter = logs / "births"
     birth = 1
     with contextlib.suppress(OSError, ValueError):
-        birth = int(counter.read_text()) + 1_000_000
+        birth = int(counter.read_text()) + BIRTHS_OF_A_FLEET
     with contextlib.suppress(OSError):
         logs.mkdir(parents=True, exist_ok=True)
         counter.write_text(str(birth))

@@ -23,18 +23,19 @@ from cubepath.protocol.wire.free_messages import (
     Held,
     Hold,
     Look,
+    Repeat,
     Rest,
     Shows,
     Tells,
     Turn,
     Turns,
-    free_key,
     heard_by_process,
     heard_of_tile,
     read_free,
 )
-from cubepath.protocol.wire.messages import Go, encode
-from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Put, Timer
+from cubepath.protocol.wire.messages import Go
+from cubepath.protocol.wire.nodes import Effect, End, Ignore, Listen, Node, Timer
+from cubepath.protocol.wire.sayings import Sayings
 from cubepath.protocol.wire.tiles import Tiles
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
@@ -73,6 +74,7 @@ class FreeHostNode(Node):
         self.sensing = Sensing(self._scene.system, self._tiles)
         self.refused = 0
         """Messages that were none, or not for this process."""
+        self._sayings = Sayings(orders.run, orders.birth)
         self._now_s = 0.0
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
@@ -97,6 +99,8 @@ class FreeHostNode(Node):
             case Tells(process=process, parts=parts) if process == self._orders.process:
                 for part in parts:
                     self._told(part, message.keeper)
+            case Repeat():
+                return list(self._sayings.again(message))
             case Go(phase="stop"):
                 return [Timer(None), End()]
             case Go(phase="over" | "sense" as phase):
@@ -169,18 +173,14 @@ class FreeHostNode(Node):
         for tile, serial in self.sensing.due(self._now_s):
             keeper = self._tiles.keeper_of_tile(tile)
             asks.setdefault(keeper, []).append(Look(tile, serial))
-        process, run = self._orders.process, self._orders.run
+        process, sayings = self._orders.process, self._sayings
         # What a rule chose is on record before what follows from it.
         if turns:
-            said = Turns(process, turns)
-            effects.append(Put(free_key(run, said), encode(said)))
-        for keeper, parts in asks.items():
-            message = Asks(process, keeper, parts)
-            effects.append(Put(free_key(run, message), encode(message)))
+            effects.append(sayings.say(Turns(process, turns)))
+        effects += (sayings.say(Asks(process, keeper, parts)) for keeper, parts in asks.items())
         if self._to_rest and all(mover.rests for mover in self.movers.values()):
             self._to_rest = False
-            rest = Rest(process)
-            effects.append(Put(free_key(run, rest), encode(rest)))
+            effects.append(sayings.tell(Rest(process)))
         return effects + self._timer()
 
     def _need(self) -> list[Effect]:

@@ -16,12 +16,17 @@ from cubepath.protocol.wire.free_messages import (
     FreeMessage,
     Hold,
     Passes,
+    Repeat,
+    Shows,
+    Tail,
+    Tells,
     free_key,
     heard_by_keeper,
     read_free,
 )
 from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Node, Put, Timer
+from cubepath.protocol.wire.sayings import Sayings
 
 TICK_S = 0.05
 
@@ -29,9 +34,12 @@ TICK_S = 0.05
 class KeeperNode(Node):
     """A keeper between the wire and its own machine; it serves until `Go` says "stop"."""
 
-    def __init__(self, keeper: Keeper, run: str, modules_of: Sequence[Sequence[int]] = ()) -> None:
+    def __init__(
+        self, keeper: Keeper, run: str, modules_of: Sequence[Sequence[int]] = (), birth: int = 1
+    ) -> None:
         """Know which modules each process may speak for."""
         self.keeper = keeper
+        self._sayings = Sayings(run, birth)
         self._run = run
         self._process_of = {
             module: process for process, modules in enumerate(modules_of) for module in modules
@@ -47,6 +55,8 @@ class KeeperNode(Node):
         message = read_free(self._run, key, data)
         if isinstance(message, Go) and message.phase == "stop":
             return [Timer(None), End()]
+        if isinstance(message, Repeat):
+            return list(self._sayings.again(message))
         self._take(message)
         return self._said()
 
@@ -81,10 +91,17 @@ class KeeperNode(Node):
         return self._process_of.get(part.module) == process
 
     def _said(self) -> list[Effect]:
-        effects: list[Effect] = [
-            Put(free_key(self._run, message), encode(message)) for message in self.keeper.said()
-        ]
+        effects: list[Effect] = [self._put(message) for message in self.keeper.said()]
         if self.keeper.busy and not self._ticking:
             self._ticking = True
             effects.append(Timer(TICK_S))
         return effects
+
+    def _put(self, message: FreeMessage) -> Put:
+        match message:
+            case Passes() | Tells() | Shows():
+                return self._sayings.say(message)
+            case Tail():
+                return self._sayings.tell(message)
+            case _:
+                return Put(free_key(self._run, message), encode(message))

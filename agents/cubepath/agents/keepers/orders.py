@@ -22,5 +22,7 @@ class KeeperOrders(msgspec.Struct, frozen=True):
     scene: str
     log: str
     """The path of the keeper's log."""
+    birth: int = 1
+    """How often it has been started, from 1."""
     tell_reads: bool = False
     credentials: Credentials = GUEST

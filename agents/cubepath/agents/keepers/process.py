@@ -25,7 +25,7 @@ def keep(orders: KeeperOrders) -> None:
     tiles = Tiles(scene.system, orders.keepers)
     with FileJournal(Path(orders.log)) as journal:
         keeper = Keeper(orders.keeper, scene, tiles, journal, tell_reads=orders.tell_reads)
-        node = KeeperNode(keeper, orders.run, orders.modules_of)
+        node = KeeperNode(keeper, orders.run, orders.modules_of, orders.birth)
         with Shell(node, orders.endpoint, credentials=orders.credentials) as shell:
             shell.start()
             while not shell.ended:

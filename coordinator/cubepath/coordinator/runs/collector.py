@@ -1,7 +1,8 @@
-"""A node that collects what is said in a run without rounds, and asks keepers for what it lacks.
+"""A node that collects what is said in a run without rounds, and asks for what it lacks.
 
 Room: coordinator. It decides nothing, and nobody waits for it: it may come late, or go and come
-back, as keepers have logged everything that was committed.
+back, as keepers have logged everything that was committed. Other messages are said again as long
+as their senders have them.
 """
 
 from __future__ import annotations
@@ -11,12 +12,14 @@ from typing import TypeAlias
 from cubepath.agents.processes.judge import RefusedError
 from cubepath.agents.processes.refusals import Refusals
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.coordinator.runs.heard import Heard
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Fetch,
     FreeMessage,
     Moved,
     Passes,
+    Repeat,
     Rest,
     Shows,
     Tail,
@@ -59,6 +62,7 @@ class Collector(Node):
         self._run = run
         self._keepers = keepers
         self._refusals = Refusals()
+        self._heard = Heard()
         self._quiet = 0
 
     def start(self) -> list[Effect]:
@@ -72,6 +76,7 @@ class Collector(Node):
         except RefusedError as error:
             return list(self._refusals.add(self.level, key, data, error))
         more: list[Effect] = []
+        self._heard.take(message)
         match message:
             case Moved():
                 self._quiet = 0
@@ -94,9 +99,11 @@ class Collector(Node):
         self.level = max(self.level, moved.level)
 
     def tick(self) -> list[Effect]:
-        """Ask for commits that are missing; when all is quiet, ask whether there are any."""
+        """Ask for messages that are missing; when all is quiet, ask whether there are any."""
         self._quiet += 1
         effects: list[Effect] = list(self._refusals.told())
+        for asked in self._heard.asks():
+            effects += self.say(asked)
         missing = self.gatherer.missing()
         if missing:
             for keeper, serial in missing.items():
@@ -117,7 +124,7 @@ class Collector(Node):
     def _fetch(self, keeper: int, serial: int) -> list[Effect]:
         return self.say(Fetch(keeper, serial))
 
-    def say(self, message: Fetch | Go) -> list[Effect]:
+    def say(self, message: Fetch | Repeat | Go) -> list[Effect]:
         """Return how a message of the coordinator is put."""
         return [Put(free_key(self._run, message), encode(message))]
 
@@ -129,6 +136,7 @@ class Collector(Node):
             len(self.tails) == self._keepers
             and all(tail.prepared == 0 for tail in tails)
             and self.gatherer.unfinished is None
+            and not self._heard.lacking
         )
 
 

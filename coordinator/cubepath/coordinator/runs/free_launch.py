@@ -6,6 +6,7 @@ the modules are at their goal, at a level, or when nothing has come of anyone fo
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 import time
 from collections.abc import Callable
@@ -32,6 +33,8 @@ _LOOK_S = 0.2
 _FLUSH_S = 0.5
 _SETTLE_S_MAX = 5.0
 """How long the end of a run waits for what is under way."""
+_INTERRUPT_S_MAX = 2.0
+"""And so long if the user asked for it."""
 
 
 @dataclass(slots=True)
@@ -137,6 +140,11 @@ class FreeRun:
                     self._wait_for_keepers(shell, fleet, check)
                     fleet.begin()
                     return self._until_the_end(shell, fleet, check)
+                except Interrupted:
+                    # A second interrupt comes through everything.
+                    with contextlib.suppress(CubepathError):
+                        self._settle(shell, fleet, lambda: None, _INTERRUPT_S_MAX)
+                    raise
                 finally:
                     shell.carry_out(collector.say(Go(collector.level, "stop")))
 
@@ -222,10 +230,16 @@ class FreeRun:
         who = f"; {', '.join(dead)} had died" if dead else ""
         return f"nothing was committed for {self.plan.patience:g} s{who}"
 
-    def _settle(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> None:
+    def _settle(
+        self,
+        shell: Shell,
+        fleet: FreeFleet,
+        check: Callable[[], None],
+        seconds: float = _SETTLE_S_MAX,
+    ) -> None:
         """Halt the modules, and wait until everything that was committed is known."""
         collector = self._collector
-        until = time.monotonic() + _SETTLE_S_MAX
+        until = time.monotonic() + seconds
         collector.resting.clear()
         asked = 0.0
         settled = False

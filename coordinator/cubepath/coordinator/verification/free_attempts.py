@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from cubepath.coordinator.verification.free_births import Births
 from cubepath.coordinator.verification.free_history import (
     NO_SITE,
     History,
@@ -46,10 +47,9 @@ class Attempts:
     ) -> None:
         """Find which attempts were committed."""
         self._history, self._said, self._tiles, self._fail = history, transcript, tiles, fail
-        self._system = history.system
+        self._system, self._losses = history.system, transcript.losses
         self._committed: dict[AttemptId, Moved] = {}
-        self._births: dict[int, dict[int, int]] = {}
-        """By module the epoch of each birth."""
+        self._births = Births(transcript, tiles, history.system, fail)
         self._acknowledged = {
             (name_of(said.part), said.keeper)
             for said in transcript.said
@@ -65,12 +65,26 @@ class Attempts:
         for moved in self._history.commits:
             attempt = self._said.attempts.get(name_of(moved))
             if attempt is None:
-                self._fail("attempts", f"{commit_text(moved)} answers no attempt on record")
+                self._lack(
+                    "attempts",
+                    f"{commit_text(moved)} answers no attempt on record",
+                    excused=self._unasked(name_of(moved)),
+                )
             else:
                 self._guarded(commit_text(moved), "attempts", self._check_commit, moved, attempt)
         for said in self._said.said:
             self._guarded(said.where, "decisions", self._check_said, said)
-        self._check_births()
+        self._births.check()
+
+    def _lack(self, check: str, why: str, *, excused: bool) -> None:
+        self._losses.lack(self._fail, check, why, excused=excused)
+
+    def _unasked(self, name: AttemptId) -> bool:
+        """Return whether what was asked for an attempt may be lost."""
+        module, epoch, _ = name
+        moved = self._committed.get(name)
+        by_tail = moved and (moved.keeper, moved.serial) not in self._said.announced
+        return bool(by_tail) or self._losses.of_module(module) or self._losses.before(module, epoch)
 
     def _guarded(self, where: str, check: str, do: Callable[..., None], *values: object) -> None:
         try:
@@ -183,12 +197,17 @@ class Attempts:
         name = name_of(part.attempt if isinstance(part, Passed) else part)
         attempt = self._said.attempts.get(name)
         if attempt is None:
-            self._fail("decisions", f"{said.where}: no {attempt_text(name)} is on record")
+            why = f"{said.where}: no {attempt_text(name)} is on record"
+            self._lack("decisions", why, excused=self._unasked(name))
             return
         chain = self._chain(attempt)
         processes = self._said.asked_by.get(attempt.module, ())
         if said.to not in (processes if said.told else chain):
-            self._fail("decisions", f"{said.where}: who is told has nothing to do with it")
+            self._lack(
+                "decisions",
+                f"{said.where}: who is told has nothing to do with it",
+                excused=said.told and not processes and self._unasked(name),
+            )
         if said.keeper not in chain:
             self._fail("decisions", f"{said.where}: keeper_{said.keeper} has nothing to do with it")
         match part:
@@ -210,12 +229,21 @@ class Attempts:
             # Who has acknowledged a commit does not ask; a question that was under way is answered
             # by one who has forgotten it.
             if moved is not None and (name, said.to) not in self._acknowledged:
-                self._fail("decisions", f"{said.where}: {attempt_text(name)} was not refused")
+                self._lack(
+                    "decisions",
+                    f"{said.where}: {attempt_text(name)} was not refused",
+                    excused=self._losses.of_keepers([said.to])
+                    or self._losses.before(name[0], name[1]),
+                )
             if not decision.why or decision.occupants:
                 self._fail("decisions", f"{said.where}: a refusal needs a reason and nothing else")
             return
         if moved is None or decision.moved != moved or decision.why:
-            self._fail("decisions", f"{said.where}: {attempt_text(name)} came to something else")
+            self._lack(
+                "decisions",
+                f"{said.where}: {attempt_text(name)} came to something else",
+                excused=moved is None and not decision.why and self._said.after_the_end(decision),
+            )
             return
         changed = changed_by(moved)
         told = [occupant.module for _, occupant in decision.occupants]
@@ -231,8 +259,13 @@ class Attempts:
         where, history = said.where, self._history
         if passed.attempt != attempt:
             self._fail("decisions", f"{where}: another attempt than was made")
-        if passed.process not in self._said.asked_by.get(attempt.module, ()):
-            self._fail("decisions", f"{where}: process_{passed.process} did not ask for it")
+        processes = self._said.asked_by.get(attempt.module, ())
+        if passed.process not in processes:
+            self._lack(
+                "decisions",
+                f"{where}: process_{passed.process} did not ask for it",
+                excused=not processes and self._unasked(name_of(attempt)),
+            )
         if said.keeper in chain[:-1] and said.to != chain[chain.index(said.keeper) + 1]:
             self._fail("decisions", f"{where}: keeper_{said.to} is not the next one")
         moved = self._committed.get(name_of(attempt))
@@ -312,7 +345,7 @@ class Attempts:
             self._fail("decisions", f"{where}: {name} was elsewhere, or had another register")
         if occupant.number != self._number_at(occupant):
             self._fail("decisions", f"{where}: {name} has number {occupant.number}")
-        self._take_birth(where, occupant)
+        self._births.take(where, occupant)
 
     def _number_at(self, occupant: Occupant) -> int:
         """Return the module's last committed attempt of this epoch that changed it, up to then."""
@@ -323,38 +356,9 @@ class Attempts:
                 return moved.number if moved.epoch == occupant.epoch else 0
         return 0
 
-    # Births.
-
     def _check_entered(self, said: Said, entered: Entered) -> None:
-        occupant = entered.occupant
-        if (occupant.module, entered.birth) not in self._said.entered:
-            self._fail("entries", f"{said.where}: module_{occupant.module} did not ask where it is")
-        if occupant.birth != entered.birth:
-            self._fail("entries", f"{said.where}: birth {occupant.birth} is not the one answered")
-        site = site_in(entered.site)
-        if said.to not in self._said.asked_by.get(occupant.module, ()):
-            self._fail("entries", f"{said.where}: process_{said.to} did not ask for it")
-        if site is not None and self._tiles.keeper_of(self._system.place_of(site)) != said.keeper:
-            self._fail("entries", f"{said.where}: keeper_{said.keeper} does not have that place")
-        self._check_occupant(said.where, entered.site, occupant)
-
-    def _take_birth(self, where: str, occupant: Occupant) -> None:
-        known = self._births.setdefault(occupant.module, {0: 0})
-        if known.setdefault(occupant.birth, occupant.epoch) != occupant.epoch:
-            name = f"birth {occupant.birth} of module_{occupant.module}"
-            self._fail("entries", f"{where}: {name} has epoch {occupant.epoch}, and another")
-
-    def _check_births(self) -> None:
-        for module, known in sorted(self._births.items()):
-            births = sorted(known)
-            epochs = [known[birth] for birth in births]
-            if sorted(set(epochs)) != epochs:
-                self._fail("entries", f"module_{module}: its epochs do not grow with its births")
-            if any(birth and (module, birth) not in self._said.entered for birth in births):
-                self._fail("entries", f"module_{module} has a birth that it did not ask for")
-        for name in sorted(self._said.attempts):
-            if name[1] not in self._births.get(name[0], {}).values():
-                self._fail("entries", f"{attempt_text(name)}: it never entered so")
+        self._births.answered(said, entered)
+        self._check_occupant(said.where, entered.site, entered.occupant)
 
 
 def name_of(part: Attempt | Decision | Moved | Inquiry | Settled) -> AttemptId:

@@ -5,7 +5,10 @@ Room: coordinator. Part of `cubepath verify`.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from cubepath.coordinator.verification.free_history import NO_SITE, History
+from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.free_transcript import FreeTranscript
 from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.names import Json
@@ -21,6 +24,7 @@ class Shownness:
         """Begin with nothing shown."""
         self._history, self._tiles, self._fail = history, tiles, fail
         self._system = history.system
+        self._losses = Losses()
         self.versions: dict[Site, set[tuple[int, int]]] = {}
         """By place the versions of it and of its module that were ever shown."""
         self._looks: set[tuple[int, str]] = set()
@@ -29,6 +33,7 @@ class Shownness:
 
     def check(self, transcript: FreeTranscript) -> None:
         """Check all that was shown."""
+        self._losses = transcript.losses
         self._looks = {(keeper, look.tile) for _, keeper, look in transcript.looks}
         for where, message in transcript.shown:
             try:
@@ -51,7 +56,16 @@ class Shownness:
         asked = transcript.holds.get(name)
         places = [part.place for part in held.parts]
         if asked is None or asked[0] != keeper or asked[1].places != places:
-            self._fail("shown", f"{where}: what is held for module_{held.module} was not asked for")
+            self._losses.lack(
+                self._fail,
+                "shown",
+                f"{where}: what is held for module_{held.module} was not asked for",
+                excused=asked is None
+                and (
+                    self._losses.of_module(held.module)
+                    or self._losses.before(held.module, held.epoch)
+                ),
+            )
         for part in held.parts:
             place = site_in(part.place)
             if place is None or not self._system.has_place(place):
@@ -66,10 +80,15 @@ class Shownness:
         if self._tiles.keeper_of_tile(message.tile) != message.keeper:
             self._fail("shown", f"{where}: keeper_{message.keeper} does not have this tile")
         if message.whole and (message.keeper, message.tile) not in self._looks:
-            self._fail("shown", f"{where}: nobody has asked for all of tile {message.tile}")
+            self._losses.lack(
+                self._fail,
+                "shown",
+                f"{where}: nobody has asked for all of tile {message.tile}",
+                excused=self._losses.of_processes or self._losses.resumed,
+            )
         if not message.whole:
             known = self._changes.setdefault((message.tile, message.serial), message)
-            if known != message:
+            if known.parts != message.parts:
                 self._fail("shown", f"{where}: change {message.serial} was another before")
         if not message.parts and (message.serial or not message.whole):
             self._fail("shown", f"{where}: change {message.serial} changes nothing")
@@ -143,8 +162,13 @@ class Tails:
         """Know what was derived."""
         self._history, self._tiles, self._fail = history, tiles, fail
 
-    def check(self, transcript: FreeTranscript, keepers: int, *, whole: bool) -> None:
-        """Check all tails; of a `whole` recording those at the end must fit its end."""
+    def check(
+        self, transcript: FreeTranscript, keepers: int, *, whole: bool, open_end: bool
+    ) -> None:
+        """Check all tails; of a `whole` recording those at the end must fit its end.
+
+        With an `open_end` that is not known for certain.
+        """
         last: dict[int, tuple[str, Tail]] = {}
         for where, tail in transcript.tails:
             found = len(transcript.commits.get(tail.keeper, ()))
@@ -163,14 +187,21 @@ class Tails:
         if not whole:
             return
         for keeper in range(keepers):
-            if keeper not in last:
-                self._fail("tails", f"keeper_{keeper} does not tell how many commits it has")
-                continue
-            where, tail = last[keeper]
-            if tail.serial != len(transcript.commits.get(keeper, ())):
-                self._fail("tails", f"{where}: there are later commits")
-            if not tail.prepared:
-                self._check_end(where, tail)
+            for why in self._at_the_end(transcript, keeper, last.get(keeper)):
+                transcript.losses.lack(self._fail, "tails", why, excused=open_end)
+
+    def _at_the_end(
+        self, transcript: FreeTranscript, keeper: int, last: tuple[str, Tail] | None
+    ) -> Iterator[str]:
+        """Yield what does not fit the end in the last tail of a keeper."""
+        if last is None:
+            yield f"keeper_{keeper} does not tell how many commits it has"
+            return
+        where, tail = last
+        if tail.serial != len(transcript.commits.get(keeper, ())):
+            yield f"{where}: there are later commits"
+        if not tail.prepared:
+            yield from self._other_units(where, tail)
 
     def _check_unit(self, where: str, told: tuple[Json, int, int, int, Json]) -> None:
         value, version, level, reads, shown = told
@@ -191,13 +222,12 @@ class Tails:
             if self._tiles.keeper_of(place) != keeper:
                 self._fail("tails", f"{where}: keeper_{keeper} does not have {site_text(unit)}")
 
-    def _check_end(self, where: str, tail: Tail) -> None:
+    def _other_units(self, where: str, tail: Tail) -> Iterator[str]:
         for value, version, _, reads, _ in tail.units:
             unit = site_in(value)
             known = None if unit is None else self._history.reads.get(unit)
             if known is not None and (version, reads) != (len(known) - 1, known[-1]):
-                self._fail(
-                    "tails",
+                yield (
                     f"{where}: {value!r} has version {version}, read {reads} times; derived are"
-                    f" version {len(known) - 1}, read {known[-1]} times",
+                    f" version {len(known) - 1}, read {known[-1]} times"
                 )

@@ -11,6 +11,7 @@ from typing import NamedTuple, TypeAlias
 
 import msgspec
 
+from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
 from cubepath.coordinator.verification.transcript import RECOVERED, Fail, Transcript
 from cubepath.protocol.core.errors import InputError
@@ -70,6 +71,8 @@ class FreeTranscript:
     """Everything in the recording of a run without rounds."""
 
     attempts: dict[AttemptId, Attempt] = field(default_factory=dict)
+    passed: dict[AttemptId, Attempt] = field(default_factory=dict)
+    """Attempts as keepers pass them on."""
     asked_of: dict[AttemptId, set[int]] = field(default_factory=dict)
     """The keepers that each attempt was asked of."""
     asked_by: dict[int, set[int]] = field(default_factory=dict)
@@ -88,8 +91,24 @@ class FreeTranscript:
     """What keepers hold, with where that stands and which keeper says it."""
     looks: list[tuple[str, int, Look]] = field(default_factory=list)
     tails: list[tuple[str, Tail]] = field(default_factory=list)
+    announced: set[tuple[int, int]] = field(default_factory=set)
+    """The commits, by keeper and serial number, that did not come by a tail alone."""
+    losses: Losses = field(default_factory=Losses)
     edges: dict[int, Edges] = field(default_factory=dict)
     results: Transcript = field(default_factory=Transcript)
+
+    @property
+    def broken_off(self) -> bool:
+        """Return whether the run ended before everything was known, or did not wait for it long."""
+        summary = self.results.summary
+        return summary is not None and summary.ended in ("failed", "interrupted")
+
+    def after_the_end(self, decision: Decision) -> bool:
+        """Return whether a commit may have come too late for the record of a run that broke off."""
+        moved = decision.moved
+        if moved is None or not self.broken_off:
+            return False
+        return moved.serial > max(self.commits.get(moved.keeper, ()), default=0)
 
     def of_keepers(self) -> Iterator[Moved]:
         """Yield the commits by keeper, then by serial number."""
@@ -120,7 +139,14 @@ class FreeReading:
             self._highest = max(self._highest, record.sequence + 1)
             self._take(record)
         self.found.results.gap = max(0, self._highest - self._count)
+        for name, attempt in self.found.passed.items():
+            if name not in self.found.attempts and self._lost(attempt):
+                self.found.attempts[name] = attempt
         return self.found
+
+    def _lost(self, attempt: Attempt) -> bool:
+        losses = self.found.losses
+        return losses.of_module(attempt.module) or losses.before(attempt.module, attempt.epoch)
 
     def _take(self, record: Record) -> None:
         where = f"message {record.sequence} ({record.topic})"
@@ -133,6 +159,7 @@ class FreeReading:
             self._fail("messages", f"{where} is {free_topic(message)}")
         self._check_time(where, record, message)
         self._check_names(where, message)
+        self.found.losses.take(where, message, record.data, self._fail)
         self._sort(where, message)
 
     def _check_time(self, where: str, record: Record, message: FreeMessage) -> None:
@@ -165,6 +192,7 @@ class FreeReading:
 
     def _sort(self, where: str, message: FreeMessage) -> None:
         if isinstance(message, Moved):
+            self.found.announced.add((message.keeper, message.serial))
             self._moved(where, message)
         elif isinstance(message, Turns):
             for turn in message.parts:
@@ -183,7 +211,7 @@ class FreeReading:
             case Asks():
                 self._asked(where, message)
             case Passes(keeper=keeper, to=to, parts=parts):
-                found.said += (Said(where, keeper, to, part, told=False) for part in parts)
+                self._passed(where, keeper, to, parts)
             case Tells(keeper=keeper, process=process, parts=told):
                 for part in told:
                     if isinstance(part, Held):
@@ -198,6 +226,18 @@ class FreeReading:
                     if moved.keeper != keeper:
                         self._fail("serials", f"{where} tells a commit of keeper_{moved.keeper}")
                     self._moved(where, moved)
+
+    def _passed(
+        self,
+        where: str,
+        keeper: int,
+        to: int,
+        parts: Iterable[Passed | Decision | Inquiry | Settled],
+    ) -> None:
+        for part in parts:
+            self.found.said.append(Said(where, keeper, to, part, told=False))
+            if isinstance(part, Passed):
+                self.found.passed.setdefault(attempt_name(part.attempt), part.attempt)
 
     def _told_early(self, where: str, parts: Iterable[object]) -> None:
         """Take commits from decisions, where the record ends before the commits themselves."""
@@ -261,6 +301,11 @@ class FreeReading:
                 results.summary = message
             case _:
                 pass
+
+
+def attempt_name(attempt: Attempt) -> AttemptId:
+    """Return which attempt this is."""
+    return attempt.module, attempt.epoch, attempt.number
 
 
 def _named(message: FreeMessage, name: str) -> Iterator[int]:

@@ -6,7 +6,7 @@ the history says what was there. It asks no rule: whoever has rules is a `FreePl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import NamedTuple, Protocol
 
 from cubepath.coordinator.verification.choices import Arrays, Observing
@@ -25,6 +25,7 @@ from cubepath.coordinator.verification.transcript import Fail, site_in
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.wire.free_messages import Attempt, Register, Turn
+from cubepath.protocol.wire.tiles import Tiles
 
 
 class Seen(NamedTuple):
@@ -62,13 +63,22 @@ class TurnsOfModules:
     """The turns of a run."""
 
     def __init__(
-        self, history: History, shown: Shownness, transcript: FreeTranscript, fail: Fail
+        self,
+        history: History,
+        shown: Shownness,
+        transcript: FreeTranscript,
+        tiles: Tiles,
+        fail: Fail,
     ) -> None:
         """Know what was shown."""
+        self._tiles = tiles
         self._history, self._shown, self._said, self._fail = history, shown, transcript, fail
         self._system = history.system
         self._observing = Observing(history.scene)
         self._entered = _entered(transcript)
+        self._losses = transcript.losses
+        self._broken = False
+        """Whether it is not known what the module's rule was shown since it entered."""
         self._last: dict[Site, tuple[int, int]] = {}
         """What the process of a module was shown last of each place."""
 
@@ -87,14 +97,35 @@ class TurnsOfModules:
                 seen = self._seen(turn, before)
                 if seen is not None:
                     self._check_attempt(seen, answered)
-                    if player is not None:
-                        player.turn(seen, another_choice)
+                    self._play(player, seen, another_choice)
                 before = turn
         if player is not None:
             player.end(another_choice)
         if self._said.turns:
             for each in sorted(self._said.attempts.keys() - answered):
-                self._fail("turns", f"{attempt_text(each)} has no turn")
+                self._lack(each[0], each[1], f"{attempt_text(each)} has no turn")
+
+    def _play(
+        self, player: FreePlayer | None, seen: Seen, another_choice: Callable[[str], None]
+    ) -> None:
+        if player is None:
+            return
+        if self._broken:
+            why = f"{turn_text(seen.turn)} comes after a gap"
+            self._losses.lack(self._fail, "choices", why, excused=True)
+        else:
+            player.turn(seen, another_choice)
+
+    def _lack(self, module: int, epoch: int, why: str) -> None:
+        """Take note of what the process of a module said and is not on record."""
+        excused = self._losses.of_module(module) or self._losses.before(module, epoch)
+        self._losses.lack(self._fail, "turns", why, excused=excused)
+
+    def _not_shown(self, turn: Turn, why: str, keepers: Iterable[int]) -> None:
+        """Take note of what keepers said to a module and is not on record."""
+        before = self._losses.before(turn.module, turn.epoch)
+        excused = before or self._losses.of_keepers(keepers)
+        self._losses.lack(self._fail, "turns", why, excused=excused)
 
     def _seen(self, turn: Turn, before: Turn | None) -> Seen | None:
         """Return what was shown in a turn, None if it cannot have been."""
@@ -113,10 +144,10 @@ class TurnsOfModules:
             self._fail("turns", f"{name}: it was shown other places than it senses")
             return None
         on: dict[Site, Site] = {place: site}
-        if not all(self._sees(name, *each, on) for each in zip(near, turn.sensed, strict=True)):
+        if not all(self._sees(turn, *each, on) for each in zip(near, turn.sensed, strict=True)):
             return None
         notes: dict[Site, Register] = {}
-        if not all(self._hears(name, *each, notes) for each in zip(reach, turn.heard, strict=True)):
+        if not all(self._hears(turn, *each, notes) for each in zip(reach, turn.heard, strict=True)):
             return None
 
         def arrays(length: int) -> Arrays:
@@ -129,16 +160,18 @@ class TurnsOfModules:
 
     def _follows(self, turn: Turn, before: Turn | None) -> bool:
         """Check a turn against the one before it; return whether its process has begun anew."""
-        name, fresh = turn_text(turn), before is None or turn.turn == 1
-        if before is not None:
-            if not fresh and turn.turn != before.turn + 1:
-                self._fail("turns", f"{name} comes after turn {before.turn}")
-            if turn.version < before.version:
-                self._fail("turns", f"{name}: version {turn.version} after {before.version}")
+        name, fresh = turn_text(turn), before is None or before.epoch != turn.epoch
+        last = 0 if before is None or fresh else before.turn
         if fresh:
-            self._last = {}
+            self._last, self._broken = {}, False
+        if turn.turn != last + 1:
+            self._broken = True
+            self._lack(turn.module, turn.epoch, f"{name} comes after turn {last}")
+        if before is not None and turn.version < before.version:
+            self._fail("turns", f"{name}: version {turn.version} after {before.version}")
         if (turn.module, turn.epoch) not in self._entered:
-            self._fail("turns", f"{name}: it never entered so")
+            self._broken = True
+            self._not_shown(turn, f"{name}: it never entered so", range(self._tiles.keepers))
         return fresh
 
     def _goes_on(self, name: str, at: Site, shown: tuple[int, int]) -> None:
@@ -147,7 +180,8 @@ class TurnsOfModules:
             self._fail("turns", f"{name}: {site_text(at)} was shown to it later than so before")
         self._last[at] = max(known, shown)
 
-    def _sees(self, name: str, at: Site | None, version: int, on: dict[Site, Site]) -> bool:
+    def _sees(self, turn: Turn, at: Site | None, version: int, on: dict[Site, Site]) -> bool:
+        name = turn_text(turn)
         if (at is None) != (version == -1):
             self._fail("turns", f"{name}: it was shown a place that is none, or not one that is")
             return False
@@ -155,26 +189,31 @@ class TurnsOfModules:
             return True
         self._goes_on(name, at, (version, -1))
         there = self._history.at_place(at, version)
-        if there is None or not self._was_shown(at, version, None):
-            self._fail("turns", f"{name}: {site_text(at)} was never shown at version {version}")
+        why = f"{name}: {site_text(at)} was never shown at version {version}"
+        if there is None:
+            self._fail("turns", why)
             return False
+        if not self._was_shown(at, version, None):
+            self._not_shown(turn, why, [self._tiles.keeper_of(at)])
         if there.site is not None:
             on.setdefault(at, there.site)
         return True
 
     def _hears(
-        self, name: str, at: Site, shown: tuple[int, int], notes: dict[Site, Register]
+        self, turn: Turn, at: Site, shown: tuple[int, int], notes: dict[Site, Register]
     ) -> bool:
-        version, module_version = shown
+        name, (version, module_version) = turn_text(turn), shown
         self._goes_on(name, at, shown)
         there = self._history.at_place(at, version)
-        if there is None or not self._was_shown(at, version, module_version):
-            self._fail(
-                "turns",
-                f"{name}: {site_text(at)} was never shown at version {version}, with its module at"
-                f" version {module_version}",
-            )
+        why = (
+            f"{name}: {site_text(at)} was never shown at version {version}, with its module at"
+            f" version {module_version}"
+        )
+        if there is None:
+            self._fail("turns", why)
             return False
+        if not self._was_shown(at, version, module_version):
+            self._not_shown(turn, why, [self._tiles.keeper_of(at)])
         if there.module is None:
             if module_version:
                 self._fail("turns", f"{name}: nobody was at {site_text(at)} at version {version}")
@@ -216,14 +255,18 @@ class TurnsOfModules:
             # What came to nothing while the module was thinking was not asked of anyone.
             after = self._said.turns[turn.module].get((turn.epoch, turn.turn + 1))
             if after is not None and after.number not in (None, turn.number):
-                self._fail("turns", f"{name}: its attempt {turn.number} is not on record")
+                why = f"{name}: its attempt {turn.number} is not on record"
+                self._lack(turn.module, turn.epoch, why)
             return
         if attempt.turn != turn.turn:
             others = self._said.turns[turn.module]
             later = others.get((turn.epoch, attempt.turn))
             if later is None or later.number != turn.number or attempt.turn < turn.turn:
-                told = f"attempt {turn.number} says it is of turn {attempt.turn}"
-                self._fail("turns", f"{name}: {told}")
+                why = f"{name}: attempt {turn.number} says it is of turn {attempt.turn}"
+                if later is None and attempt.turn > turn.turn:
+                    self._lack(turn.module, turn.epoch, why)
+                else:
+                    self._fail("turns", why)
             return
         found = _content(attempt)
         if due is None or found != due:

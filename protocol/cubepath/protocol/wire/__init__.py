@@ -42,6 +42,7 @@ if TYPE_CHECKING:
         Passed,
         Passes,
         Register,
+        Repeat,
         Rest,
         Settled,
         Shown,
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
         decode_free,
         free_key,
         free_kind,
+        free_sender,
         free_topic,
         heard_by_keeper,
         heard_by_process,
@@ -109,6 +111,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
     from cubepath.protocol.wire.on_record import SHOWN, parts_said, schema_of, topic_said
     from cubepath.protocol.wire.router import Router, check_secure, without_tls
+    from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET, Sayings
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
         check_endpoint,
@@ -133,9 +136,9 @@ else:
             ),
             "free_messages": (
                 "Asks Attempt Decision Enter Entered FREE_KINDS Fetch FreeMessage "
-                "HOLD_TICKS_MAX Held Hold Inquiry Look Moved Occupant Passed Passes "
-                "Register Rest Settled Shown Shows Tail Tells Turn Turns decode_free "
-                "free_key free_kind free_topic heard_by_keeper heard_by_process "
+                "HOLD_TICKS_MAX Held Hold Inquiry Look Moved Occupant Passed "
+                "Passes Register Repeat Rest Settled Shown Shows Tail Tells Turn Turns decode_free "
+                "free_key free_kind free_sender free_topic heard_by_keeper heard_by_process "
                 "heard_of_tile level_of read_free"
             ),
             "keys": (
@@ -150,6 +153,7 @@ else:
             "nodes": "Effect End Ignore Keep Listen Node Put Timer",
             "on_record": "SHOWN parts_said schema_of topic_said",
             "router": "Router check_secure without_tls",
+            "sayings": "BIRTHS_OF_A_FLEET Sayings",
             "sessions": (
                 "check_descriptors check_endpoint open_client put routers_of subscribe "
                 "wait_for_subscriber watch"
@@ -160,6 +164,7 @@ else:
     )
 
 __all__ = [
+    "BIRTHS_OF_A_FLEET",
     "COORDINATOR",
     "FREE_KINDS",
     "GUEST",
@@ -214,12 +219,14 @@ __all__ = [
     "Reason",
     "Refused",
     "Register",
+    "Repeat",
     "Report",
     "Reports",
     "Reset",
     "Rest",
     "Router",
     "Said",
+    "Sayings",
     "Settled",
     "Shell",
     "Shown",
@@ -246,6 +253,7 @@ __all__ = [
     "everything",
     "free_key",
     "free_kind",
+    "free_sender",
     "free_topic",
     "heard_by_keeper",
     "heard_by_process",

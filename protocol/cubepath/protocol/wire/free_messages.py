@@ -7,6 +7,10 @@ the move. Until then any of them may refuse it. docs/free-clock.md has the proto
 
 What is said in one step to one receiver travels as one message with its parts. Bounds and unknown
 fields are as in `messages`.
+
+`ask` and `turns` of a process, `pass`, `tell` and `shows` of a keeper are numbered by their sender
+in each `birth` of it, from 1 without gap: `said` is the number, 0 if it does not number them.
+`rest` and `tail` have none of their own, and tell the last one. Commits are numbered by `serial`.
 """
 
 from __future__ import annotations
@@ -16,6 +20,7 @@ from typing import Annotated, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.names import Json
+from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.messages import (
     MESSAGE_BYTES_MAX,
     Certified,
@@ -223,28 +228,34 @@ class Held(msgspec.Struct, frozen=True, tag_field="kind", tag="held"):
     parts: list[Shown]
 
 
-class Asks(msgspec.Struct, frozen=True, tag_field="kind", tag="ask"):
+class Asks(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="ask"):
     """What the modules of a process ask of a keeper."""
 
     process: Count
     keeper: Count
     parts: list[Attempt | Enter | Hold | Look]
+    birth: Count = 0
+    said: Count = 0
 
 
-class Passes(msgspec.Struct, frozen=True, tag_field="kind", tag="pass"):
+class Passes(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="pass"):
     """What a keeper says to another one."""
 
     keeper: Count
     to: Count
     parts: list[Passed | Decision | Inquiry | Settled]
+    birth: Count = 0
+    said: Count = 0
 
 
-class Tells(msgspec.Struct, frozen=True, tag_field="kind", tag="tell"):
+class Tells(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tell"):
     """What a keeper answers a process."""
 
     keeper: Count
     process: Count
     parts: list[Decision | Entered | Held]
+    birth: Count = 0
+    said: Count = 0
 
 
 class Shows(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="shows"):
@@ -259,6 +270,8 @@ class Shows(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", t
     serial: Count
     parts: list[Shown]
     whole: bool = False
+    birth: Count = 0
+    said: Count = 0
 
 
 class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="turn"):
@@ -286,17 +299,21 @@ class Turn(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", ta
     failed: _Line | None = None
 
 
-class Turns(msgspec.Struct, frozen=True, tag_field="kind", tag="turns"):
+class Turns(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="turns"):
     """Turns of the modules of a process, in their order."""
 
     process: Count
     parts: list[Turn]
+    birth: Count = 0
+    said: Count = 0
 
 
-class Rest(msgspec.Struct, frozen=True, tag_field="kind", tag="rest"):
+class Rest(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="rest"):
     """The modules of a process were told to halt, and wait for nothing any more."""
 
     process: Count
+    birth: Count = 0
+    said: Count = 0
 
 
 class Fetch(msgspec.Struct, frozen=True, tag_field="kind", tag="fetch"):
@@ -306,7 +323,19 @@ class Fetch(msgspec.Struct, frozen=True, tag_field="kind", tag="fetch"):
     serial: Count
 
 
-class Tail(msgspec.Struct, frozen=True, tag_field="kind", tag="tail"):
+class Repeat(msgspec.Struct, frozen=True, tag_field="kind", tag="repeat"):
+    """The coordinator asks a sender to say its messages after a number again, up to another one.
+
+    `to` is its name. Who has forgotten them, or was born again, says nothing.
+    """
+
+    to: Name
+    birth: Count
+    after: Count
+    upto: Count
+
+
+class Tail(msgspec.Struct, frozen=True, omit_defaults=True, tag_field="kind", tag="tail"):
     """A keeper's answer to `Fetch`: commits in their order, and how many there are in all.
 
     `units` has, when no more commits follow, the units that were ever written or read, each with
@@ -321,6 +350,8 @@ class Tail(msgspec.Struct, frozen=True, tag_field="kind", tag="tail"):
     units: list[tuple[Json, Count, Count, Count, Json]]
     refused: Count
     prepared: Count
+    birth: Count = 0
+    said: Count = 0
 
 
 FreeMessage: TypeAlias = (
@@ -332,6 +363,7 @@ FreeMessage: TypeAlias = (
     | Turns
     | Rest
     | Fetch
+    | Repeat
     | Tail
     | Go
     | Refused
@@ -350,9 +382,13 @@ FREE_KINDS: dict[str, type[msgspec.Struct]] = {
     "turns": Turns,
     "rest": Rest,
     "fetch": Fetch,
+    "repeat": Repeat,
     "tail": Tail,
 }
 """The kinds that a run with rounds does not have."""
+
+Numbered: TypeAlias = Asks | Passes | Tells | Shows | Turns
+"""The messages that their senders number."""
 
 _decoder: msgspec.json.Decoder[FreeMessage] = msgspec.json.Decoder(FreeMessage)
 
@@ -369,7 +405,7 @@ def free_sender(message: FreeMessage) -> str:
     """Return the name of a message's sender."""
     match message:
         case Asks(process=process) | Turns(process=process) | Rest(process=process):
-            return f"process_{process}"
+            return process_name(process)
         case (
             Passes(keeper=keeper)
             | Tells(keeper=keeper)
@@ -377,7 +413,7 @@ def free_sender(message: FreeMessage) -> str:
             | Moved(keeper=keeper)
             | Tail(keeper=keeper)
         ):
-            return f"keeper_{keeper}"
+            return keeper_name(keeper)
         case _:
             return "coordinator"
 
@@ -402,6 +438,8 @@ def free_key(run: str, message: FreeMessage) -> str:
             return f"cubepath/{run}/{kind}/{keeper}/{who}"
         case Tells(process=process):
             return f"cubepath/{run}/{kind}/{process}/{who}"
+        case Repeat(to=name):
+            return f"cubepath/{run}/{kind}/{name}/{who}"
         case Shows(tile=tile):
             return f"cubepath/{run}/{kind}/{tile}/{who}"
         case _:
@@ -428,13 +466,18 @@ def heard_by_keeper(run: str, keeper: int) -> tuple[str, ...]:
         f"cubepath/{run}/ask/{keeper}/**",
         f"cubepath/{run}/pass/{keeper}/**",
         f"cubepath/{run}/fetch/{keeper}/**",
+        f"cubepath/{run}/repeat/{keeper_name(keeper)}/**",
         f"cubepath/{run}/go/**",
     )
 
 
 def heard_by_process(run: str, process: int) -> tuple[str, ...]:
     """Return the key expressions that a module process listens to, tiles apart."""
-    return f"cubepath/{run}/tell/{process}/**", f"cubepath/{run}/go/**"
+    return (
+        f"cubepath/{run}/tell/{process}/**",
+        f"cubepath/{run}/repeat/{process_name(process)}/**",
+        f"cubepath/{run}/go/**",
+    )
 
 
 def heard_of_tile(run: str, tile: str) -> str:

@@ -1,0 +1,126 @@
+"""What is missing of what senders said, by their numbers, and what is not checked for want of it.
+
+Room: coordinator. Part of `cubepath verify`. Evidence that is lost on its way to the record is no
+fault of a run: where it is lacking, and a message of who would have given it is missing, nothing is
+said for or against. A contradiction is a failure in any case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from cubepath.coordinator.verification.transcript import Fail
+from cubepath.protocol.wire.credentials import keeper_name, process_name
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Entered,
+    FreeMessage,
+    Rest,
+    Tail,
+    Tells,
+    Turns,
+    free_sender,
+)
+from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
+
+_PROCESS = process_name(0)[:-1]
+
+
+class Losses:
+    """The messages that are missing, and the evidence that is lacking."""
+
+    def __init__(self) -> None:
+        """Begin before the first message."""
+        self._said: dict[tuple[str, int], dict[int, int]] = {}
+        """By sender and birth the hash of each message by its number."""
+        self._last: dict[tuple[str, int], int] = {}
+        """By sender and birth the greatest number that is told."""
+        self._speakers: dict[int, set[str]] = {}
+        """By module the processes that spoke for it."""
+        self._entered: dict[tuple[int, int], int] = {}
+        """By module and epoch the birth in which it entered."""
+        self._lacking: dict[str, tuple[int, str]] = {}
+
+    def take(self, where: str, message: FreeMessage, data: bytes, fail: Fail) -> None:
+        """Take note of the number of a message."""
+        match message:
+            case Asks(process=process, parts=parts) | Turns(process=process, parts=parts):
+                for part in parts:
+                    module = getattr(part, "module", None)
+                    if module is not None:
+                        self._speakers.setdefault(module, set()).add(process_name(process))
+            case Tells(parts=told):
+                for each in told:
+                    if isinstance(each, Entered):
+                        occupant = each.occupant
+                        self._entered[occupant.module, occupant.epoch] = each.birth
+            case _:
+                pass
+        number = getattr(message, "said", 0)
+        if not number:
+            return
+        key = free_sender(message), getattr(message, "birth", 0)
+        self._last[key] = max(self._last.get(key, 0), number)
+        if isinstance(message, Rest | Tail):
+            return
+        # Only whether it is the same is asked, and that within one process: any hash will do.
+        content = hash(data)
+        if self._said.setdefault(key, {}).setdefault(number, content) != content:
+            name, birth = key
+            fail("messages", f"{where}: message {number} of {name} in birth {birth} was another")
+
+    def of(self, sender: str) -> int:
+        """Return how many messages of a sender are known to be missing."""
+        return sum(
+            last - len(self._said.get(key, ()))
+            for key, last in self._last.items()
+            if key[0] == sender
+        )
+
+    @property
+    def count(self) -> int:
+        """Return how many messages are known to be missing."""
+        return sum(self.of(sender) for sender in {sender for sender, _ in self._last})
+
+    @property
+    def of_processes(self) -> bool:
+        """Return whether anything is missing that a module process said."""
+        return any(self.of(sender) for sender, _ in self._last if sender.startswith(_PROCESS))
+
+    def of_module(self, module: int) -> bool:
+        """Return whether anything is missing that may have been said for a module."""
+        speakers = self._speakers.get(module)
+        return self.of_processes if speakers is None else any(map(self.of, speakers))
+
+    def of_keepers(self, keepers: Iterable[int]) -> bool:
+        """Return whether anything is missing that one of these keepers said."""
+        return any(self.of(keeper_name(keeper)) for keeper in keepers)
+
+    def before(self, module: int, epoch: int) -> bool:
+        """Return whether an epoch was one of a fleet before the last: its end may be cut off."""
+        entered = self._entered.get((module, epoch), 0)
+        return entered // BIRTHS_OF_A_FLEET < self._fleet()
+
+    @property
+    def resumed(self) -> bool:
+        """Return whether the run was taken up again."""
+        return self._fleet() > 0
+
+    def _fleet(self) -> int:
+        return max((birth for _, birth in self._last), default=0) // BIRTHS_OF_A_FLEET
+
+    def lack(self, fail: Fail, check: str, why: str, *, excused: bool) -> None:
+        """Take note of evidence that is not on record: a failure, unless that is `excused`."""
+        if not excused:
+            fail(check, why)
+            return
+        count, first = self._lacking.get(check, (0, why))
+        self._lacking[check] = count + 1, first
+
+    @property
+    def unchecked(self) -> Mapping[str, str]:
+        """Return in one line why checks were not made everywhere, by their names."""
+        return {
+            check: f"not checked: {count} with messages that are missing, the first: {first}"
+            for check, (count, first) in self._lacking.items()
+        }

@@ -1,0 +1,56 @@
+"""What one sender says in a run without rounds: numbered, and kept for a while to be said again.
+
+Room: protocol. A router that dies takes messages with it. Whoever records notices by the numbers,
+and asks for them. All receivers take what is late or doubled, so the same message is put again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+
+from msgspec.structs import replace
+
+from cubepath.protocol.wire.free_messages import Numbered, Repeat, Rest, Tail, free_key
+from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.nodes import Put
+
+KEPT_MAX, KEPT_BYTES_MAX = 1000, 2**20
+"""So many messages a sender keeps at most, and so many bytes of them."""
+REPEATED_MAX = 200
+"""Messages in one answer to `Repeat`."""
+BIRTHS_OF_A_FLEET = 1_000_000
+"""Births in a run that is taken up again begin so much later: which of them were before is told."""
+
+
+class Sayings:
+    """The messages of one sender in one of its births."""
+
+    def __init__(self, run: str, birth: int) -> None:
+        """Begin with nothing said."""
+        self.said = 0
+        """The number of the last message."""
+        self._run, self._birth = run, birth
+        self._kept: deque[tuple[int, Put]] = deque()
+        self._bytes = 0
+
+    def say(self, message: Numbered) -> Put:
+        """Return how the next message is put, with its number, and keep it."""
+        self.said += 1
+        put = self.tell(message)
+        self._kept.append((self.said, put))
+        self._bytes += len(put.data)
+        while len(self._kept) > KEPT_MAX or self._bytes > KEPT_BYTES_MAX:
+            self._bytes -= len(self._kept.popleft()[1].data)
+        return put
+
+    def tell(self, message: Numbered | Rest | Tail) -> Put:
+        """Return how a message is put that tells the last number and has none of its own."""
+        numbered = replace(message, birth=self._birth, said=self.said)
+        return Put(free_key(self._run, numbered), encode(numbered))
+
+    def again(self, asked: Repeat) -> list[Put]:
+        """Return what was asked for, as far as it is kept, and not too much at once."""
+        if asked.birth != self._birth:
+            return []
+        found = [put for number, put in self._kept if asked.after < number <= asked.upto]
+        return found[:REPEATED_MAX]

@@ -1,0 +1,83 @@
+"""What the coordinator has heard of each sender, and asks to be said again."""
+
+from __future__ import annotations
+
+from random import Random
+
+from cubepath.coordinator.runs.heard import ASKS_MAX, Heard
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    FreeMessage,
+    Repeat,
+    Rest,
+    Tail,
+    Turns,
+    decode_free,
+)
+from cubepath.protocol.wire.sayings import Sayings
+
+
+def turns(*numbers: int, birth: int = 1) -> list[FreeMessage]:
+    """Return messages of a process with these numbers."""
+    return [Turns(0, [], birth, number) for number in numbers]
+
+
+def heard(*messages: FreeMessage) -> Heard:
+    """Return what is known after these."""
+    found = Heard()
+    for message in messages:
+        found.take(message)
+    return found
+
+
+def asks(found: Heard) -> list[Repeat]:
+    """Return what is asked for, the second time that it is looked at."""
+    assert list(found.asks()) == []
+    return list(found.asks())
+
+
+def test_without_a_gap_nothing_is_asked() -> None:
+    """In any order, and doubled."""
+    found = heard(*turns(2, 1, 4, 3, 3, 1))
+    assert found.lacking == 0
+    assert asks(found) == []
+
+
+def test_the_first_gap_of_each_sender_is_asked_for() -> None:
+    """Of the last birth alone."""
+    found = heard(*turns(1, 9), *turns(1, 4, 8, birth=2), Asks(3, 0, [], 1, 2))
+    assert found.lacking == 2 + 3 + 1
+    assert asks(found) == [Repeat("process_0", 2, 1, 3), Repeat("process_3", 1, 0, 1)]
+
+
+def test_the_last_messages_are_missed_by_what_tells_their_number() -> None:
+    """By `rest` of a process and `tail` of a keeper."""
+    found = heard(*turns(1), Rest(0, 1, 3), Tail(2, 0, [], [], 0, 0, 1, 1))
+    assert asks(found) == [Repeat("keeper_2", 1, 0, 1), Repeat("process_0", 1, 1, 3)]
+
+
+def test_what_does_not_come_is_given_up() -> None:
+    """A gap after it is asked for in its turn."""
+    found = heard(*turns(3, 4, 6))
+    assert found.lacking == 3
+    for _ in range(ASKS_MAX):
+        list(found.asks())
+    assert list(found.asks()) == []
+    assert found.lacking == 1
+    assert asks(found) == [Repeat("process_0", 1, 4, 5)]
+
+
+def test_whatever_was_lost_comes_in_the_end() -> None:
+    """With half of all messages lost, each time anew."""
+    random, sayings, found = Random(3), Sayings("run", 1), Heard()  # noqa: S311 - a seeded one
+    for _ in range(500):
+        put = sayings.say(Turns(0, []))
+        if random.random() < 0.5:
+            found.take(decode_free(put.data))
+    found.take(decode_free(sayings.tell(Rest(0)).data))
+    for _ in range(2000):
+        for asked in found.asks():
+            for put in sayings.again(asked):
+                if random.random() < 0.5:
+                    found.take(decode_free(put.data))
+    assert found.lacking == 0

@@ -1,0 +1,50 @@
+"""Senders number what they say, and say it again as long as they have it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from cubepath.protocol.wire.free_messages import Asks, Look, Repeat, Rest, Turns, decode_free
+from cubepath.protocol.wire.nodes import Put
+from cubepath.protocol.wire.sayings import KEPT_BYTES_MAX, KEPT_MAX, REPEATED_MAX, Sayings
+
+
+def number(put: Put) -> tuple[int, int]:
+    """Return birth and number of what is put."""
+    message = decode_free(put.data)
+    assert isinstance(message, Turns | Asks | Rest)
+    return message.birth, message.said
+
+
+def test_all_kinds_are_numbered_in_one_sequence() -> None:
+    """What only tells the last number takes none."""
+    sayings = Sayings("run", 7)
+    put = [sayings.say(Turns(0, [])), sayings.say(Asks(0, 1, [])), sayings.tell(Rest(0))]
+    assert [number(each) for each in put] == [(7, 1), (7, 2), (7, 2)]
+    assert put[1].key == "cubepath/run/ask/1/process_0"
+
+
+def test_what_is_said_again_is_the_same_byte_for_byte() -> None:
+    """Of this birth, and between the two numbers."""
+    sayings = Sayings("run", 2)
+    put = [sayings.say(Turns(0, [])) for _ in range(6)]
+    assert sayings.again(Repeat("process_0", 2, 1, 4)) == put[1:4]
+    assert sayings.again(Repeat("process_0", 1, 0, 6)) == []
+    assert sayings.again(Repeat("process_0", 2, 6, 99)) == []
+
+
+def test_what_is_kept_is_bounded() -> None:
+    """In number and in bytes, and so is one answer."""
+    sayings = Sayings("run", 1)
+    for _ in range(KEPT_MAX + 10):
+        sayings.say(Turns(0, []))
+    found = [number(put)[1] for put in sayings.again(Repeat("process_0", 1, 0, 10**6))]
+    assert len(found) == REPEATED_MAX
+    assert found[0] == 11
+    assert all(two == one + 1 for one, two in pairwise(found))
+    large = Asks(0, 0, [Look("0,0", number) for number in range(2000)])
+    size = len(sayings.say(large).data)
+    for _ in range(40):
+        sayings.say(large)
+    kept = sayings.again(Repeat("process_0", 1, 0, 10**6))
+    assert sum(len(put.data) for put in kept) <= KEPT_BYTES_MAX < (len(kept) + 1) * size * 1.1
