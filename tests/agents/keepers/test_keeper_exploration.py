@@ -8,12 +8,13 @@ from dataclasses import replace
 import pytest
 
 from cubepath.agents.keepers.attempts import Planned
-from cubepath.agents.keepers.keeper import Keeper, _Last, _Pending
+from cubepath.agents.keepers.keeper import Keeper, _Hold, _Last, _Pending
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Enter, Inquiry
-from keeper_explorer import Broken, Explorer, Faults, Scenario
+from keeper_explorer import Broken, Explorer
+from keeper_world import Faults, Scenario
 
 Targets = Iterable[tuple[Site, tuple[tuple[Site, Site | None], ...]]]
 
@@ -167,8 +168,8 @@ class _Silent(Keeper):
 class _Barging(Keeper):
     """Lets an attempt that has to wait here wait for nobody."""
 
-    def _must_wait(self, pending: _Pending) -> bool:
-        return pending.passed.attempt.module in self._prepared
+    def _must_wait(self, pending: _Pending | _Hold) -> bool:
+        return pending.owner in self._prepared
 
 
 LOST = Faults(loss=1, module=1)
