@@ -1,8 +1,10 @@
-"""Three keepers and three modules that hold, attempt and enter in any order, over a bad network."""
+"""Two keepers and three modules that hold, attempt and enter in any order, over a bad network."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from random import Random
 
 import pytest
 from hypothesis import given, settings
@@ -27,18 +29,10 @@ SCENE = replace(scene_from_spec("agv:graph=grid2x3,n=3"), goal=None, goals=())
 SYSTEM, MODULES, KEEPERS = SCENE.system, range(len(SCENE.start)), range(2)
 PLACES = [(x, y) for x in range(2) for y in range(3)]
 TILES = Dealt(SYSTEM, {place: number % 2 for number, place in enumerate(PLACES)})
-Steps = list[tuple[str, int, int]]
-STEPS = st.lists(
-    st.tuples(
-        st.sampled_from(
-            ["attempt", "note", "hold", "hold", "again", "let go", "enter"]
-            + ["deliver"] * 6
-            + ["double", "lose", "tick", "crash"]
-        ),
-        st.integers(0, 2),
-        st.integers(0, 1 << 16),
-    ),
-    max_size=60,
+KINDS = (
+    *("attempt", "attempt", "note", "hold", "hold", "hold", "again", "let go", "enter"),
+    *("deliver",) * 6,
+    *("double", "lose", "tick", "crash"),
 )
 
 
@@ -55,7 +49,9 @@ class Any3:
         self.birth = dict.fromkeys(MODULES, 0)
         self.holds: dict[int, list[Hold]] = {module: [] for module in MODULES}
 
-    def step(self, kind: str, who: int, which: int) -> None:
+    def step(  # noqa: C901, PLR0912 - a case for each kind
+        self, kind: str, who: int, which: int
+    ) -> None:
         match kind:
             case "attempt" | "note":
                 self.attempt(who, which, note=kind == "note")
@@ -71,8 +67,8 @@ class Any3:
                 self.hold(who, which % 2, [], 0)
             case "enter":
                 self.birth[who] += which % 2
-                for keeper in self.keepers:
-                    keeper.ask(who, Enter(who, self.birth[who]))
+                for each in self.keepers:
+                    each.ask(who, Enter(who, self.birth[who]))
             case "deliver" | "double" | "lose" if self.under_way:
                 number = which % len(self.under_way)
                 letter = self.under_way[number]
@@ -87,11 +83,11 @@ class Any3:
                 self.keepers[who % 2] = Keeper(who % 2, SCENE, TILES, self.journals[who % 2])
             case _:
                 pass
-        for keeper in self.keepers:
-            self.under_way += letters_of(keeper)
-            check_keeper(keeper)
+        for each in self.keepers:
+            self.under_way += letters_of(each)
+            check_keeper(each)
 
-    def hold(self, module: int, keeper: int, places: list[Site], ticks: int) -> None:
+    def hold(self, module: int, keeper: int, places: Sequence[Site], ticks: int) -> None:
         number = len(self.holds[module]) + 1
         asked = Hold(module, self.epoch[module], number, [*map(to_json, places)], ticks)
         self.holds[module].append(asked)
@@ -103,7 +99,7 @@ class Any3:
             attempt = self.asked[module] = self.begun(module, which, note=note)
         if attempt is not None:
             units = [*(unit for unit, _ in attempt.sensed), *(at for at, *_ in attempt.notes)]
-            first = min(TILES.keeper_of(tuple(unit)) for unit in units)  # type: ignore[arg-type]
+            first = min(TILES.keeper_of(tuple(unit)) for unit in units)
             self.keepers[first].ask(module, attempt)
 
     def begun(self, module: int, which: int, *, note: bool) -> Attempt | None:
@@ -117,7 +113,9 @@ class Any3:
             near = sorted({site, *SYSTEM.reach(site)}, key=str)
             other = near[which % len(near)]
             notes = {site: None, other: [which]} if other in on else {site: [which]}
-            listed = [(to_json(at), self.note(at), new) for at, new in sorted(notes.items(), key=str)]
+            listed = [
+                (to_json(at), self.note(at), new) for at, new in sorted(notes.items(), key=str)
+            ]
             return Attempt(*name, notes=listed)
         moves = [
             each for each in SYSTEM.moves(site) if each is not None and each.possible(on.keys())
@@ -165,32 +163,38 @@ class Any3:
         raise AssertionError("something stays under way")
 
 
-def _holds(steps: Steps) -> None:
-    world = Any3()
-    for step in steps:
-        world.step(*step)
+def _come_through(seed: int, steps: int) -> None:
+    random, world = Random(seed), Any3()  # noqa: S311 - to be repeated
+    for _ in range(steps):
+        world.step(random.choice(KINDS), random.choice(MODULES), random.randrange(1 << 16))
     world.come_to_rest()
     for keeper in world.keepers:
         assert not keeper._waiting
         assert not keeper._holds
         assert not keeper._exclusive
         assert not keeper._shared
-    assert sorted(filter(lambda each: each is not None, map(world.shown, PLACES))) == [*MODULES]
+    here = [module for place in PLACES if (module := world.shown(place)) is not None]
+    assert sorted(here) == [*MODULES]
 
 
-@settings(max_examples=60)
-@given(STEPS)
+SEEDS, STEPS = st.integers(0, (1 << 32) - 1), st.integers(1, 80)
+"""Lists of steps as hypothesis makes them are mostly too short for three to meet."""
+
+
+@pytest.mark.slow
+@settings(max_examples=100)
+@given(SEEDS, STEPS)
 def test_locks_are_those_of_what_is_prepared_or_held_and_nobody_waits_for_nothing(
-    steps: Steps,
+    seed: int, steps: int
 ) -> None:
     """After each step, whatever is doubled, lost, late or forgotten; and all comes to an end."""
-    _holds(steps)
+    _come_through(seed, steps)
 
 
 @pytest.mark.slow
 @pytest.mark.thorough
 @settings(max_examples=3000)
-@given(STEPS)
-def test_that_holds_in_thousands_of_orders(steps: Steps) -> None:
+@given(SEEDS, STEPS)
+def test_that_holds_in_thousands_of_orders(seed: int, steps: int) -> None:
     """The same, more often."""
-    _holds(steps)
+    _come_through(seed, steps)

@@ -103,9 +103,27 @@ def test_a_module_attempts_again_in_its_epoch() -> None:
     assert frozenset({(0, 0, 2)}) in found.committed
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", [HUB, SAME, RING, AFTER], ids=["hub", "same", "ring", "after"])
+@pytest.mark.parametrize("module", [0, 1])
+def test_what_is_held_stops_nobody_for_good(scenario: Scenario, module: int) -> None:
+    """One of two holds what it senses, gives up, or attempts; holds run out at any moment."""
+    plain = Explorer(scenario).explore()
+    found = Explorer(replace(scenario, holds={module: 1})).explore()
+    assert found.states > plain.states
+    assert found.committed == plain.committed
+
+
 @pytest.mark.parametrize(
     ("scenario", "faults"),
     [
+        *(
+            pytest.param(replace(SAME, holds={0: 1}), faults, marks=THOROUGH, id=f"held {at}")
+            for at, faults in enumerate(
+                (Faults(double=1), Faults(loss=1), Faults(module=1), Faults(keeper=1))
+            )
+        ),
+        pytest.param(replace(HUB, holds={0: 1, 1: 1}), Faults(), marks=THOROUGH, id="both held"),
         pytest.param(HUB, Faults(double=1, module=1), marks=THOROUGH, id="hub"),
         pytest.param(RING, Faults(double=1, keeper=1), marks=THOROUGH, id="ring"),
         *(

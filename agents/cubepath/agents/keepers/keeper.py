@@ -643,7 +643,11 @@ class Keeper:
             self.refused += 1
             return
         self._asked[module] = mine
-        hold = _Hold(asked, process, share, asked.ticks)
+        self._hold_instead(_Hold(asked, process, share, asked.ticks))
+
+    def _hold_instead(self, hold: _Hold) -> None:
+        """Hold this, now or later, and nothing else for the module."""
+        asked, module, share = hold.asked, hold.asked.module, hold.share
         waiting = self._waiting.get(~module)
         if asked.ticks and isinstance(waiting, _Hold) and waiting.share == share:
             self._waiting[~module] = hold  # it keeps its place in the line
