@@ -121,7 +121,11 @@ class History(NamedTuple):
         """Check that what a keeper shows and has not locked is so."""
         known = dict(self.units)
         on = {site: module for module, site in enumerate(self.sites)}
-        locked = {unit for register, unit in keeper._exclusive if not register}
+        locked = {
+            unit
+            for (register, unit), owner in keeper._exclusive.items()
+            if not register and owner >= 0  # what is only held shows what it is
+        }
         for unit in {*keeper.units.units, *known, *on, *keeper.units.place_of.values()}:
             if keeper._tiles.keeper_of(unit) != keeper.me or unit in locked:
                 continue

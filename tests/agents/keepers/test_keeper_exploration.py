@@ -8,12 +8,13 @@ from dataclasses import replace
 import pytest
 
 from cubepath.agents.keepers.attempts import Planned
-from cubepath.agents.keepers.keeper import Keeper, _Last, _Pending
+from cubepath.agents.keepers.keeper import Keeper, _Hold, _Last, _Pending
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Enter, Inquiry
-from keeper_explorer import Broken, Explorer, Faults, Scenario
+from keeper_explorer import Broken, Explorer
+from keeper_world import Faults, Scenario
 
 Targets = Iterable[tuple[Site, tuple[tuple[Site, Site | None], ...]]]
 
@@ -102,9 +103,27 @@ def test_a_module_attempts_again_in_its_epoch() -> None:
     assert frozenset({(0, 0, 2)}) in found.committed
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", [HUB, SAME, RING, AFTER], ids=["hub", "same", "ring", "after"])
+@pytest.mark.parametrize("module", [0, 1])
+def test_what_is_held_stops_nobody_for_good(scenario: Scenario, module: int) -> None:
+    """One of two holds what it senses, gives up, or attempts; holds run out at any moment."""
+    plain = Explorer(scenario).explore()
+    found = Explorer(replace(scenario, holds={module: 1})).explore()
+    assert found.states > plain.states
+    assert found.committed == plain.committed
+
+
 @pytest.mark.parametrize(
     ("scenario", "faults"),
     [
+        *(
+            pytest.param(replace(SAME, holds={0: 1}), faults, marks=THOROUGH, id=f"held {at}")
+            for at, faults in enumerate(
+                (Faults(double=1), Faults(loss=1), Faults(module=1), Faults(keeper=1))
+            )
+        ),
+        pytest.param(replace(HUB, holds={0: 1, 1: 1}), Faults(), marks=THOROUGH, id="both held"),
         pytest.param(HUB, Faults(double=1, module=1), marks=THOROUGH, id="hub"),
         pytest.param(RING, Faults(double=1, keeper=1), marks=THOROUGH, id="ring"),
         *(
@@ -167,8 +186,8 @@ class _Silent(Keeper):
 class _Barging(Keeper):
     """Lets an attempt that has to wait here wait for nobody."""
 
-    def _must_wait(self, pending: _Pending) -> bool:
-        return pending.passed.attempt.module in self._prepared
+    def _must_wait(self, pending: _Pending | _Hold) -> bool:
+        return pending.owner in self._prepared
 
 
 LOST = Faults(loss=1, module=1)

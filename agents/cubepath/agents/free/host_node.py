@@ -152,7 +152,7 @@ class FreeHostNode(Node):
             self._changed(self.sensing.know(part.parts))
             self._asks += mover.held(part, keeper, self._now_s)
         else:
-            mover.decided(part, self._now_s)
+            self._asks += mover.decided(part, self._now_s)
         self._due[module] = None
 
     def _go_on(self) -> list[Effect]:

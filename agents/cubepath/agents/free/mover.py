@@ -48,6 +48,8 @@ THINK_S = 0.01
 """What a module of speed 1 that is told to think takes to choose; others as many times longer."""
 MISSES = 3
 """After so many attempts in a row that came too late it asks for what it senses to be held."""
+HOLD_TRIES = 2 * MISSES
+"""After it has asked a keeper to hold so often it goes on without."""
 HOLD_TICKS = 20
 """So many ticks of the keepers it asks for at least, besides the time that it thinks."""
 PACE = 2
@@ -116,6 +118,7 @@ class Mover:
         self._holds: list[tuple[int, list[Site]]] = []
         """What it has asked to be held, by keeper in increasing order; those before `_held` are."""
         self._held = self._hold_number = self._hold_tries = 0
+        self._holds_at = self.site
         self._random = stream(seed, module, PACE)
         nothing: frozenset[Any] = frozenset()
         self._near: tuple[Site | None, frozenset[Site], frozenset[str], list[Site]]
@@ -193,30 +196,36 @@ class Mover:
         self.site = site
         return moved
 
-    def decided(self, decision: Decision, now_s: float) -> None:
-        """Take note of what came of its attempt."""
+    def decided(self, decision: Decision, now_s: float) -> list[Ask]:
+        """Take note of what came of its attempt; return what it asks next."""
         attempt = self._attempt
         if attempt is None or self.state != "pending":
-            return
+            return []
         if (decision.epoch, decision.number) != (attempt.epoch, attempt.number):
-            return
+            return []
         if decision.why.startswith("fenced"):
             # A later birth has taken its place. To enter again would fence that one off in turn,
             # under a number of birth that may be given to yet another.
             self.state, self.due_s = "superseded", inf
-            return
+            return []
         self._attempt = None
         self._number = decision.number
         if decision.moved is None:
             self._misses += 1
             self._retry_s = min(2 * self._retry_s, RETRY_S_MAX)
             self._rests(now_s, self._retry_s * self._random.random())
-            return
-        # Who needed to hold what it senses is likely to need it again.
-        self._misses = MISSES - 1 if self._misses >= MISSES else 0
+            return self._let_go(())  # keepers beyond the one that refused know nothing of it
+        self._holds = []
+        self._misses = self._misses_after_turn
         self._rest_s, self._retry_s = REST_S, RETRY_S
         self._executed(decision.moved)
         self._rests(now_s, 0.0)
+        return []
+
+    @property
+    def _misses_after_turn(self) -> int:
+        """Who needed to hold what it senses is likely to need it again."""
+        return MISSES - 1 if self._misses >= MISSES else 0
 
     def _executed(self, moved: Moved) -> None:
         self.level = max(self.level, moved.level)
@@ -276,7 +285,7 @@ class Mover:
             self._attempt = None
             self._misses += 1
             self._rests(now_s, 0.0)
-            return self._choose(now_s, sensing)
+            return [*self._let_go(()), *self._choose(now_s, sensing)]  # what was held is not
         return self._send(attempt, now_s)
 
     def _still(self, attempt: Attempt, sensing: Sensing) -> bool:
@@ -302,7 +311,7 @@ class Mover:
         self._wait_for_answer(now_s)
         chain = planned(self._system, self._tiles, attempt).chain
         self._first = chain[0]
-        # The keepers of the chain let go by themselves when they know what came of it.
+        # The keepers of the chain let go by themselves when they commit.
         return [(self._first, attempt), *self._let_go(chain)]
 
     # Holding what it senses.
@@ -315,7 +324,7 @@ class Mover:
             if system.has_place(near):
                 shares.setdefault(self._tiles.keeper_of(near), []).append(near)
         self._holds = sorted(shares.items())
-        self._held = 0
+        self._held, self._holds_at = 0, self.site
         self.state = "holding"
         return self._hold_next(now_s)
 
@@ -334,23 +343,26 @@ class Mover:
         return [(keeper, Hold(self.module, self._epoch, self._hold_number, asked, ticks))]
 
     def _wait_to_hold(self, now_s: float) -> list[Ask]:
-        if self._held == len(self._holds):
-            self.state, self.due_s = "resting", now_s
-            return []
+        if self.halted or self._holds_at != self.site:
+            self._rests(now_s, 0.0)
+            return self._let_go(())
         if now_s < self.due_s:
             return []
         self._hold_tries += 1
+        if self._hold_tries == HOLD_TRIES:
+            # A keeper may be dead that its attempt does not concern.
+            self._misses = 0
+            self._rests(now_s, 0.0)
+            return self._let_go(())
         if self._hold_tries % MISSES == 0:
             self._hold_number += 1  # it may have been held, and given up again
         return self._ask_to_hold(now_s)
 
     def held(self, answer: Held, keeper: int, now_s: float) -> list[Ask]:
         """Take note of what is held for it; return what it asks next."""
-        if self.state != "holding" or self._held >= len(self._holds):
+        if self.state != "holding" or keeper != self._holds[self._held][0]:
             return []
         if (answer.epoch, answer.number) != (self._epoch, self._hold_number):
-            return []
-        if keeper != self._holds[self._held][0]:
             return []
         self._held += 1
         if self._held < len(self._holds):
@@ -360,13 +372,15 @@ class Mover:
         return []
 
     def _let_go(self, chain: Iterable[int]) -> list[Ask]:
-        """Give up what is held for it, but at the keepers of a chain."""
+        """Give up what is held for it, or may be, but at the keepers of a chain."""
         asks: list[Ask] = []
-        for keeper, _ in self._holds:
-            if keeper not in chain:
+        asked, self._holds = self._holds[: self._held + 1], []
+        for keeper, places in asked:
+            if keeper in chain:
+                self._holds.append((keeper, places))
+            else:
                 self._hold_number += 1
                 asks.append((keeper, Hold(self.module, self._epoch, self._hold_number, [], 0)))
-        self._holds = []
         return asks
 
     def _choose(self, now_s: float, sensing: Sensing) -> list[Ask]:
@@ -374,7 +388,7 @@ class Mover:
         if self.halted:
             self.dirty = True
             self.due_s = now_s + REST_S_MAX
-            return []
+            return self._let_go(())
         if now_s < self.due_s and not (self.dirty and self._retry_s <= RETRY_S):
             return []
         here = sensing.place(self._system.place_of(self.site))
@@ -390,7 +404,8 @@ class Mover:
         if attempt is None:
             self.state, self.due_s = "resting", now_s + self._rest_s
             self._rest_s = min(2 * self._rest_s, REST_S_MAX)
-            self._misses = 0
+            if self._holds:  # otherwise it may stay because it came too late
+                self._misses = self._misses_after_turn
             return self._let_go(())
         self._rest_s = REST_S
         self._attempt = attempt

@@ -284,11 +284,13 @@ class Keeper:
         if attempt.module in self._prepared:
             # The module knows what became of its attempt before, and this keeper does not yet.
             self._inquire(self._prepared[attempt.module])
-        self._waiting.pop(attempt.module, None)
+        replaced = self._waiting.pop(attempt.module, None)
         if not self._must_wait(pending):
             self._take(pending)
         elif len(self._waiting) < WAITING_MAX:
             self._waiting[attempt.module] = pending
+        if replaced is not None:
+            self._go_on()  # some may have waited for that alone
 
     def _again(self, passed: Passed, last: _Last, sender: int | None) -> None:
         """Say again what came of an attempt that was seen before, or pass it on again."""
@@ -581,6 +583,7 @@ class Keeper:
                 return
             # Whoever holds may come to wait for what this one has locked at lower keepers.
             del self._waiting[inquiry.module]
+            self._go_on()
         last = self._last.get(inquiry.module)
         if last is not None and last.id == name[1:] and last.decision is not None:
             self._pass(keeper, last.decision)
@@ -640,15 +643,23 @@ class Keeper:
             self.refused += 1
             return
         self._asked[module] = mine
-        self._waiting.pop(~module, None)
-        self._give_up(module)
-        if not asked.ticks:
+        self._hold_instead(_Hold(asked, process, share, asked.ticks))
+
+    def _hold_instead(self, hold: _Hold) -> None:
+        """Hold this, now or later, and nothing else for the module."""
+        asked, module, share = hold.asked, hold.asked.module, hold.share
+        waiting = self._waiting.get(~module)
+        if asked.ticks and isinstance(waiting, _Hold) and waiting.share == share:
+            self._waiting[~module] = hold  # it keeps its place in the line
             return
-        hold = _Hold(asked, process, share, asked.ticks)
-        if not self._must_wait(hold):
-            self._hold(hold)
-        elif len(self._waiting) < WAITING_MAX:
-            self._waiting[~module] = hold
+        self._waiting.pop(~module, None)
+        self._free(module)
+        if asked.ticks:
+            if not self._must_wait(hold):
+                self._hold(hold)
+            elif len(self._waiting) < WAITING_MAX:
+                self._waiting[~module] = hold
+        self._go_on()
 
     def _hold(self, hold: _Hold) -> None:
         self._holds[hold.asked.module] = hold
@@ -662,13 +673,18 @@ class Keeper:
         self._tell(hold.process, Held(asked.module, asked.epoch, asked.number, parts))
 
     def _give_up(self, module: int) -> None:
+        """Free what is held for a module, and take up those who waited for that."""
+        if self._free(module):
+            self._go_on()
+
+    def _free(self, module: int) -> bool:
         hold = self._holds.pop(module, None)
         if hold is None:
-            return
+            return False
         for lock in hold.share.exclusive:
             if self._exclusive.get(lock) == hold.owner:
                 del self._exclusive[lock]
-        self._go_on()
+        return True
 
     # Modules that enter, and processes that look.
 
