@@ -91,3 +91,19 @@ def test_a_module_that_is_fenced_off_says_nothing_more() -> None:
     assert mover.step(1e9, sensing) == []
     mover.entered(Entered(1, SITE, Occupant(0, 1, 1, 0, [], 0)), 1e9)
     assert mover.step(2e9, sensing) == []
+
+
+def test_what_was_shown_before_an_answer_that_came_late_is_known() -> None:
+    """A module that entered, and was taken elsewhere before it heard of that, stands there."""
+    scene = scene_from_spec("agv:graph=P3,n=1")
+    rule = replace(RANDOM, free=FreeRule("it relies on nothing"))
+    first, second, third = scene.system.places
+    late = Entered(1, first, Occupant(0, 1, 1, 0, [], 0))
+    for again in (False, True):
+        mover = Mover(scene, Tiles(scene.system, 1), rule, 0, birth=1, seed=1)
+        mover.taken_to(third, 2)
+        mover.taken_to(second, 1)
+        mover.entered(late, 0.0)
+        assert mover.site == third
+        mover.entered(Entered(1, second, Occupant(0, 1, 1, 0, [], 3 if again else 1)), 0.0)
+        assert mover.site == (second if again else third)

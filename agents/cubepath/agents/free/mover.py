@@ -108,7 +108,7 @@ class Mover:
         self._again_s = AGAIN_S
         self._rest_s, self._retry_s = REST_S, RETRY_S
         self._epoch = self._number = self._turn = 0
-        self._version = 0
+        self._version = -1
         self.halted = False
         """Whether it begins nothing new."""
         self._actor: Actor | None = None
@@ -161,26 +161,30 @@ class Mover:
     def entered(self, answer: Entered, now_s: float) -> None:
         """Take its place again, in a new epoch."""
         occupant = answer.occupant
-        if answer.birth != self._birth or occupant.epoch <= self._epoch:
+        if answer.birth != self._birth or occupant.epoch < self._epoch:
+            return
+        if occupant.epoch == self._epoch:  # said again, maybe later than what was heard since
+            self.taken_to(site_from_json(answer.site), occupant.version)
             return
         fresh = self._epoch == 0
         self._epoch, self._number = occupant.epoch, occupant.number
-        self.site, self._version = site_from_json(answer.site), occupant.version
+        # Where it was shown before this answer came may be later than the answer.
+        self.taken_to(site_from_json(answer.site), occupant.version)
         self._attempt = None
         self._holds, self._hold_number = [], 0
         self._rests(now_s, 0.0)
         if fresh:
             self._turn = 0
             if self._own is None:
-                self._actor = self._born()
+                self._actor = self._born(site_from_json(answer.site))
 
-    def _born(self) -> Actor:
+    def _born(self, site: Site) -> Actor:
         scene = self._scene
         knowledge = InitialKnowledge(
             system=self._system,
             module=self.module,
             modules=len(scene.start),
-            start=self.site,
+            start=site,
             goals=scene.goals[self.module] if scene.goals else (),
             random=stream(self._seed, self.module, RULE),
         )
@@ -189,7 +193,7 @@ class Mover:
 
     def taken_to(self, site: Site, version: int) -> bool:
         """Take note of where keepers show it; return whether that is news."""
-        if self._epoch == 0 or version <= self._version:
+        if version <= self._version:
             return False
         self._version = version
         moved = site != self.site
