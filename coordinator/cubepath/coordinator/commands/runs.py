@@ -173,7 +173,8 @@ def _add_free(run: argparse.ArgumentParser) -> None:
         "--resume",
         type=input_path,
         metavar="RECORDING",
-        help="take up a run with the free clock that was cut off or failed, where its keepers' logs end",
+        help="take up a run with the free clock that was cut off or failed, where its keepers'"
+        " logs end",
     )
     run.add_argument(
         "--log-time",

@@ -175,8 +175,10 @@ def _check_said(
     Attempts(history, transcript, tiles, fail).check()
     shown = Shownness(history, tiles, fail)
     shown.check(transcript)
-    whole = transcript.results.summary is not None
-    ended = whole and RECOVERED not in recording.parameters
+    summary = transcript.results.summary
+    # Who is interrupted, or fails, does not wait for what keepers have at the end.
+    settled = summary is not None and summary.ended in ("goal", "max-rounds")
+    ended = settled and RECOVERED not in recording.parameters
     Tails(history, tiles, fail).check(transcript, keepers, whole=ended)
     TurnsOfModules(history, shown, transcript, fail).check(playing)
 
