@@ -74,10 +74,7 @@ def test_a_register_that_is_no_note_of_the_rule_is_not_heard() -> None:
     (tile,) = mover.needs
     sensing.need([tile], 0.0)
     notes = ([7, 8], [1], [1, 2, 3])
-    places = [
-        Shown(at, 0, at, module, note)
-        for module, (at, note) in enumerate(zip(scene.start, notes, strict=True))
-    ]
+    places = [Shown(at, 0, at, number, notes[number]) for number, at in enumerate(scene.start)]
     sensing.take(Shows(0, tile, 0, places, whole=True), 0.0)
     mover.entered(Entered(1, scene.start[1], Occupant(1, 1, 1, 0, [1], 0)), 0.0)
     mover.step(0.0, sensing)

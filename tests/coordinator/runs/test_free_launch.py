@@ -241,6 +241,14 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
 
 
 @pytest.mark.slow
+def test_a_keeper_that_stands_still_is_named(fleets: list[FreeFleet], tmp_path: Path) -> None:
+    """It has not died, so nobody else says what the run waits for."""
+    plan = Plan(system=CHAIN, clock="free", keepers=1, patience=5.0, log=tmp_path / "run.mcap")
+    outcome = wounded(fleets, "keeper_0", plan, signal.SIGSTOP)
+    assert outcome.error == "nothing was committed for 5 s; keeper_0 did not answer"
+
+
+@pytest.mark.slow
 def test_a_run_that_failed_can_be_taken_up(tmp_path: Path) -> None:
     """Nobody moved within the patience; until it is taken up its keepers' logs are kept."""
     log, more = tmp_path / "run.mcap", tmp_path / "more.mcap"

@@ -64,6 +64,8 @@ class Collector(Node):
         self._refusals = Refusals()
         self._heard = Heard()
         self._quiet = 0
+        self._unanswered = [0] * keepers
+        """How often each keeper was asked since it last answered."""
 
     def start(self) -> list[Effect]:
         """Listen, and ask keepers what there was before."""
@@ -85,6 +87,8 @@ class Collector(Node):
                 for moved in message.parts:
                     self._heard_of(moved)
                 self.tails[message.keeper] = message
+                if message.keeper < self._keepers:
+                    self._unanswered[message.keeper] = 0
                 if message.parts and message.parts[-1].serial < message.serial:
                     more = self._fetch(message.keeper, message.parts[-1].serial)
             case Rest(process=process):
@@ -121,7 +125,13 @@ class Collector(Node):
             for effect in self._fetch(keeper, self.gatherer.known(keeper))
         ]
 
+    @property
+    def silent(self) -> list[int]:
+        """Return the keepers that were asked twice or more, and have not answered."""
+        return [keeper for keeper, times in enumerate(self._unanswered) if times > 1]
+
     def _fetch(self, keeper: int, serial: int) -> list[Effect]:
+        self._unanswered[keeper] += 1
         return self.say(Fetch(keeper, serial))
 
     def say(self, message: Fetch | Repeat | Go) -> list[Effect]:

@@ -23,6 +23,7 @@ from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.coordinator.runs.resuming import is_said, keeper_logs
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.recordings.recording import Recording, RecordingWriter
+from cubepath.protocol.wire.credentials import keeper_name
 from cubepath.protocol.wire.free_messages import FreeMessage, decode_free, free_topic, level_of
 from cubepath.protocol.wire.messages import Edges, Go, encode
 from cubepath.protocol.wire.nodes import Keep
@@ -228,6 +229,10 @@ class FreeRun:
     def _stuck(self) -> str:
         dead = sorted({crash.name for crash in self.crashes if not crash.restarted})
         who = f"; {', '.join(dead)} had died" if dead else ""
+        silent = [
+            name for each in self._collector.silent if (name := keeper_name(each)) not in dead
+        ]
+        who += f"; {', '.join(silent)} did not answer" if silent else ""
         return f"nothing was committed for {self.plan.patience:g} s{who}"
 
     def _settle(
@@ -242,16 +247,18 @@ class FreeRun:
         until = time.monotonic() + seconds
         collector.resting.clear()
         asked = 0.0
-        settled = False
+        settled = rested = False
         while not settled and time.monotonic() < until:
             check()
             self._look_after(fleet)
             all_rest = fleet.processes_alive() <= collector.resting
-            settled = all_rest and collector.settled
+            if all_rest and not rested:
+                collector.tails.clear()  # who rests commits nothing: what is told now is the end
+                asked = 0.0
+            rested = all_rest
+            settled = rested and collector.settled
             if not settled and time.monotonic() - asked > _LOOK_S:
                 asked = time.monotonic()
-                collector.tails.clear()
-                # Who rests commits nothing, so what keepers tell from then on is the end.
                 say = collector.fetch() if all_rest else collector.say(Go(collector.level, "over"))
                 shell.carry_out(say)
             shell.step(_STEP_S)

@@ -176,8 +176,10 @@ def _check_said(
     Attempts(history, transcript, tiles, fail).check()
     shown = Shownness(history, tiles, fail)
     shown.check(transcript)
-    whole = transcript.results.summary is not None
-    ended = whole and RECOVERED not in recording.parameters
+    summary = transcript.results.summary
+    # Who fails does not wait for what keepers have at the end.
+    settled = summary is not None and summary.ended in ("goal", "max-rounds")
+    ended = settled and RECOVERED not in recording.parameters
     # A keeper that is dead and not started again does not tell how it ends.
     open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
     Tails(history, tiles, fail).check(transcript, keepers, whole=ended, open_end=open_end)
