@@ -139,6 +139,11 @@ class Collector(Node):
         return [Put(free_key(self._run, message), encode(message))]
 
     @property
+    def lacking(self) -> int:
+        """Return how many messages are missing by their numbers, and were not given up."""
+        return self._heard.lacking
+
+    @property
     def settled(self) -> bool:
         """Return whether every keeper has answered, and nothing is under way or lacking."""
         tails = self.tails.values()
@@ -146,7 +151,7 @@ class Collector(Node):
             len(self.tails) == self._keepers
             and all(tail.prepared == 0 for tail in tails)
             and self.gatherer.unfinished is None
-            and not self._heard.lacking
+            and not self.lacking
         )
 
 

@@ -33,7 +33,8 @@ _STEP_S = 0.05
 _LOOK_S = 0.2
 _FLUSH_S = 0.5
 _SETTLE_S_MAX = 5.0
-"""How long the end of a run waits for what is under way."""
+"""How long the end of a run waits for what is under way, since anything new was heard of."""
+_SETTLE_S_IN_ALL = 120.0
 _INTERRUPT_S_MAX = 2.0
 """And so long if the user asked for it."""
 
@@ -245,6 +246,8 @@ class FreeRun:
         """Halt the modules, and wait until everything that was committed is known."""
         collector = self._collector
         until = time.monotonic() + seconds
+        at_most = until if seconds < _SETTLE_S_MAX else until + _SETTLE_S_IN_ALL
+        known = self._known()
         collector.resting.clear()
         asked = 0.0
         settled = rested = False
@@ -262,6 +265,14 @@ class FreeRun:
                 say = collector.fetch() if all_rest else collector.say(Go(collector.level, "over"))
                 shell.carry_out(say)
             shell.step(_STEP_S)
+            if known != (known := self._known()):  # in a large run there may be much to catch up
+                until = min(time.monotonic() + seconds, at_most)
+
+    def _known(self) -> tuple[int, ...]:
+        """Return what changes while the record of the run is being completed."""
+        collector = self._collector
+        commits = sum(map(self.gatherer.known, range(self.plan.keepers)))
+        return commits, self.gatherer.moves, collector.lacking, len(collector.resting)
 
     def _look_after(self, fleet: FreeFleet) -> None:
         now = time.monotonic()
