@@ -39,7 +39,7 @@ class Watch:
     def __init__(self, fleet: FreeFleet, scene: Scene) -> None:
         self.fleet = fleet
         self.gatherer = FreeGatherer(scene, fleet.keepers)
-        self.collector = Collector(fleet.run, self.gatherer, fleet.keepers)
+        self.collector = Collector(fleet.run, self.gatherer, fleet.keepers, fleet.modules_of)
         self.heard: list[FreeMessage] = []
         self.crashes: list[Crash] = []
         self._shell: Shell | None = None

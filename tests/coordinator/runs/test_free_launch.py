@@ -235,6 +235,7 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     assert outcome.ended == "max-rounds"
     assert outcome.moves >= sum(1 for _ in read_recording(log).of_kind("moved")) > 0
     assert not keeper_logs(log).exists()
+    assert not keeper_logs(more).exists()
     sound(more)
     with pytest.raises(InputError, match=r"run\.mcap\.keepers: not there"):
         run(Plan(resume=log, log=tmp_path / "third.mcap"))
@@ -287,3 +288,9 @@ def test_a_schedule_is_carried_out_without_rounds(tmp_path: Path) -> None:
     assert outcome.ended == "goal"
     assert outcome.rounds == outcome.schedule_cubes == first.cubes
     sound(again)
+
+
+def test_no_level_is_begun_where_none_is_allowed(tmp_path: Path) -> None:
+    """As with rounds."""
+    outcome = run(Plan(system=CHAIN, clock="free", max_rounds=0, log=tmp_path / "run.mcap"))
+    assert (outcome.ended, outcome.moves) == ("max-rounds", 0)

@@ -38,7 +38,8 @@ from cubepath.protocol.wire.sayings import BIRTHS_OF_A_FLEET
 OnCrash: TypeAlias = Literal["stop", "continue", "restart"]
 ON_CRASH: tuple[OnCrash, ...] = ("stop", "continue", "restart")
 _KEEPER, _HOST = "cubepath.agents.keepers.process", "cubepath.agents.free.process"
-_END_S_MAX = 5.0
+_END_S_MAX = 2.0
+"""So long processes may take to end that were told to; killed they lose nothing either."""
 _RESTARTS_MAX = 100
 """So often processes are started again in all; what dies at once would do so for ever."""
 

@@ -97,7 +97,8 @@ def _add_run(command: AddCommand) -> None:
         "--max-rounds",
         type=whole(0),
         metavar="N",
-        help="end after N rounds (default 1000; with a schedule one a cube, 1000 more to repair)",
+        help="end after N rounds, or levels (default 1000; with a schedule one a cube, 1000 more to"
+        " repair); without rounds a few more may be done by then",
     )
     _add_patience(run, "end if nothing comes of a phase for so long (default 60)")
     _add_free(run)

@@ -7,6 +7,7 @@ as their senders have them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 from cubepath.agents.processes.judge import RefusedError
@@ -17,6 +18,7 @@ from cubepath.protocol.wire.free_messages import (
     Asks,
     Fetch,
     FreeMessage,
+    Look,
     Moved,
     Passes,
     Repeat,
@@ -48,8 +50,14 @@ TAIL_LOOKS = 8
 class Collector(Node):
     """Hears everything in a run, and passes it on to the gatherer and to the record."""
 
-    def __init__(self, run: str, gatherer: FreeGatherer, keepers: int) -> None:
-        """Gather a run of so many keepers."""
+    def __init__(
+        self,
+        run: str,
+        gatherer: FreeGatherer,
+        keepers: int,
+        modules_of: Sequence[Sequence[int]],
+    ) -> None:
+        """Gather a run of so many keepers; each process speaks for its own modules."""
         self.gatherer = gatherer
         self.level = 0
         """The greatest level heard of."""
@@ -60,6 +68,7 @@ class Collector(Node):
         self.resting: set[int] = set()
         """Processes that have said so since this was last cleared."""
         self._run = run
+        self._modules_of = [frozenset(modules) for modules in modules_of]
         self._keepers = keepers
         self._refusals = Refusals()
         self._heard = Heard()
@@ -75,6 +84,7 @@ class Collector(Node):
         """Take a message; CheckError if commits contradict each other, or cannot be."""
         try:
             message = _read(self._run, key, data)
+            self._check_speaker(message)
         except RefusedError as error:
             return list(self._refusals.add(self.level, key, data, error))
         more: list[Effect] = []
@@ -97,6 +107,24 @@ class Collector(Node):
                 pass
         self.gatherer.take(message)
         return [Keep(data, message), *more]
+
+    def forget(self, name: str) -> None:
+        """Forget that a process rests, which has died and may have been started again."""
+        kind, _, number = name.partition("_")
+        if kind == "process":
+            self.resting.discard(int(number))
+
+    def _check_speaker(self, message: _Said) -> None:
+        """Check that a process speaks for its own modules; or RefusedError."""
+        if not isinstance(message, Asks | Turns | Rest):
+            return
+        process = message.process
+        if process >= len(self._modules_of):
+            raise RefusedError("foreign", f"this run has no process_{process}")
+        for part in () if isinstance(message, Rest) else message.parts:
+            module = None if isinstance(part, Look) else part.module
+            if module is not None and module not in self._modules_of[process]:
+                raise RefusedError("foreign", f"module_{module} is not in process_{process}")
 
     def _heard_of(self, moved: Moved) -> None:
         self.moves += 1

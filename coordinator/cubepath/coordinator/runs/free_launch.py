@@ -106,7 +106,7 @@ class FreeRun:
         except CubepathError as problem:
             ending = Ending("failed", ending.error or str(problem))
         if ending.ended != "failed" or self.gatherer.failed is not None:
-            shutil.rmtree(keeper_logs(self.plan.resume or self.writer.path), ignore_errors=True)
+            shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
         return ending
 
     def _play(self) -> Ending:
@@ -114,8 +114,12 @@ class FreeRun:
         self._take_up()
         if self.gatherer.reached and task.assignment is None:
             return Ending("goal")
-        path = plan.resume or self.writer.path
+        if not task.max_rounds:
+            return Ending("max-rounds")
+        path = self.writer.path
         logs = keeper_logs(path) if path.is_file() else None  # beside a device there is no room
+        if plan.resume is not None and logs is not None:
+            keeper_logs(plan.resume).rename(logs)  # this run may be cut off in its turn
         with (
             interrupts() as check,
             FreeFleet(
@@ -134,7 +138,9 @@ class FreeRun:
                 logs=logs,
             ) as fleet,
         ):
-            collector = self._collector = Collector(fleet.run, self.gatherer, plan.keepers)
+            collector = self._collector = Collector(
+                fleet.run, self.gatherer, plan.keepers, fleet.modules_of
+            )
             credentials = fleet.credentials()
             with Shell(collector, fleet.endpoint, self._keep, credentials=credentials) as shell:
                 shell.start()
@@ -282,6 +288,7 @@ class FreeRun:
         for crash in fleet.look():
             after = round(now - self._began, 3)
             self.crashes.append(Noticed(crash.name, crash.how, crash.restarted, after))
+            self._collector.forget(crash.name)
             again = ", and was started again" if crash.restarted else ""
             self.say(f"{crash.name} has died ({crash.how}){again}")
         if now - self._flushed >= _FLUSH_S:
