@@ -88,7 +88,7 @@ def test_a_tile_that_is_not_shown_is_looked_at_ever_more_rarely() -> None:
     sensing = Sensing(SCENE.system, TILES)
     assert sensing.next_s == float("inf")
     sensing.need(["0"], 1.0)
-    times = []
+    times: list[float] = []
     while len(times) < 8:
         times.append(sensing.next_s)
         assert sensing.due(sensing.next_s) == [("0", -1)]
