@@ -7,7 +7,7 @@ figures of docs/free-clock.md.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -51,7 +51,7 @@ class Measured:
 
 
 @contextmanager
-def never_held() -> Iterator[None]:
+def never_held() -> Generator[None]:
     """Let modules attempt ever again without asking that anything be held."""
     with patch.object(mover, "MISSES", 10**9):
         yield

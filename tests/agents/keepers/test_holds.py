@@ -224,7 +224,7 @@ def test_who_waits_for_a_hold_is_forbidden_when_its_lease_has_expired() -> None:
         first.tick()
     (inquiry,) = [each.part for each in letters_of(first)]
     assert isinstance(inquiry, Inquiry)
-    [*letters_of(keeper)]
+    keeper.said()
     keeper.hear(0, inquiry)
     assert [each.part for each in letters_of(keeper)] == [Decision(0, 0, 1, why=ABORTED)]
     check_keeper(keeper)

@@ -118,7 +118,7 @@ def test_what_is_held_stops_nobody_for_good(scenario: Scenario, module: int) -> 
     ("scenario", "faults"),
     [
         *(
-            pytest.param(replace(SAME, holds={0: 1}), faults, marks=THOROUGH, id=f"held {at}")
+            pytest.param(replace(HUB, holds={1: 1}), faults, marks=THOROUGH, id=f"held {at}")
             for at, faults in enumerate(
                 (Faults(double=1), Faults(loss=1), Faults(module=1), Faults(keeper=1))
             )

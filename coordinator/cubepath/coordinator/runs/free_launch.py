@@ -114,7 +114,7 @@ class FreeRun:
         self._take_up()
         if self.gatherer.reached and task.assignment is None:
             return Ending("goal")
-        if not task.max_rounds:
+        if not task.max_rounds and plan.resume is None:
             return Ending("max-rounds")
         path = self.writer.path
         logs = keeper_logs(path) if path.is_file() else None  # beside a device there is no room
