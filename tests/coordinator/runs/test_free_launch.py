@@ -30,6 +30,8 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graph import GraphSystem
 
 CHAIN = "hex:n=6"
+SLOW = dict.fromkeys(range(6), 4.0)
+"""Modules that leave time to do something to them."""
 
 
 def sound(log: Path) -> None:
@@ -89,7 +91,15 @@ def test_a_run_is_on_record_and_holds(tmp_path: Path) -> None:
 def test_a_run_with_a_crash_holds(name: str, fleets: list[FreeFleet], tmp_path: Path) -> None:
     """Started again, its processes reach the goal by the same moves, and it says who died."""
     log = tmp_path / "run.mcap"
-    plan = Plan(system="hex:n=9", clock="free", processes=2, keepers=2, on_crash="restart", log=log)
+    plan = Plan(
+        system="hex:n=9",
+        clock="free",
+        processes=2,
+        keepers=2,
+        on_crash="restart",
+        speeds=SLOW,
+        log=log,
+    )
     outcome = wounded(fleets, name, plan)
     assert outcome.goal_reached
     assert outcome.moves == 88
@@ -244,7 +254,8 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
 @pytest.mark.slow
 def test_a_keeper_that_stands_still_is_named(fleets: list[FreeFleet], tmp_path: Path) -> None:
     """It has not died, so nobody else says what the run waits for."""
-    plan = Plan(system=CHAIN, clock="free", keepers=1, patience=5.0, log=tmp_path / "run.mcap")
+    log = tmp_path / "run.mcap"
+    plan = Plan(system=CHAIN, clock="free", keepers=1, patience=5.0, speeds=SLOW, log=log)
     outcome = wounded(fleets, "keeper_0", plan, signal.SIGSTOP)
     assert outcome.error == "nothing was committed for 5 s; keeper_0 did not answer"
 
