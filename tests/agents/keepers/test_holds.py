@@ -275,3 +275,11 @@ def test_what_is_no_place_of_the_keeper_is_counted() -> None:
     row.ask(Hold(0, 0, 3, [99], 3))
     assert row.keeper.refused == 3
     assert not row.keeper._holds
+
+
+def test_more_places_than_anyone_senses_are_not_held() -> None:
+    """Whoever could hold them all would stop everybody."""
+    row = Row()
+    assert row.hold(0, 1, 0, 1, 2, 3) == []
+    assert row.keeper.refused == 1
+    assert told(row.hold(0, 2, 0, 1, 2)) == [("Held", 0, 2)]

@@ -639,7 +639,9 @@ class Keeper:
         except NO_PLACE:
             self.refused += 1
             return
-        if any(self._tiles.keeper_of(place) != self.me for place in places):
+        # Nobody senses more than that, and who could hold everything would stop everybody.
+        too_many = len(set(places)) > self._system.sense_slots + 1
+        if too_many or any(self._tiles.keeper_of(place) != self.me for place in places):
             self.refused += 1
             return
         self._asked[module] = mine
