@@ -109,7 +109,7 @@ NOT_PROVED = {
     # A message with another number is one that is missing, and as many as were said in its birth.
     *(f"{kind}: birth" for kind in ("ask", "pass", "tell", "shows", "turns", "rest", "tail")),
     # So is one that now has the number of the next one, which says the same.
-    *(f"{kind}: said" for kind in ("ask", "pass", "tell", "shows", "rest", "tail")),
+    *(f"{kind}: said" for kind in ("ask", "pass", "tell", "shows", "turns", "rest", "tail")),
 }
 
 

@@ -186,6 +186,8 @@ class FreeReading:
             for value in _named(message, name):
                 if most is not None and value >= most:
                     self._fail("messages", f"{where}: {name} {value}, expected less than {most}")
+        if isinstance(message, Passes) and message.to == message.keeper:
+            self._fail("messages", f"{where} says something to itself")
         parts = getattr(message, "parts", None)
         if not parts and isinstance(message, Asks | Passes | Tells | Turns):
             self._fail("messages", f"{where} is empty")
