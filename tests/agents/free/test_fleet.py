@@ -4,6 +4,7 @@ import contextlib
 import signal
 import time
 from collections.abc import Callable, Generator
+from functools import partial
 
 import pytest
 
@@ -20,6 +21,7 @@ from watched_fleets import Watch, listened, watched
 pytestmark = pytest.mark.slow
 
 CHAIN = "hex:n=7"
+LONG = partial(pytest.param, marks=pytest.mark.thorough)
 Ways = dict[str, Callable[[str], str]]
 
 
@@ -56,7 +58,7 @@ def test_a_coordinator_that_comes_late_finds_everything() -> None:
             legal(watch)
 
 
-@pytest.mark.parametrize("name", ["process_0", "keeper_0", "keeper_1", "router"])
+@pytest.mark.parametrize("name", ["process_0", "keeper_0", LONG("keeper_1"), LONG("router")])
 def test_a_process_that_is_killed_and_started_again_takes_its_place(name: str) -> None:
     scene = scene_from_spec("hex:n=9")
     with watched(scene, "chain", processes=2, keepers=2, on_crash="restart") as watch:
@@ -70,7 +72,7 @@ def test_a_process_that_is_killed_and_started_again_takes_its_place(name: str) -
         legal(watch)
 
 
-@pytest.mark.parametrize("name", ["process_0", "keeper_0", "router"])
+@pytest.mark.parametrize("name", [LONG("process_0"), "keeper_0", LONG("router")])
 def test_a_process_that_is_stopped_for_a_while_goes_on(name: str) -> None:
     with watched(scene_from_spec(CHAIN), "chain", processes=2, keepers=2) as watch:
         watch.moves(3)
@@ -143,7 +145,7 @@ def relays(names: list[str], delay_s: float) -> Generator[tuple[Ways, dict[str, 
         yield {name: way(name) for name in names}, made
 
 
-@pytest.mark.parametrize("name", ["process_0", "keeper_1"])
+@pytest.mark.parametrize("name", ["process_0", LONG("keeper_1")])
 def test_who_is_cut_off_for_a_while_goes_on_where_it_was(name: str) -> None:
     with (
         relays([name], 0.0) as (ways, made),
@@ -159,6 +161,7 @@ def test_who_is_cut_off_for_a_while_goes_on_where_it_was(name: str) -> None:
         legal(watch)
 
 
+@pytest.mark.thorough
 def test_slow_links_only_take_longer() -> None:
     with (
         relays(["keeper_0", "process_0"], 0.05) as (ways, _),

@@ -77,7 +77,7 @@ def made(spec: str, module: int, seed: int) -> list[Surroundings]:
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.sampled_from(SPECS), st.integers(0, 100), st.integers(0, 1 << 16))
 def test_a_module_sees_in_its_surroundings_what_it_saw(spec: str, module: int, seed: int) -> None:
     """Whoever is moved, gone, new or has another number: observation and mask are the same."""
@@ -95,7 +95,7 @@ def test_a_module_sees_in_its_surroundings_what_it_saw(spec: str, module: int, s
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.sampled_from(SPECS), st.integers(0, 100), st.integers(0, 1 << 16))
 def test_nothing_that_is_said_beyond_reach_arrives(spec: str, module: int, seed: int) -> None:
     """What modules say in another world reaches a module only from where it may be heard.

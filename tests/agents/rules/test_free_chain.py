@@ -23,7 +23,7 @@ def chains(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=25, derandomize=True)
+@settings(deadline=None, max_examples=10, derandomize=True)
 @given(chains(), paces())
 def test_every_chain_reaches_its_goal(scene: Scene, pace: Pace) -> None:
     """Under every scheduler, with late views, hesitation and modules that lose their memory."""
@@ -47,7 +47,7 @@ def test_the_moves_are_those_of_the_rule_with_rounds() -> None:
     assert (len(played.moves), max(move.level for move in played.moves)) == (154, 54)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_without_the_guard_walkers_that_see_late_are_stuck(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -104,7 +104,7 @@ def crowded(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60, derandomize=True)
+@settings(deadline=None, max_examples=25, derandomize=True)
 @given(crowded(), paces())
 def test_every_connected_instance_is_reached(scene: Scene, pace: Pace) -> None:
     """Under every scheduler, with late views, hesitation and vehicles that lose their memory."""

@@ -48,7 +48,7 @@ def gather(scene: Scene, commits: Sequence[Moved]) -> FreeGatherer:
 
 @pytest.mark.parametrize("spec", SPECS)
 @given(order=st.randoms(use_true_random=False))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=3, deadline=None)
 def test_the_result_does_not_depend_on_the_order_of_arrival_nor_on_doubles(
     spec: str, order: Random
 ) -> None:

@@ -30,7 +30,7 @@ def obviously_same(one: Sequence[Action], other: Sequence[Action]) -> bool:
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_paths_are_the_same_iff_one_is_the_other_reordered(data: st.DataObject) -> None:
     """A reordered path is the same; any other is the same iff swapping leads there."""
     word: Word = data.draw(words())
@@ -41,7 +41,7 @@ def test_paths_are_the_same_iff_one_is_the_other_reordered(data: st.DataObject) 
 
 
 @given(st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_paths_are_homotopic_iff_their_normal_cube_paths_are_equal(data: st.DataObject) -> None:
     """Detours change nothing; any other path is compared by definition, and by its class."""
     word: Word = data.draw(words())

@@ -125,7 +125,10 @@ def is_found(recording: Recording, number: int, step: int) -> Iterator[str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", ["agv:graph=grid6x3,n=3", "hex:n=3"])
+@pytest.mark.parametrize(
+    "spec",
+    ["agv:graph=grid6x3,n=3", pytest.param("hex:n=3", marks=pytest.mark.thorough)],
+)
 def test_a_single_value_that_was_changed_is_found(spec: str) -> None:
     """Whatever it is, but for what a recording does not prove."""
     recording = free_recorded(spec, moves=4, keepers=2, restarts=1)
