@@ -115,10 +115,10 @@ def test_fifteen_seeds_hold() -> None:
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1200)
-def test_three_hundred_seeds_hold() -> None:
+def test_two_hundred_seeds_hold() -> None:
     """All kinds of faults happen in them, and all rules."""
     kinds, rules = Counter[str](), Counter[str]()
-    for seed in range(300):
+    for seed in range(200):
         run = Free().run_of(seed)
         assert run.failure is None, (seed, run.failure)
         kinds.update(fault.kind for fault in run.fired)
@@ -138,9 +138,9 @@ def test_a_broken_keeper_is_found(bug: str) -> None:
 @pytest.mark.thorough
 @pytest.mark.timeout(1200)
 def test_a_keeper_that_is_seldom_wrong_is_found() -> None:
-    """Within some hundreds of seeds."""
+    """Within some hundreds of seeds, of which the first hundred do not show it."""
     planted = Free(Asked(rule="random", clock="free"), PLANTED["forgets fences"])
-    assert any(planted.run_of(seed).failure is not None for seed in range(600))
+    assert any(planted.run_of(seed).failure is not None for seed in range(100, 600))
 
 
 @pytest.mark.thorough
