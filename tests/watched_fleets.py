@@ -89,6 +89,7 @@ class Watch:
             if time.monotonic() - asked > 0.3:
                 asked = time.monotonic()
                 self.collector.tails.clear()
+                self._shell.carry_out(self.collector.say(Go(0, "over")))
                 self._shell.carry_out(self.collector.fetch())
             self._shell.step(0.02)
             self.crashes += self.fleet.look()

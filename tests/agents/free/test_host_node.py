@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cubepath.agents.free.host_node import FreeHostNode
+from cubepath.agents.free.host_node import HALT_S, TICK_S_MAX, FreeHostNode
 from cubepath.agents.free.orders import FreeOrders
 from cubepath.agents.keepers.journal import MemoryJournal
 from cubepath.agents.keepers.keeper import Keeper
@@ -10,7 +10,7 @@ from cubepath.agents.keepers.node import KeeperNode
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Repeat, decode_free, free_key
-from cubepath.protocol.wire.messages import encode
+from cubepath.protocol.wire.messages import Go, encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 from cubepath.protocol.wire.tiles import Tiles
 
@@ -83,3 +83,20 @@ def test_both_say_again_what_they_are_asked_for() -> None:
         assert puts(sender.receive(free_key("run", asked), encode(asked))) == due[1:]
     tell(node, tell(keeper, [*own, *own]))
     assert keeper.keeper.commits == 1
+
+
+def test_modules_that_were_halted_go_on_when_nobody_says_so_again() -> None:
+    """Whoever halts them for the record to keep up may be dead."""
+    scene = scene_from_spec("agv:graph=grid4x4,n=1")
+    keeper = KeeperNode(Keeper(0, scene, Tiles(scene.system, 1), MemoryJournal()), "run", [[0]])
+    node = host(scene, 1)
+    for put in attempting(node, keeper):
+        tell(node, tell(keeper, [put]))
+    over = Go(0, "over")
+    node.receive(free_key("run", over), encode(over))
+    assert node.movers[0].halted
+    ticks = 0
+    while node.movers[0].halted:
+        node.tick()
+        ticks += 1
+    assert ticks >= HALT_S / TICK_S_MAX

@@ -305,3 +305,19 @@ def test_no_level_is_begun_where_none_is_allowed(tmp_path: Path) -> None:
     """As with rounds."""
     outcome = run(Plan(system=CHAIN, clock="free", max_rounds=0, log=tmp_path / "run.mcap"))
     assert (outcome.ended, outcome.moves) == ("max-rounds", 0)
+
+
+@pytest.mark.slow
+def test_modules_are_held_back_where_the_record_does_not_keep_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Nothing is lost then, and the run says how long that took."""
+    monkeypatch.setattr(free_launch, "BEHIND_MAX", 3)
+    monkeypatch.setattr(free_launch, "BEHIND_MIN", 1)
+    log = tmp_path / "run.mcap"
+    outcome = run(Plan(system=CHAIN, clock="free", processes=2, keepers=2, log=log))
+    assert outcome.goal_reached
+    assert outcome.document()["held_back_seconds"] > 0
+    found = audit(read_recording(log))
+    assert found.ok
+    assert not found.missing.messages

@@ -580,3 +580,12 @@ def test_a_damaged_recording_is_no_schedule(tmp_path: Path) -> None:
     path.write_bytes(data[: 2 * len(data) // 3])
     with pytest.raises(InputError, match=r"truncated.*--recover OUT"):
         read_schedule(path)
+
+
+def test_an_empty_recording_is_no_schedule_of_no_cubes(tmp_path: Path) -> None:
+    """An empty cubes file is one."""
+    (tmp_path / "run.mcap").touch()
+    with pytest.raises(InputError, match=r"run\.mcap: empty file"):
+        read_schedule(tmp_path / "run.mcap")
+    (tmp_path / "cubes.jsonl").touch()
+    assert not read_schedule(tmp_path / "cubes.jsonl").cubes

@@ -11,19 +11,20 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.free.fleet import ON_CRASH, FreeFleet, OnCrash
-    from cubepath.agents.free.host_node import FreeHostNode
+    from cubepath.agents.free.host_node import HALT_S, FreeHostNode
     from cubepath.agents.free.orders import FreeOrders, OwnMove
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "fleet": "FreeFleet ON_CRASH OnCrash",
-            "host_node": "FreeHostNode",
+            "host_node": "FreeHostNode HALT_S",
             "orders": "FreeOrders OwnMove",
         },
     )
 
 __all__ = [
+    "HALT_S",
     "ON_CRASH",
     "FreeFleet",
     "FreeHostNode",

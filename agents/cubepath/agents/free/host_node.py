@@ -39,6 +39,8 @@ from cubepath.protocol.wire.sayings import Sayings
 from cubepath.protocol.wire.tiles import Tiles
 
 TICK_S_MIN, TICK_S_MAX = 0.002, 0.25
+HALT_S = 5.0
+"""How long modules halt that were told to, unless they are told again."""
 _SWEEP_S = 1.0
 """How often tiles that nobody needs are looked for."""
 
@@ -79,6 +81,8 @@ class FreeHostNode(Node):
         self._ends_s = float("inf")
         """When the timer runs out that is set."""
         self._swept_s = 0.0
+        self._halts_s = float("inf")
+        """Until when modules halt, if they do."""
         self._to_rest = False
         """Whether it is to say when its modules rest."""
         self._asks: list[Ask] = []
@@ -104,18 +108,25 @@ class FreeHostNode(Node):
             case Go(phase="stop"):
                 return [Timer(None), End()]
             case Go(phase="over" | "sense" as phase):
-                for module, mover in self.movers.items():
-                    mover.halted = phase == "over"
-                    self._due[module] = None
-                self._to_rest = phase == "over"
+                self._halt(halted=phase == "over")
             case _:
                 self.refused += 1
         return self._go_on()
+
+    def _halt(self, *, halted: bool) -> None:
+        for module, mover in self.movers.items():
+            mover.halted = halted
+            self._due[module] = None
+        self._to_rest = halted
+        # Who halts everybody and is not heard of again stops nobody for long.
+        self._halts_s = self._now_s + HALT_S if halted else float("inf")
 
     def tick(self) -> list[Effect]:
         """Go on with what is due."""
         self._now_s = self._ends_s
         self._ends_s = float("inf")
+        if self._now_s >= self._halts_s:
+            self._halt(halted=False)
         for module, mover in self.movers.items():
             if mover.due_s <= self._now_s:
                 self._due[module] = None

@@ -300,6 +300,11 @@ def _run(options: argparse.Namespace) -> int:
         ("time", f"{outcome.seconds:.2f} s"),
         ("messages", outcome.messages),
         *([("refused", outcome.refused)] if outcome.refused else []),
+        *(
+            [("held back", f"{outcome.held_back_seconds:.1f} s, for the record to keep up")]
+            if outcome.held_back_seconds
+            else []
+        ),
         *(("died", f"{crash.name}: {crash.how}") for crash in outcome.crashes),
         ("log", outcome.log),
     ]

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from cubepath.agents.free.fleet import FreeFleet
+from cubepath.agents.free.host_node import HALT_S
 from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import Ending, results_of
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -29,6 +30,8 @@ from cubepath.protocol.wire.messages import Edges, Go, encode
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.shell import Shell
 
+BEHIND_MAX, BEHIND_MIN = 8000, 500
+"""Modules halt while so many messages wait to be put on record, until so few do."""
 _STEP_S = 0.05
 _LOOK_S = 0.2
 _FLUSH_S = 0.5
@@ -66,12 +69,17 @@ class FreeRun:
     before: Recording | None = None
     """What is on record of a run that is taken up again."""
     refused: int = 0
+    held_back: float = 0.0
+    """For how many seconds modules were halted, as more was said than could be recorded."""
     crashes: list[Noticed] = field(default_factory=list)
     gatherer: FreeGatherer = field(init=False)
     _collector: Collector = field(init=False)
     _level: int = 0
     _flushed: float = 0.0
     _looked: float = 0.0
+    _halted: float | None = None
+    """Since when modules halt so that the record can keep up."""
+    _said_over: float = 0.0
     _watched: float = 0.0
     _began: float = field(default_factory=time.monotonic)
     _heard: float = 0.0
@@ -195,6 +203,7 @@ class FreeRun:
             came = shell.step(_STEP_S)
             check()
             self._look_after(fleet)
+            self._keep_up(shell)
             if self.gatherer.moves > moves:
                 self._heard = time.monotonic()
                 self._goes_on()
@@ -210,6 +219,26 @@ class FreeRun:
             if ending.ended != "goal" or self.gatherer.reached:
                 return ending
             shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
+
+    def _keep_up(self, shell: Shell) -> None:
+        """Halt the modules for as long as more is said than can be put on record.
+
+        Otherwise what is said would be lost here, and the run would end with a record full of gaps.
+        """
+        now, collector = time.monotonic(), self._collector
+        waiting = shell.waiting
+        if self._halted is None:
+            if waiting > BEHIND_MAX:
+                self._halted = self._said_over = now
+                shell.carry_out(collector.say(Go(collector.level, "over")))
+        elif waiting < BEHIND_MIN:
+            self.held_back += now - self._halted
+            self._halted = None
+            collector.resting.clear()
+            shell.carry_out(collector.say(Go(collector.level, "sense")))
+        elif now - self._said_over > HALT_S / 5:
+            self._said_over = now
+            shell.carry_out(collector.say(Go(collector.level, "over")))
 
     def _goes_on(self) -> None:
         """Take note of how long nothing was committed after a process had died."""
@@ -255,7 +284,7 @@ class FreeRun:
         at_most = until if seconds < _SETTLE_S_MAX else until + _SETTLE_S_IN_ALL
         known = self._known()
         collector.resting.clear()
-        asked = 0.0
+        asked = halted = 0.0
         settled = rested = False
         while not settled and time.monotonic() < until:
             check()
@@ -266,10 +295,14 @@ class FreeRun:
                 asked = 0.0
             rested = all_rest
             settled = rested and collector.settled
-            if not settled and time.monotonic() - asked > _LOOK_S:
-                asked = time.monotonic()
-                say = collector.fetch() if all_rest else collector.say(Go(collector.level, "over"))
-                shell.carry_out(say)
+            now = time.monotonic()
+            if not settled and now - asked > _LOOK_S:
+                asked = now
+                if all_rest:
+                    shell.carry_out(collector.fetch())
+                if not all_rest or now - halted > HALT_S / 5:  # told once, they halt for a while
+                    halted = now
+                    shell.carry_out(collector.say(Go(collector.level, "over")))
             shell.step(_STEP_S)
             if known != (known := self._known()):  # in a large run there may be much to catch up
                 until = min(time.monotonic() + seconds, at_most)

@@ -49,8 +49,8 @@ class Outcome:
 
     So is `refused`, how many messages were refused. `error` is a key too if there is one. If a
     schedule was carried out, there are two more: how many cubes it has, and where it stopped, None
-    if it did not. A run without rounds has levels in their place, and two more keys: how many
-    keepers it had, and which processes died.
+    if it did not. A run without rounds has levels in their place, and three more keys: how many
+    keepers it had, which processes died, and for how long modules were held back for the record.
     """
 
     log: str
@@ -75,6 +75,7 @@ class Outcome:
     schedule_stopped: Stopped | None = None
     keepers: int | None = None
     crashes: tuple[Noticed, ...] = ()
+    held_back_seconds: float = 0.0
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
@@ -84,7 +85,7 @@ class Outcome:
         if self.schedule_cubes is None:
             extra |= {"schedule_cubes", "schedule_stopped"}
         if self.keepers is None:
-            extra |= {"keepers", "crashes"}
+            extra |= {"keepers", "crashes", "held_back_seconds"}
         found: dict[str, Any] = msgspec.to_builtins(
             {key: getattr(self, key) for key in self.__slots__ if key not in extra}
         )
@@ -147,6 +148,7 @@ def _play_free(free: FreeRun) -> Outcome:
         refused=free.refused,
         keepers=plan.keepers,
         crashes=tuple(free.crashes),
+        held_back_seconds=round(free.held_back, 3),
         schedule_cubes=None if task.assignment is None else len(task.assignment.cubes),
     )
 

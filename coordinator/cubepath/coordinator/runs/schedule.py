@@ -20,7 +20,7 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
-from cubepath.protocol.core.input_files import InputFile, opened
+from cubepath.protocol.core.input_files import InputFile, check_not_empty, opened
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.core.system import Scene, System
@@ -63,6 +63,7 @@ def read_schedule(path: Path) -> Schedule:
     contradict each other.
     """
     with opened(path) as file:
+        check_not_empty(file)
         if not is_recording(file):
             return Schedule(file.path, _cubes(file))
         recording = read_undamaged(file)

@@ -18,7 +18,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.input_files import InputFile, Source, check_not_empty, opened
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
@@ -39,8 +39,6 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 
 Form = Literal["recording", "moves", "binary moves", "scenario", "plan"]
 """The kinds of file."""
-_TOLD_BY_NAME = {".json", ".mcap", ".npz"}
-"""Valid files with these suffixes are never empty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,10 +110,8 @@ def read_input(
     if a system or other files are named that it has no use for; CheckError if the reports of a
     recording contradict each other.
     """
-    path = source.path if isinstance(source, InputFile) else source
-    if path.suffix.lower() in _TOLD_BY_NAME and path.is_file() and not path.stat().st_size:
-        raise InputError(f"{path}: empty file, expected what its name says")
     with opened(source) as file:
+        check_not_empty(file)
         return _Reading(file, system, hints, progress).read()
 
 

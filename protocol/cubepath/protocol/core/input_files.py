@@ -125,6 +125,16 @@ def _stream(source: Path) -> io.BufferedReader:
     return os.fdopen(os.dup(0), "rb")
 
 
+_TOLD_BY_NAME = {".json", ".mcap", ".npz"}
+"""Valid files with these suffixes are never empty."""
+
+
+def check_not_empty(file: InputFile) -> None:
+    """Raise InputError for an empty file whose name says that it holds more than lines."""
+    if file.path.suffix.lower() in _TOLD_BY_NAME and not file.head(1):
+        raise InputError(f"{file.path}: empty file, expected what its name says")
+
+
 def read_text(source: Source) -> str:
     """Return the text of an input file; InputError if it cannot be read."""
     with opened(source) as file:

@@ -82,6 +82,11 @@ class Shell:
         self._publishers.clear()
         self._session.close()
 
+    @property
+    def waiting(self) -> int:
+        """Return how many messages wait for the node."""
+        return self._queue.qsize()
+
     def start(self) -> None:
         """Start the node."""
         self.carry_out(self._node.start())
