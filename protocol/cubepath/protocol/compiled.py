@@ -185,6 +185,13 @@ class Compiled(Generic[_Arguments, _Result]):
             )
         return self._in_python
 
+    def kept(self) -> bool:
+        """Return whether compiled code of this version is on disk; imports numba."""
+        with suppress(OSError, EOFError, UnpicklingError, AttributeError):
+            cache = self.dispatcher._cache  # noqa: SLF001 - numba has no public access to its cache
+            return bool(cache._cache_file._load_index())  # noqa: SLF001
+        return False
+
     @property
     def dispatcher(self) -> Any:
         """The dispatcher that numba makes of the function; imports numba."""

@@ -117,6 +117,10 @@ class World:
             self._module_at[site] = module
             self._occupants[place_of(site)] = site
 
+    def spoken(self) -> list[Note]:
+        """Return the last note of each module, by number; zeros where a rule has said none."""
+        return [last.numbers for last in self._said]
+
     def _speak(self, notes: Mapping[int, Note]) -> None:
         """Set the notes that are heard in the next round, from where modules stand now."""
         if not self.note_length:

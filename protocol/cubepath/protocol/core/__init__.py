@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         STANDARD_INPUT,
         InputFile,
         Source,
+        check_not_empty,
         opened,
         read_text,
         readable,
@@ -103,7 +104,8 @@ else:
             "control_characters": "visible",
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "input_files": (
-                "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source opened read_text readable"
+                "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source check_not_empty opened read_text"
+                " readable"
             ),
             "json_keys": "check_keys",
             "keyed_values": "Keys all_values given_values",
@@ -170,6 +172,7 @@ __all__ = [
     "apply",
     "apply_in_place",
     "check_keys",
+    "check_not_empty",
     "check_output",
     "check_output_folder",
     "commute",

@@ -12,7 +12,7 @@ instead would work only with the systems of today, so there is none.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -85,7 +85,10 @@ class System(ABC):
     letters: tuple[str, ...] = ()
     """The letters of a system whose sites are ``(place, letter)``."""
     catalogue: Catalogue | None = None
-    """The generators that are placed by translation, if all moves come from such generators."""
+    """The generators that are placed by translation, if all moves come from such generators: those
+    are the moves whose support lies in the `workspace` and whose trace holds no obstacle."""
+    workspace: frozenset[Site] | None = None
+    """The cells that the supports of a catalogue's moves lie in; None for the whole lattice."""
     graph: VehicleGraph | None = None
     """The graph, if modules are vehicles."""
     bounded: bool = True
@@ -190,6 +193,16 @@ class System(ABC):
         The places of modules that its moves take along are among them. Claims and notes go there
         and no further.
         """
+
+    def pattern(self, site: Site) -> Hashable | None:
+        """Return what the moves of a module at `site` have in common with those elsewhere.
+
+        Where two sites have equal patterns, the moves at them are the same slot by slot, up to the
+        places in the corresponding slots of `sensed` and, in a labelled system, up to the label. So
+        what was worked out for one of them holds for the others. None if nothing is known.
+        """
+        del site
+        return None
 
     @abstractmethod
     def encode_site(self, site: Site) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import chain
 from typing import Annotated, Any, ClassVar, Self
@@ -222,6 +222,10 @@ class GraphSystem(System):
     def region(self, place: Site) -> str:
         """Return the block of the grid that a vertex lies in; other graphs are one region."""
         return region_of(place) if self.compass and isinstance(place, tuple) else "0"
+
+    def pattern(self, site: Site) -> Hashable:
+        """Return which slots of the vertex lead anywhere."""
+        return tuple([other is not None for other in self._slots[self.place_of(site)]])
 
     def encode_site(self, site: Site) -> tuple[int, ...]:
         """Return the number of the vertex in canonical order."""

@@ -1,0 +1,4 @@
+"""Lockstep worlds as arrays: the tables of a scene, and compiled kernels over them.
+
+Room: agents. It imports `local` and the protocol. `environments` builds on it.
+"""

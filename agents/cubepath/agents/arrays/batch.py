@@ -1,0 +1,275 @@
+"""Many environments of one scene, as arrays: reset, observe, step.
+
+Room: agents. A batch holds the dynamic part of each environment, a seed of its own among it; the
+static part, `Tables`, is common to all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.agents.arrays.kernels import (
+    SILENT,
+    STAYED,
+    Observed,
+    Scratch,
+    State,
+    hear_all,
+    observe_all,
+    play_round,
+)
+from cubepath.agents.arrays.lattice_tables import LatticeTables
+from cubepath.agents.arrays.tables import Ints, Tables, codes_at_start
+from cubepath.agents.local.observation import Note, observation_length
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+
+_DIGITS = 64
+"""Room for the digits of a round and of a module in what is hashed."""
+_BLOCK = 128
+
+
+def tables_of(scene: Scene, *, notes: bool) -> Tables:
+    """Return the tables of a scene; `UntabledError` if its system does not fit into tables."""
+    make = Tables if scene.system.catalogue is None else LatticeTables
+    return make(scene, notes=notes)
+
+
+class Batch:
+    """Environments of one scene that are stepped together; each has its own seed and round.
+
+    `observed` are the arrays that `observe` and `step` write, the same objects each time: what the
+    kernels document. They are for reading: nothing is read back from them.
+    """
+
+    def __init__(self, scene: Scene, environments: int = 1, *, note_length: int = 0) -> None:
+        """Make the arrays; `reset` has to follow. `UntabledError` if the system does not fit."""
+        system, modules = scene.system, len(scene.start)
+        self.scene = scene
+        self.environments, self.modules = environments, modules
+        self.note_length = note_length
+        self._tables = tables_of(scene, notes=note_length > 0)
+        shape = environments, modules
+        start = self._tables.numbers(map(system.place_of, scene.start))
+        self._start = np.array(start, np.int32), np.array(codes_at_start(scene), np.int32)
+        self._tables.prepare(*self._start)
+        self._place, self._code = np.zeros((2, *shape), np.int32)
+        self._bits = np.zeros((*shape, self._tables.words), np.uint64)
+        self._at_goal, self.round = np.zeros((2, environments), np.int64)
+        self._said = np.zeros((*shape, note_length), np.int32)
+        self._shown = np.zeros((environments, 0), np.int32)
+        self._module = np.zeros((environments, 0), np.int32)
+        self._prefixes = np.zeros((environments, 1), np.uint8)
+        self._lengths = np.ones(environments, np.int32)
+        self._everyone = np.ones(environments, np.uint8)
+        self.outcomes = np.full(shape, STAYED, np.int8)
+        reach = system.reach_slots if note_length else 1
+        self.observed = Observed(
+            np.zeros((*shape, observation_length(system)), np.int32),
+            np.zeros((*shape, system.move_slots + 1), np.int8),
+            np.full((*shape, reach, note_length), SILENT, np.int32),
+        )
+        self._items = 0
+        self._scratch: Scratch | None = None
+        self._follow()
+
+    def _follow(self) -> None:
+        """Make the arrays as large as the tables have become."""
+        tables = self._tables
+        room = len(tables.places.background)
+        if self._shown.shape[1] < room:
+            known = self._shown.shape[1]
+            shown, module = np.zeros((2, self.environments, room), np.int32)
+            shown[:, :known] = self._shown
+            module[:, :known] = self._module
+            module[:, known:] = -1
+            self._shown, self._module = shown, module
+            self._known = min(known, tables.count)
+        if self._known < tables.count:
+            background = tables.places.background[self._known : tables.count]
+            self._shown[:, self._known : tables.count] = background
+            self._known = tables.count
+        if self._bits.shape[2] != tables.words:
+            self._bits = np.zeros((*self._bits.shape[:2], tables.words), np.uint64)
+        arrays = tables.kinds.arrays
+        most = max(1, int(np.diff(arrays.items_at).max(initial=0)))
+        motions = max(1, int(np.diff(arrays.motion_at).max(initial=0)))
+        scratch, modules = self._scratch, self.modules
+        if (
+            scratch is None
+            or len(scratch.head) < room
+            or self._items < most
+            or len(scratch.movers) < motions
+        ):
+            self._items = most
+            items = np.zeros((4, modules * most), np.int32)
+            self._scratch = Scratch(
+                head=np.full(room, -1, np.int32),
+                claim=items[0],
+                code=items[1],
+                trace=items[2],
+                following=items[3],
+                claimant=np.zeros(modules, np.int32),
+                move=np.zeros(modules, np.int32),
+                contested=np.zeros(modules, np.uint8),
+                granted=np.zeros(modules, np.uint8),
+                text=self._text(),
+                movers=np.zeros(motions, np.int32),
+            )
+
+        self._plain = (
+            tuple(tables.places),
+            tuple(tables.goals),
+            tables.knower,
+            tuple(tables.stands),
+            tuple(tables.kinds.arrays),
+            tuple(self._state),
+            tuple(self._scratch or ()),
+            tuple(self.observed),
+        )
+
+    def _text(self) -> NDArray[np.uint8]:
+        size = self._prefixes.shape[1] + _DIGITS
+        return np.zeros(-(-size // _BLOCK) * _BLOCK, np.uint8)
+
+    @property
+    def _state(self) -> State:
+        return State(
+            self._place,
+            self._code,
+            self._shown,
+            self._module,
+            self._bits,
+            self._at_goal,
+            self.round,
+            self._said,
+        )
+
+    def reset(self, seeds: Sequence[int], chosen: Sequence[int] | None = None) -> None:
+        """Put the chosen environments (by default all) at the start, with a seed for each."""
+        which = list(range(self.environments)) if chosen is None else list(chosen)
+        wrong = [seed for seed in seeds if seed < 0]
+        if wrong:
+            raise InputError(f"seed={wrong[0]}: expected 0 or more")
+        texts = [f"{seed}/".encode() for seed in seeds]
+        longest = max(map(len, texts), default=0)
+        if longest > self._prefixes.shape[1]:
+            wider = np.zeros((self.environments, longest), np.uint8)
+            wider[:, : self._prefixes.shape[1]] = self._prefixes
+            self._prefixes = wider
+            self._scratch = None
+            self._follow()
+        for environment, text in zip(which, texts, strict=True):
+            self._prefixes[environment, : len(text)] = list(text)
+            self._lengths[environment] = len(text)
+        at = np.array(which, np.intp)
+        self._set(at, *self._start)
+        self.round[at] = 0
+        self._said[at] = 0
+
+    def observe(self) -> Observed:
+        """Write what all modules observe; return it. It has to follow a `reset`."""
+        tables = self._tables
+        observe_all(
+            tables.places,
+            tables.goals,
+            tables.knower,
+            tables.stands,
+            tables.kinds.arrays,
+            tables.codes,
+            self._state,
+            self.observed,
+        )
+        if self.note_length:
+            hear_all(tables.places, self._state, self.observed.notes)
+        return self.observed
+
+    def step(
+        self,
+        actions: NDArray[np.int64],
+        *,
+        told: tuple[NDArray[np.bool_], Ints] | None = None,
+        live: NDArray[np.uint8] | None = None,
+    ) -> NDArray[np.int8]:
+        """Play one round in every live environment and observe; return what came of each action.
+
+        `actions` has shape (environments, modules). `told` says which modules speak, shape
+        (environments, modules), and their notes. Actions are held against what was observed last.
+        """
+        tables = self._tables
+        if told is not None and self.note_length:
+            speaks, notes = told
+            self._said[speaks] = notes[speaks]
+        fresh = play_round(
+            *self._plain[:5],
+            tables.codes,
+            self._plain[5],
+            actions,
+            self._prefixes,
+            self._lengths,
+            self._everyone if live is None else live,
+            self._plain[6],
+            self.outcomes,
+            self._plain[7],
+        )
+        if fresh:
+            tables.prepare(self._place.ravel(), self._code.ravel())
+            self._follow()
+            self.observe()
+        elif self.note_length:
+            hear_all(tables.places, self._state, self.observed.notes)
+        return self.outcomes
+
+    @property
+    def at_goal(self) -> NDArray[np.int64]:
+        """Return how many modules of each environment are on sites of the goal."""
+        return self._at_goal
+
+    @property
+    def reached(self) -> NDArray[np.bool_]:
+        """Return which environments are at the goal; none if there is no goal."""
+        if self.scene.goal is None:
+            return np.zeros(self.environments, np.bool_)
+        return np.asarray(self._at_goal == self.modules)
+
+    def sites(self, environment: int = 0) -> list[Site]:
+        """Return the site of each module of an environment, by number."""
+        site = self._tables.site
+        places, codes = self._place[environment], self._code[environment]
+        return [site(*pair) for pair in zip(places.tolist(), codes.tolist(), strict=True)]
+
+    def standing(self, environment: int = 0) -> tuple[Ints, Ints]:
+        """Return where the modules of an environment stand, for `site`."""
+        return self._place[environment].copy(), self._code[environment].copy()
+
+    def site(self, place: int, code: int) -> Site:
+        """Return the site of a module that stands as `standing` says."""
+        return self._tables.site(place, code)
+
+    def put(
+        self, environment: int, sites: Sequence[Site], round_number: int, said: Sequence[Note]
+    ) -> None:
+        """Put the modules of an environment at these sites after a round, with their last notes."""
+        system, tables = self.scene.system, self._tables
+        places = np.array(tables.numbers(map(system.place_of, sites)), np.int32)
+        codes = np.array([system.code_of(site) for site in sites], np.int32)
+        tables.prepare(places, codes)
+        self._follow()
+        self._set(np.array([environment]), places, codes)
+        self.round[environment] = round_number
+        if self.note_length:
+            self._said[environment] = said
+        self.observe()
+
+    def _set(self, environments: NDArray[np.intp], places: Ints, codes: Ints) -> None:
+        tables, rows = self._tables, environments[:, None]
+        self._shown[environments, : tables.count] = tables.places.background[: tables.count]
+        self._module[environments] = -1
+        self._place[environments], self._code[environments] = places, codes
+        self._shown[rows, places] = codes
+        self._module[rows, places] = np.arange(self.modules, dtype=np.int32)
+        self._at_goal[environments] = int((tables.places.final[places] == codes).sum())

@@ -1,0 +1,335 @@
+"""The static part of a scene as arrays, grown as modules come to new places.
+
+Room: agents. Places are numbered as they are met; number 0 is no place. A *stand* is a site where a
+module can be: what it senses and can do there is worked out when the first module comes there, so
+tables are as large as the part of the world that was visited, whatever the system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.agents.arrays.kinds import ANY, Kind, Naming, TabledMove, kind_at, naming_of
+from cubepath.agents.local.observation import goal_sets
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import CLOSED, Scene
+
+Ints = NDArray[np.int32]
+Bits = NDArray[np.uint64]
+WORD = 64
+"""Probes to a word."""
+
+
+class Places(NamedTuple):
+    """What is known of each place, by number."""
+
+    sensed: Ints
+    """Shape (places, sense_slots): what a module there senses, 0 in unused slots."""
+    reach: Ints
+    """Shape (places, reach_slots): where notes come from; filled only for rules with notes."""
+    background: Ints
+    """What the place shows when no module is there."""
+    goal: Ints
+    """The first of its entries in `Goals`, -1 for none."""
+    final: Ints
+    """The code that is there at the goal of the scene, 0 for none."""
+
+
+class Goals(NamedTuple):
+    """The places and sites that modules know as goals, chained by place."""
+
+    knower: Ints
+    """Modules with the same goals share a number."""
+    code: Ints
+    """What is a goal if it is shown, or `ANY`."""
+    following: Ints
+
+
+class Stands(NamedTuple):
+    """What is known of each stand: of place p, or of code c there, p * `codes` + c."""
+
+    kind: Ints
+    """-1 until a module has been there."""
+    encoded: Ints
+    """Shape (stands, site_size)."""
+    usable: NDArray[np.uint8]
+    """Shape (stands, move_slots): 0 where a move of the kind is excluded here."""
+
+
+class Kinds(NamedTuple):
+    """All kinds so far. Of move a of kind k, number m = k * move_slots + a."""
+
+    care: Bits
+    """Shape (moves, words)."""
+    want: Bits
+    guards_at: Ints
+    guards: Ints
+    """Shape (guards, 2); those of move m are from guards_at[m] to guards_at[m + 1]."""
+    items_at: Ints
+    items: Ints
+    """Shape (items, 3): reference, code, whether it is in the trace."""
+    motion_at: Ints
+    motion: Ints
+    """Shape (motions, 4)."""
+    probes_at: Ints
+    probes: Ints
+    """Shape (probes, 2): slot and code; by kind."""
+
+
+class Growing:
+    """An array that is given more rows, all at first with the same value."""
+
+    def __init__(self, value: int, dtype: Any, *tail: int) -> None:
+        self.value = value
+        self.array: NDArray[Any] = np.full((16, *tail), value, dtype)
+
+    def room(self, count: int) -> bool:
+        """Make room for so many rows; return whether the array was replaced."""
+        if count <= len(self.array):
+            return False
+        size = max(count, 2 * len(self.array))
+        found = np.full((size, *self.array.shape[1:]), self.value, self.array.dtype)
+        found[: len(self.array)] = self.array
+        self.array = found
+        return True
+
+
+class Rows:
+    """Rows of integers that are only ever added."""
+
+    def __init__(self, width: int) -> None:
+        self._rows = Growing(0, np.int32, width)
+        self.count = 0
+
+    def add(self, rows: Sequence[Sequence[int]]) -> None:
+        self._rows.room(self.count + len(rows))
+        for row in rows:
+            self._rows.array[self.count] = row
+            self.count += 1
+
+    @property
+    def array(self) -> Ints:
+        return self._rows.array[: max(self.count, 1)]
+
+
+class KindTable:
+    """The kinds that were met, numbered."""
+
+    def __init__(self, move_slots: int) -> None:
+        self._slots = move_slots
+        self._numbers: dict[Kind, int] = {}
+        self._words = 1
+        self._guards, self._items = Rows(2), Rows(3)
+        self._motion, self._probes = Rows(4), Rows(2)
+        self._ends = Rows(3)
+        self._probe_ends = Rows(1)
+        self._care: list[tuple[int, int]] = []
+        self.arrays = self._as_arrays()
+
+    def number(self, kind: Kind) -> int:
+        """Return the number of a kind; a new one is added."""
+        found = self._numbers.get(kind)
+        if found is None:
+            found = self._numbers[kind] = len(self._numbers)
+            self._add(kind)
+        return found
+
+    def _add(self, kind: Kind) -> None:
+        self._probes.add(kind.probes)
+        self._probe_ends.add([[self._probes.count]])
+        for slot in range(self._slots):
+            move = kind.moves[slot]
+            # Of an empty slot a bit is wanted that is not read.
+            care, want = (0, 1) if move is None else (move.care, move.want)
+            self._care.append((care, want))
+            self._words = max(self._words, -(-max(care, want).bit_length() // WORD))
+            if move is not None:
+                self._add_move(move)
+            self._ends.add([[self._guards.count, self._items.count, self._motion.count]])
+
+    def _add_move(self, move: TabledMove) -> None:
+        self._guards.add(move.guards)
+        self._items.add(move.items)
+        self._motion.add(move.motion)
+        bits = [bit for pair in move.guards for bit in pair]
+        self._words = max(self._words, 1 + max(bits, default=0) // WORD)
+
+    def publish(self) -> None:
+        """Show in `arrays` what was added."""
+        if len(self.arrays.probes_at) - 1 < len(self._numbers):
+            self.arrays = self._as_arrays()
+
+    def _as_arrays(self) -> Kinds:
+        words = np.zeros((2, max(len(self._care), 1), self._words), np.uint64)
+        for row, pair in enumerate(self._care):
+            for which, bits in enumerate(pair):
+                for word in range(self._words):
+                    words[which, row, word] = bits >> (WORD * word) & ((1 << WORD) - 1)
+        ends = np.zeros((len(self._care) + 1, 3), np.int32)
+        ends[1:] = self._ends.array[: len(self._care)]
+        probes_at = np.zeros(len(self._numbers) + 1, np.int32)
+        probes_at[1:] = self._probe_ends.array[: len(self._numbers), 0]
+        return Kinds(
+            care=words[0],
+            want=words[1],
+            guards_at=ends[:, 0].copy(),
+            guards=self._guards.array,
+            items_at=ends[:, 1].copy(),
+            items=self._items.array,
+            motion_at=ends[:, 2].copy(),
+            motion=self._motion.array,
+            probes_at=probes_at,
+            probes=self._probes.array,
+        )
+
+
+class Tables:
+    """The tables of a scene: places, stands and kinds, as far as they are known."""
+
+    def __init__(self, scene: Scene, *, notes: bool = False) -> None:
+        """Number nothing but the goals; `UntabledError` if the system does not fit into tables."""
+        system = scene.system
+        self.scene = scene
+        self._notes = notes
+        self.naming = naming_of(system, scene.start[0])
+        self.codes = system.codes if self.naming is Naming.CODES else 1
+        self.kinds = KindTable(system.move_slots)
+        self._numbers: dict[Site, int] = {}
+        self._named: list[Site | None] = [None]
+        self.count = 1
+        self._by_pattern: dict[Any, int] = {}
+        self._place_arrays = (
+            Growing(0, np.int32, system.sense_slots),
+            Growing(0, np.int32, system.reach_slots if notes else 1),
+            Growing(0, np.int32),
+            Growing(-1, np.int32),
+            Growing(0, np.int32),
+        )
+        self._stand_arrays = (
+            Growing(-1, np.int32),
+            Growing(0, np.int32, system.site_size),
+            Growing(1, np.uint8, system.move_slots),
+        )
+        self._room()
+        self.places.background[0] = CLOSED
+        self._begin()
+        self._number_goals()
+
+    def _begin(self) -> None:
+        """Number what has to be known before anything else."""
+
+    @property
+    def words(self) -> int:
+        """Return how many words of probes a module has."""
+        return int(self.kinds.arrays.care.shape[1])
+
+    def _room(self) -> None:
+        """Make room for as many places as there are numbers, and hand out the arrays."""
+        for each in self._place_arrays:
+            each.room(self.count)
+        for each in self._stand_arrays:
+            each.room(len(self._place_arrays[0].array) * self.codes)
+        sensed, reach, background, goal, final = [each.array for each in self._place_arrays]
+        self.places = Places(sensed, reach, background, goal, final)
+        kind, encoded, usable = [each.array for each in self._stand_arrays]
+        self.stands = Stands(kind, encoded, usable)
+
+    def numbers(self, places: Iterable[Site]) -> list[int]:
+        """Return the numbers of places; those that have none are given one."""
+        found: list[int] = []
+        new: list[Site] = []
+        for place in places:
+            number = self._numbers.get(place)
+            if number is None:
+                number = self._numbers[place] = len(self._named)
+                self._named.append(place)
+                new.append(place)
+            found.append(number)
+        if new:
+            first, self.count = self.count, len(self._named)
+            self._room()
+            background = self.scene.system.background
+            self.places.background[first : self.count] = [background(place) for place in new]
+        return found
+
+    def site(self, place: int, code: int) -> Site:
+        """Return the site that is on at the place of this number when it shows `code`."""
+        named = self._named[place]
+        found = None if named is None else self.scene.system.site_at(named, code)
+        if found is None:
+            raise AssertionError(f"place {place} shows {code}, which is no site")
+        return found
+
+    def prepare(self, places: Ints, codes: Ints) -> None:
+        """Work out the stands at these places with modules that show these codes."""
+        chosen = self._unknown(places, codes)
+        for place, code in dict.fromkeys(chosen):
+            self._work_out(place, code)
+        if chosen:
+            self.kinds.publish()
+
+    def _unknown(self, places: Ints, codes: Ints) -> list[tuple[int, int]]:
+        stands = places * self.codes + (codes if self.codes > 1 else 0)
+        unknown = np.flatnonzero(self.stands.kind[stands] < 0)
+        return list(zip(places[unknown].tolist(), codes[unknown].tolist(), strict=True))
+
+    def _work_out(self, number: int, code: int) -> None:
+        system = self.scene.system
+        site = self.site(number, code)
+        place = system.place_of(site)
+        sensed = [0 if near is None else near for near in self._numbered(system.sensed(place))]
+        self.places.sensed[number] = sensed
+        if self._notes:
+            reach = self._numbered(system.reach(place))
+            self.places.reach[number, : len(reach)] = reach
+        stand = number * self.codes + (code if self.codes > 1 else 0)
+        pattern = None if self.naming is Naming.CODES else system.pattern(site)
+        kind = None if pattern is None else self._by_pattern.get(pattern)
+        if kind is None:
+            kind = self.kinds.number(kind_at(system, site, self.naming))
+            if pattern is not None:
+                self._by_pattern[pattern] = kind
+        self.stands.kind[stand] = kind
+        self.stands.encoded[stand] = system.encode_site(site)
+
+    def _numbered(self, places: Sequence[Site | None]) -> list[int]:
+        given = iter(self.numbers(place for place in places if place is not None))
+        return [0 if place is None else next(given) for place in places]
+
+    def _number_goals(self) -> None:
+        scene, system = self.scene, self.scene.system
+        sets = goal_sets(scene)
+        known: dict[int, int] = {}
+        entries: list[tuple[int, int]] = []
+        where: list[Site] = []
+        for goals in sets:
+            if id(goals) in known:
+                continue
+            number = known[id(goals)] = len(known)
+            for site in in_order(goals):
+                # Where sites have letters, a place is a goal whatever it shows, or with one letter.
+                place = system.place_of(site) if system.labels is None else site
+                entries.append((number, ANY if place == site else system.code_of(site)))
+                where.append(place)
+        self.knower = np.array([known[id(goals)] for goals in sets], np.int32)
+        self._chain(entries, self.numbers(where))
+        final = in_order(scene.goal or ())
+        at = self.numbers([system.place_of(site) for site in final])
+        self.places.final[at] = [system.code_of(site) for site in final]
+
+    def _chain(self, entries: list[tuple[int, int]], at: list[int]) -> None:
+        following = np.full(max(len(entries), 1), -1, np.int32)
+        for entry, place in enumerate(at):
+            following[entry] = self.places.goal[place]
+            self.places.goal[place] = entry
+        both = np.array(entries or [(0, ANY)], np.int32)
+        self.goals = Goals(both[:, 0].copy(), both[:, 1].copy(), following)
+
+
+def codes_at_start(scene: Scene) -> list[int]:
+    """Return what the modules show, by number; it changes only where sites have letters."""
+    return [scene.system.code_of(site) for site in scene.start]
