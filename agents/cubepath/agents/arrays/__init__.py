@@ -2,3 +2,25 @@
 
 Room: agents. It imports `local` and the protocol. `environments` builds on it.
 """
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.agents.arrays.batch import Batch
+    from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
+    from cubepath.agents.arrays.kinds import UntabledError
+    from cubepath.agents.arrays.warming import is_due
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "batch": "Batch",
+            "kernels": "GRANTED ILLEGAL LOST",
+            "kinds": "UntabledError",
+            "warming": "is_due",
+        },
+    )
+
+__all__ = ["GRANTED", "ILLEGAL", "LOST", "Batch", "UntabledError", "is_due"]

@@ -74,6 +74,7 @@ class Batch:
             np.full((*shape, reach, note_length), SILENT, np.int32),
         )
         self._items = 0
+        self._known = 0
         self._scratch: Scratch | None = None
         self._follow()
 
@@ -88,7 +89,6 @@ class Batch:
             module[:, :known] = self._module
             module[:, known:] = -1
             self._shown, self._module = shown, module
-            self._known = min(known, tables.count)
         if self._known < tables.count:
             background = tables.places.background[self._known : tables.count]
             self._shown[:, self._known : tables.count] = background

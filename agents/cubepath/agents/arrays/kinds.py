@@ -158,11 +158,10 @@ class _Tabling:
             yield None, self._bit(ref, ANY), 0
 
     def _code(self, site: Site) -> int:
-        match self._naming:
-            case Naming.ONE:
-                return ANY
-            case Naming.CODES:
-                return self._system.code_of(site)
+        if self._naming is Naming.ONE:
+            return ANY
+        if self._naming is Naming.CODES:
+            return self._system.code_of(site)
         if self._system.label_of(site) != self._system.label_of(self._site):
             raise UntabledError(f"moves of {self._site!r} change what {site!r} shows")
         return OWN

@@ -7,7 +7,7 @@ window: tables grow with the cells that modules meet, wherever they wander.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ class Orbits(NamedTuple):
 
 
 @compiled
-def slot_of(cells: Cells, cell: Ints) -> int:
+def slot_of(cells: Cells, cell: Ints) -> Any:
     """Return the slot of the hash table that holds the cell, or where it is to be put."""
     mask = len(cells.slots) - 1
     mixed = np.uint64(1469598103934665603)
@@ -72,7 +72,7 @@ def slot_of(cells: Cells, cell: Ints) -> int:
 
 
 @compiled
-def number_of(cells: Cells, chart: Cells, cell: Ints, count: int) -> int:
+def number_of(cells: Cells, chart: Cells, cell: Ints, count: int) -> Any:
     """Return the number of a cell: `count` for a new one, which is looked up in the chart."""
     slot = slot_of(cells, cell)
     number = cells.slots[slot]

@@ -5,7 +5,7 @@ Room: agents. Source: RFC 7693, for digests of 8 bytes without a key.
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def mix(
 
 
 @compiled
-def absorb(state: Words, words: Words, length: int, final: int) -> None:
+def absorb(state: Words, words: Any, length: int, final: int) -> None:
     """Take a block of 16 words into the state; `length` bytes have been taken with it."""
     a, b, c, d = state[0], state[1], state[2], state[3]
     e, f, g, h = state[4], state[5], state[6], state[7]

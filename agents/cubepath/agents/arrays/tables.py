@@ -106,6 +106,7 @@ class Rows:
         self.count = 0
 
     def add(self, rows: Sequence[Sequence[int]]) -> None:
+        """Add some rows."""
         self._rows.room(self.count + len(rows))
         for row in rows:
             self._rows.array[self.count] = row
@@ -113,6 +114,7 @@ class Rows:
 
     @property
     def array(self) -> Ints:
+        """Return all rows; a row of zeros while there are none."""
         return self._rows.array[: max(self.count, 1)]
 
 
@@ -281,7 +283,7 @@ class Tables:
         system = self.scene.system
         site = self.site(number, code)
         place = system.place_of(site)
-        sensed = [0 if near is None else near for near in self._numbered(system.sensed(place))]
+        sensed = self._numbered(system.sensed(place))
         self.places.sensed[number] = sensed
         if self._notes:
             reach = self._numbered(system.reach(place))

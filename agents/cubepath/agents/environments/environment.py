@@ -17,7 +17,7 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, parallel_to_aec
 
 from cubepath.agents.arrays.kinds import UntabledError
-from cubepath.agents.environments import warming
+from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import (
@@ -145,7 +145,10 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
 
     def _make_world(self, seed: int) -> World | ArrayWorld | WireWorld:
         if self._which == "compiled":
-            return ArrayWorld(self.scene, seed=seed, note_length=self.note_length)
+            try:
+                return ArrayWorld(self.scene, seed=seed, note_length=self.note_length)
+            except UntabledError as error:
+                raise InputError(f"{self.scene.spec}: world='compiled': {error}") from error
         return World(self.scene, seed=seed, note_length=self.note_length)
 
     def _compile_when_it_pays(self) -> None:
@@ -153,7 +156,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         world = self._world
         if self._which != "auto" or not isinstance(world, World):
             return
-        if warming.is_due(len(self.agents)):
+        if is_due(len(self.agents)):
             try:
                 self._world = ArrayWorld.after(world)
             except UntabledError:
@@ -180,7 +183,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         return {name: world.observe(self._module[name]) for name in self.agents}
 
     def step(
-        self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
+        self, actions: Mapping[str, int | None], notes: Mapping[str, Note] | None = None
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Play one round; `notes`, for rules that send notes, are heard in the next round."""
         world = self.world
@@ -226,7 +229,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self,
         world: ArrayWorld,
         actions: Mapping[str, int | None],
-        notes: dict[str, Note],
+        notes: Mapping[str, Note],
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         agents = self.agents
         told = {

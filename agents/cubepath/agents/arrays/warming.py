@@ -12,14 +12,18 @@ import os
 import subprocess
 import sys
 from contextlib import suppress
+from typing import Any
+
+import numpy as np
 
 from cubepath.agents.arrays import kernels, lattice_tables
+from cubepath.agents.arrays.batch import Batch
 from cubepath.protocol.compiled import Compiled, allowance
 
 _AGENT_STEP_US = 25
 """What an agent-step in plain Python costs, in microseconds."""
 _NICE = 10
-_CODE = "from cubepath.agents.environments.warming import compile_all; compile_all()"
+_CODE = "from cubepath.agents.arrays.warming import compile_all; compile_all()"
 
 
 class _Compiler:
@@ -63,27 +67,27 @@ _compiler = _Compiler()
 
 
 def is_due(agents: int) -> bool:
-    """Return whether so many agents go on in compiled code; count one step of them in plain Python."""
+    """Return whether so many agents go on in compiled code; if not, their step is counted."""
     return not allowance.grant(_AGENT_STEP_US * agents) and _compiler.ready()
 
 
-def _kernels() -> list[Compiled[..., object]]:
-    return [
+def _kernels() -> tuple[Compiled[..., Any], ...]:
+    return (
         kernels.play_round,
         kernels.observe_all,
         kernels.hear_all,
         lattice_tables.number_cells,
         lattice_tables.rehash,
         lattice_tables.work_out,
-    ]
+    )
 
 
 def compile_all() -> None:
     """Compile everything that worlds are made of, and keep it on disk."""
-    from cubepath.agents.environments.array_world import ArrayWorld  # noqa: PLC0415 - a circle
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415 - here alone
 
     os.nice(_NICE)
-    for note_length in (0, 1):
-        world = ArrayWorld(scene_from_spec("hex:n=2"), seed=0, note_length=note_length)
-        world.step(world.batch.observed.mask[0, :, 0].astype("int64"), {})
+    batch = Batch(scene_from_spec("hex:n=2"), note_length=1)
+    batch.reset([0])
+    batch.observe()
+    batch.step(np.zeros((1, 2), np.int64))

@@ -1,0 +1,244 @@
+"""Many episodes of one scene side by side, as Gymnasium's vector environments have them.
+
+Room: agents. Source: https://gymnasium.farama.org/api/vector/. All modules of a scene act in each
+environment: what belongs to one environment has an axis for them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from cubepath.agents.arrays.batch import Batch
+from cubepath.agents.arrays.kernels import ILLEGAL
+from cubepath.agents.local.observation import SILENT
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+Arrays = dict[str, NDArray[Any]]
+_SEEDS = 1 << 31
+"""Later episodes of an environment have seeds below this."""
+
+
+class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
+    """Environments of one scene, stepped together in compiled code.
+
+    Each gives what `CubepathEnv` gives with its seed: observations and masks of all modules,
+    rewards, ends. With n modules and E environments,
+
+    - observations are a dict of ``observation``, int32, shape (E, n, length), ``action_mask``,
+      int8, shape (E, n, moves + 1), and ``notes`` if `note_length` is positive;
+    - actions are integers, shape (E, n);
+    - rewards (float64), terminations and truncations (bool) have shape (E,);
+    - infos hold ``illegal``, bool, shape (E, n), and ``seed``, the seed of each episode.
+
+    An environment whose episode is over is reset as `autoreset_mode` says. The first episode has
+    the seed that `reset` was given, later ones draw theirs from a stream of it.
+    """
+
+    def __init__(
+        self,
+        system: str | Scene = "hex",
+        *,
+        num_envs: int = 1,
+        max_cycles: int = 500,
+        note_length: int = 0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        copy: bool = True,
+    ) -> None:
+        """Make the environments; with ``copy=False`` every step overwrites the same arrays."""
+        if num_envs < 1:
+            raise InputError(f"num_envs={num_envs}: expected 1 or more")
+        try:
+            self.autoreset_mode = AutoresetMode(autoreset_mode)
+        except ValueError:
+            known = ", ".join(repr(mode.value) for mode in AutoresetMode)
+            raise InputError(
+                f"autoreset_mode={autoreset_mode!r}: expected one of {known}"
+            ) from None
+        scene = scene_from_spec(system) if isinstance(system, str) else system
+        self.scene = local_only(scene, "environment")
+        self.num_envs = num_envs
+        self.max_cycles = max_cycles
+        self.note_length = note_length
+        self.copy = copy
+        self.metadata = {"name": "cubepath_v0", "autoreset_mode": self.autoreset_mode}
+        self.batch = Batch(scene, num_envs, note_length=note_length)
+        self.single_observation_space = _stacked_space(scene, note_length)
+        modules = len(scene.start)
+        self.single_action_space = spaces.MultiDiscrete([scene.system.move_slots + 1] * modules)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._over = np.ones(num_envs, np.bool_)
+        self._seeds = np.zeros(num_envs, np.int64)
+        self._streams: list[np.random.Generator] = []
+        self._done = self._late = np.zeros(num_envs, np.bool_)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Arrays, dict[str, Any]]:
+        """Begin new episodes; ``options={"reset_mask": mask}`` chooses the environments.
+
+        A seed s gives environment i the seed s + i; a list has one for each. None goes on with the
+        streams of earlier seeds, of seed 0 at first.
+        """
+        count = self.num_envs
+        mask = (options or {}).get("reset_mask", np.ones(count, np.bool_))
+        if not isinstance(mask, np.ndarray) or mask.shape != (count,) or mask.dtype != np.bool_:
+            raise InputError(f"reset_mask: expected a boolean array of shape ({count},)")
+        given: list[int | None] = [None] * count
+        if isinstance(seed, (int, np.integer)):
+            given = [int(seed) + number for number in range(count)]
+        elif seed is not None:
+            given = list(seed)
+        if len(given) != count:
+            raise InputError(f"{len(given)} seeds, expected {count}")
+        if not self._streams:
+            self._streams = [np.random.default_rng(number) for number in range(count)]
+            given = [number if each is None else each for number, each in enumerate(given)]
+        chosen = np.flatnonzero(mask)
+        for number in chosen.tolist():
+            own = given[number]
+            if own is not None:
+                if own < 0:
+                    raise InputError(f"seed={own}: expected 0 or more")
+                self._streams[number] = np.random.default_rng(own)
+            self._seeds[number] = self._next_seed(number) if own is None else own
+        self._restart(chosen)
+        self.batch.observe()
+        return self._observations(), self._infos(np.zeros((count, self.batch.modules), np.bool_))
+
+    def _next_seed(self, number: int) -> int:
+        return int(self._streams[number].integers(_SEEDS))
+
+    def _restart(self, chosen: NDArray[np.intp]) -> None:
+        self.batch.reset(self._seeds[chosen].tolist(), chosen.tolist())
+        self._over[chosen] = False
+
+    def _restart_with_new_seeds(self, chosen: NDArray[np.intp]) -> None:
+        for number in chosen.tolist():
+            self._seeds[number] = self._next_seed(number)
+        self._restart(chosen)
+
+    def step(
+        self, actions: ArrayLike, notes: NDArray[np.int32] | None = None
+    ) -> tuple[Arrays, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Play one round in each environment.
+
+        `notes`, int32, shape (E, n, note_length), are heard in the next round; a note that begins
+        with `SILENT` leaves the module's last one as it is.
+        """
+        if not self._streams:
+            raise InputError("the environments have not been reset yet: call reset first")
+        batch = self.batch
+        chosen = self._actions(actions)
+        fresh = np.flatnonzero(self._over)
+        if len(fresh) and self.autoreset_mode is AutoresetMode.DISABLED:
+            raise InputError(f"environment {fresh[0]} is over: reset it with a reset_mask")
+        live = None
+        if len(fresh):
+            self._restart_with_new_seeds(fresh)
+            live = np.ones(self.num_envs, np.uint8)
+            live[fresh] = 0
+        before = batch.at_goal / batch.modules
+        told = None if notes is None else self._told(notes)
+        if told is not None and live is not None:
+            told[0][live == 0] = False
+        outcomes = batch.step(chosen, told=told, live=live)
+        rewards = np.where(live == 0, 0.0, batch.at_goal / batch.modules - before)
+        done, late = batch.reached, batch.round >= self.max_cycles
+        if live is not None:
+            done, late = done & (live == 1), late & (live == 1)
+        late &= ~done
+        infos = self._infos(outcomes == ILLEGAL)
+        over = np.flatnonzero(done | late)
+        self._over[over] = True
+        if len(over) and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            infos["final_obs"], infos["_final_obs"] = self._observations(copy=True), done | late
+            self._restart_with_new_seeds(over)
+            batch.observe()
+            infos["seed"] = self._seeds.copy()
+        return self._observations(), rewards, done, late, infos
+
+    def _actions(self, actions: ArrayLike) -> NDArray[np.int64]:
+        found = np.asarray(actions)
+        shape = (self.num_envs, self.batch.modules)
+        if found.shape != shape or found.dtype.kind not in "iu":
+            raise InputError(
+                f"actions: expected integers of shape {shape}, found {found.dtype} {found.shape}"
+            )
+        return np.ascontiguousarray(found, np.int64)
+
+    def _told(self, notes: NDArray[np.int32]) -> tuple[NDArray[np.bool_], NDArray[np.int32]]:
+        shape = (self.num_envs, self.batch.modules, self.note_length)
+        if not self.note_length or notes.shape != shape or notes.dtype != np.int32:
+            raise InputError(
+                f"notes: expected int32 of shape {shape}, found {notes.dtype} {notes.shape}"
+            )
+        return notes[:, :, 0] != SILENT, notes
+
+    def _observations(self, *, copy: bool = False) -> Arrays:
+        observed = self.batch.observed
+        found: Arrays = {"observation": observed.observation, "action_mask": observed.mask}
+        if self.note_length:
+            found["notes"] = observed.notes
+        if copy or self.copy:
+            return {key: array.copy() for key, array in found.items()}
+        return found
+
+    def _infos(self, illegal: NDArray[np.bool_]) -> dict[str, Any]:
+        everyone = np.ones(self.num_envs, np.bool_)
+        return {
+            "illegal": illegal,
+            "_illegal": everyone,
+            "seed": self._seeds.copy(),
+            "_seed": everyone,
+        }
+
+    def sites(self, environment: int) -> list[Site]:
+        """Return the site of each module of an environment, by number."""
+        return self.batch.sites(environment)
+
+
+def _stacked_space(scene: Scene, note_length: int) -> spaces.Dict:
+    from cubepath.agents.environments.environment import observation_space_of  # noqa: PLC0415 - a circle
+
+    modules = len(scene.start)
+    one = observation_space_of(scene, note_length)
+    found = {}
+    for key, part in one.spaces.items():
+        if not isinstance(part, spaces.Box):
+            raise TypeError(f"{key} is no box")
+        found[key] = batch_space(part, modules)
+    return spaces.Dict(found)
+
+
+def vector_env(
+    system: str | Scene = "hex",
+    *,
+    num_envs: int = 1,
+    max_cycles: int = 500,
+    note_length: int = 0,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+    copy: bool = True,
+) -> CubepathVectorEnv:
+    """Return `num_envs` environments of a system as one; see `CubepathVectorEnv`."""
+    return CubepathVectorEnv(
+        system,
+        num_envs=num_envs,
+        max_cycles=max_cycles,
+        note_length=note_length,
+        autoreset_mode=autoreset_mode,
+        copy=copy,
+    )
