@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.system import (
         CLOSED,
         EMPTY,
+        FAR,
         FILLED,
         FIRST_LABEL,
         KEPT,
@@ -118,8 +119,8 @@ else:
             ),
             "suggestions": "did_you_mean",
             "system": (
-                "Bound CLOSED EMPTY FILLED FIRST_LABEL KEPT MODULE Scene System Ways local_only "
-                "one_to_one region_of"
+                "Bound CLOSED EMPTY FAR FILLED FIRST_LABEL KEPT MODULE Scene System Ways "
+                "local_only one_to_one region_of"
             ),
             "toml_text": "parsed_toml",
             "vehicle_graph": "VehicleGraph",
@@ -131,6 +132,7 @@ __all__ = [
     "CLOSED",
     "EDGES",
     "EMPTY",
+    "FAR",
     "FILLED",
     "FIRST_LABEL",
     "HEXAGONS",
