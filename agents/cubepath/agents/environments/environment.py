@@ -16,15 +16,9 @@ from numpy.typing import NDArray
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, parallel_to_aec
 
+from cubepath.agents.environments.shown import Showing, Shown
 from cubepath.agents.environments.world import Round, World
-from cubepath.agents.local.observation import (
-    SILENT,
-    STAY,
-    Note,
-    Observation,
-    checked_note,
-    observation_length,
-)
+from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
 from cubepath.agents.rendering.pictures import draw_pixels
 from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.errors import InputError
@@ -41,11 +35,13 @@ Infos = dict[str, dict[str, Any]]
 class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     """The modules of a scene as agents module_0, module_1, ...
 
-    Observation and mask are those of `cubepath.agents.local.observation.observe`; action 0 stays,
-    action i is the move in slot i - 1. Conflicting choices are settled by seeded rank; a choice
-    that is not admissible counts as stay and is marked ``illegal`` in the infos. All agents share
-    one reward: the change in the fraction of goal places that are taken. The episode terminates
-    when the goal is reached, and is truncated after `max_cycles` rounds.
+    Observation and mask are those of `cubepath.agents.local.observation.observe`; with
+    ``observation="relative"`` the array ``observation`` is that of
+    `cubepath.agents.local.relative.RelativeObserver` instead. Action 0 stays, action i is the move
+    in slot i - 1. Conflicting choices are settled by seeded rank; a choice that is not admissible
+    counts as stay and is marked ``illegal`` in the infos. All agents share one reward: the change
+    in the fraction of goal places that are taken. The episode terminates when the goal is reached,
+    and is truncated after `max_cycles` rounds.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable
@@ -62,10 +58,16 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         max_cycles: int = 500,
         render_mode: str | None = None,
         note_length: int = 0,
+        observation: Showing = "absolute",
     ) -> None:
         """Make the environment; `note_length` is the length of the notes that `step` accepts."""
         EzPickle.__init__(
-            self, system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+            self,
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            note_length=note_length,
+            observation=observation,
         )
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InputError(
@@ -79,7 +81,8 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self.possible_agents = list(self.scene.modules)
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
-        space = observation_space_of(self.scene, note_length)
+        self._shown = Shown(self.scene, observation)
+        space = self._shown.space(note_length)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
@@ -114,7 +117,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         else:
             self._world.reset(seed)
         self.last_round = None
-        observations = self._observe()
+        observations = self._show(self._observe())
         return observations, _infos(observations, set())
 
     def _make_world(self, seed: int) -> World | WireWorld:
@@ -129,6 +132,9 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
 
     def _observe(self) -> dict[str, Observation]:
         return {name: self.world.observe(self._module[name]) for name in self.agents}
+
+    def _show(self, seen: Mapping[str, Observation]) -> dict[str, Observation]:
+        return {name: self._shown(self._module[name], each) for name, each in seen.items()}
 
     def step(
         self, actions: Mapping[str, int | None], notes: dict[str, Note] | None = None
@@ -153,7 +159,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         reward = self._at_goal() - before
         done = self.scene.reached(world.sites)
         late = world.round >= self.max_cycles
-        observations = self._observe()
+        observations = self._show(self._observe())
         result = (
             observations,
             dict.fromkeys(self.agents, reward),
@@ -213,11 +219,16 @@ class WireEnv(CubepathEnv):
         max_cycles: int = 500,
         render_mode: str | None = None,
         note_length: int = 0,
+        observation: Showing = "absolute",
         processes: int = 2,
     ) -> None:
         """Make the environment; `processes` 0 keeps the modules here, still over a session."""
         super().__init__(
-            system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            note_length=note_length,
+            observation=observation,
         )
         EzPickle.__init__(
             self,
@@ -225,6 +236,7 @@ class WireEnv(CubepathEnv):
             max_cycles=max_cycles,
             render_mode=render_mode,
             note_length=note_length,
+            observation=observation,
             processes=processes,
         )
         if processes < 0:
@@ -276,32 +288,13 @@ def rendered(
     return None
 
 
-def observation_space_of(scene: Scene, note_length: int, *, register: bool = False) -> spaces.Dict:
-    """Return the space of the observations that `observe` makes, with or without a register."""
-    system = scene.system
-    info = np.iinfo(np.int32)
-    low = np.zeros(observation_length(system), np.int32)
-    high = np.ones(observation_length(system), np.int32)
-    low[: system.site_size] = info.min
-    high[: system.site_size] = info.max
-    high[system.site_size + 1 :: 2] = system.codes - 1
-    parts: dict[str, spaces.Space[Any]] = {
-        "observation": spaces.Box(low, high, dtype=np.int32),
-        "action_mask": spaces.Box(0, 1, (system.move_slots + 1,), np.int8),
-    }
-    if note_length:
-        parts["notes"] = spaces.Box(SILENT, info.max, (system.reach_slots, note_length), np.int32)
-        if register:
-            parts["register"] = spaces.Box(SILENT, info.max, (note_length,), np.int32)
-    return spaces.Dict(parts)
-
-
 def parallel_env(
     system: str | Scene = "hex",
     *,
     max_cycles: int = 500,
     render_mode: str | None = None,
     note_length: int = 0,
+    observation: Showing = "absolute",
     transport: Literal["local", "zenoh"] = "local",
     processes: int = 2,
 ) -> CubepathEnv:
@@ -312,7 +305,11 @@ def parallel_env(
     """
     if transport == "local":
         return CubepathEnv(
-            system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            note_length=note_length,
+            observation=observation,
         )
     if transport != "zenoh":
         raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
@@ -321,6 +318,7 @@ def parallel_env(
         max_cycles=max_cycles,
         render_mode=render_mode,
         note_length=note_length,
+        observation=observation,
         processes=processes,
     )
 
@@ -331,6 +329,7 @@ def env(
     max_cycles: int = 500,
     render_mode: str | None = None,
     note_length: int = 0,
+    observation: Showing = "absolute",
     clock: str = "lockstep",
     **scheduling: Any,
 ) -> AECEnv[str, Observation, int | None]:
@@ -347,6 +346,7 @@ def env(
             max_cycles=max_cycles,
             render_mode=render_mode,
             note_length=note_length,
+            observation=observation,
             **scheduling,
         )
     elif clock != "lockstep":
@@ -358,7 +358,11 @@ def env(
     else:
         turns = parallel_to_aec(
             CubepathEnv(
-                system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+                system,
+                max_cycles=max_cycles,
+                render_mode=render_mode,
+                note_length=note_length,
+                observation=observation,
             )
         )
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))
