@@ -20,6 +20,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.systems.graph import GraphSystem
+from strategies import SCENES
 
 
 def actions_of(env: CubepathEnv, seen: Mapping[str, Any], random: np.random.Generator) -> Any:
@@ -64,6 +65,22 @@ def test_everything_that_is_returned_is_the_same(spec: str, *, copy: bool) -> No
             assert one.state().tolist() == other.state().tolist()
             assert np.dtype(one.state().dtype) == other.state().dtype
             seen = found[0]
+
+
+@pytest.mark.parametrize("copy", [True, False])
+@pytest.mark.parametrize("spec", [*SCENES, "agv-labelled", "triangulation:n=7"])
+def test_relative_observations_are_the_same_to_the_last_bit(spec: str, *, copy: bool) -> None:
+    """For every family, whether modules have goals of their own, common ones or none."""
+    one = parallel_env(spec, observation="relative", world="plain")
+    other = parallel_env(spec, observation="relative", world="compiled", copy=copy)
+    random = np.random.default_rng(0)
+    seen, _ = one.reset(seed=1)
+    same, _ = other.reset(seed=1)
+    for _ in range(12):
+        assert plain(seen) == plain(same)
+        assert other.observation_space("module_0").contains(same["module_0"])
+        actions = actions_of(one, seen, random)
+        seen, same = one.step(actions)[0], other.step(actions)[0]
 
 
 def test_dicts_that_are_kept_are_the_same_each_time() -> None:

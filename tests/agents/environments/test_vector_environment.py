@@ -71,6 +71,25 @@ def test_each_environment_is_one_of_pettingzoo(mode: AutoresetMode, *, copy: boo
     assert episodes > count
 
 
+def test_relative_observations_are_those_of_pettingzoo() -> None:
+    """In each of the environments, and within the space."""
+    many = vector_env("agv:graph=grid3x3,n=4", num_envs=2, observation="relative")
+    single = [parallel_env("agv:graph=grid3x3,n=4", observation="relative") for _ in range(2)]
+    random = np.random.default_rng(0)
+    seen, _ = many.reset(seed=3)
+    expected = [env.reset(seed=3 + number)[0] for number, env in enumerate(single)]
+    for _ in range(10):
+        assert many.observation_space.contains(seen)
+        for number, each in enumerate(expected):
+            assert arrays(each) == {key: array[number].tolist() for key, array in seen.items()}
+        actions = drawn(seen, random)
+        seen, *_ = many.step(actions)
+        expected = [
+            env.step(dict(zip(env.possible_agents, row, strict=True)))[0]
+            for env, row in zip(single, actions.tolist(), strict=True)
+        ]
+
+
 def test_the_same_seeds_give_the_same_episodes() -> None:
     """Later ones too, and each environment has others."""
     found = []

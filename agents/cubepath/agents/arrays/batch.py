@@ -26,7 +26,7 @@ from cubepath.agents.arrays.tables import Ints, Tables, codes_at_start
 from cubepath.agents.local.observation import Note, observation_length
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
+from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 
 _DIGITS = 64
 """Room for the digits of a round and of a module in what is hashed."""
@@ -249,6 +249,19 @@ class Batch:
     def site(self, place: int, code: int) -> Site:
         """Return the site of a module that stands as `standing` says."""
         return self._tables.site(place, code)
+
+    def stands(self) -> NDArray[np.intp]:
+        """Return the number of the stand of each module, shape (environments, modules)."""
+        codes = self._tables.codes
+        found = self._place.astype(np.intp) * codes
+        return found + self._code if codes > 1 else found
+
+    def site_of(self, stand: int) -> Site:
+        """Return the site of a stand; in a labelled system, with the least label."""
+        place, code = divmod(stand, self._tables.codes)
+        if self._tables.codes > 1:
+            return self._tables.site(place, code)
+        return self._tables.site(place, MODULE if self.scene.system.labels is None else FIRST_LABEL)
 
     def put(
         self, environment: int, sites: Sequence[Site], round_number: int, said: Sequence[Note]

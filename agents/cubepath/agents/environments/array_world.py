@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
+from cubepath.agents.arrays.relative import RelativeArrays
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import Note, Observation
 from cubepath.protocol.core.sites import Site
@@ -24,20 +25,23 @@ Infos = dict[str, dict[str, Any]]
 class ArrayWorld:
     """All modules of a scene in one batch of one environment."""
 
-    def __init__(self, scene: Scene, *, seed: int, note_length: int = 0) -> None:
+    def __init__(
+        self, scene: Scene, *, seed: int, note_length: int = 0, relative: bool = False
+    ) -> None:
         """Put every module at its start; `UntabledError` if the system does not fit into tables."""
         self.scene = scene
         self.note_length = note_length
         self.batch = Batch(scene, note_length=note_length)
+        self._relative = RelativeArrays(self.batch) if relative else None
         modules = len(scene.start)
         self._speaks = np.zeros((1, modules), np.bool_)
         self._told = np.zeros((1, modules, note_length), np.int32)
         self.reset(seed)
 
     @classmethod
-    def after(cls, world: World) -> ArrayWorld:
+    def after(cls, world: World, *, relative: bool) -> ArrayWorld:
         """Return a world in the state of a plain one, from which it goes on."""
-        found = cls(world.scene, seed=world.seed, note_length=world.note_length)
+        found = cls(world.scene, seed=world.seed, note_length=world.note_length, relative=relative)
         found.batch.put(0, world.sites, world.round, world.spoken())
         return found
 
@@ -73,7 +77,8 @@ class ArrayWorld:
     def observations(self, names: Sequence[str], *, copy: bool) -> dict[str, Observation]:
         """Return what all modules observe: copies, or the arrays that every step overwrites."""
         observed = self.batch.observed
-        seen, masks = observed.observation[0], observed.mask[0]
+        seen: NDArray[Any] = self._seen()
+        masks = observed.mask[0]
         if copy:
             seen, masks = seen.copy(), masks.copy()
         if not self.note_length:
@@ -86,6 +91,15 @@ class ArrayWorld:
             name: {"observation": one, "action_mask": mask, "notes": heard}
             for name, one, mask, heard in zip(names, seen, masks, notes, strict=True)
         }
+
+    def _seen(self) -> NDArray[np.int32] | NDArray[np.float32]:
+        if self._relative is None:
+            return self.batch.observed.observation[0]
+        return self._relative.update()[0]
+
+    def refresh(self) -> None:
+        """Overwrite the arrays that were returned without a copy."""
+        self._seen()
 
     def places(self) -> NDArray[np.int32]:
         """Return the encoded sites of all modules, shape (modules, site_size)."""

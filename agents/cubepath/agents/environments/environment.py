@@ -19,15 +19,9 @@ from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, pa
 from cubepath.agents.arrays.kinds import UntabledError
 from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
+from cubepath.agents.environments.shown import Showing, Shown
 from cubepath.agents.environments.world import Round, World
-from cubepath.agents.local.observation import (
-    SILENT,
-    STAY,
-    Note,
-    Observation,
-    checked_note,
-    observation_length,
-)
+from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
 from cubepath.agents.rendering.pictures import draw_pixels
 from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.errors import InputError
@@ -44,11 +38,13 @@ WORLDS = ("auto", "plain", "compiled")
 class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     """The modules of a scene as agents module_0, module_1, ...
 
-    Observation and mask are those of `cubepath.agents.local.observation.observe`; action 0 stays,
-    action i is the move in slot i - 1. Conflicting choices are settled by seeded rank; a choice
-    that is not admissible counts as stay and is marked ``illegal`` in the infos. All agents share
-    one reward: the change in the fraction of goal places that are taken. The episode terminates
-    when the goal is reached, and is truncated after `max_cycles` rounds.
+    Observation and mask are those of `cubepath.agents.local.observation.observe`; with
+    ``observation="relative"`` the array ``observation`` is that of
+    `cubepath.agents.local.relative.RelativeObserver` instead. Action 0 stays, action i is the move
+    in slot i - 1. Conflicting choices are settled by seeded rank; a choice that is not admissible
+    counts as stay and is marked ``illegal`` in the infos. All agents share one reward: the change
+    in the fraction of goal places that are taken. The episode terminates when the goal is reached,
+    and is truncated after `max_cycles` rounds.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable
@@ -67,6 +63,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         note_length: int = 0,
         copy: bool = True,
         world: str = "auto",
+        observation: Showing = "absolute",
     ) -> None:
         """Make the environment; `note_length` is the length of the notes that `step` accepts.
 
@@ -84,6 +81,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             note_length=note_length,
             copy=copy,
             world=world,
+            observation=observation,
         )
         if world not in WORLDS:
             raise InputError(f"world={world!r}: expected one of {', '.join(WORLDS)}")
@@ -99,7 +97,8 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self.possible_agents = list(self.scene.modules)
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self.agents: list[str] = []
-        space = observation_space_of(self.scene, note_length)
+        self._shown = Shown(self.scene, observation)
+        space = self._shown.space(note_length)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
@@ -139,14 +138,19 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self._played = None
         self._compile_when_it_pays()
         if isinstance(self._world, ArrayWorld):
-            return self._shown(self._world, ())
-        observations = self._observe()
+            return self._all_shown(self._world, ())
+        observations = self._show(self._observe())
         return observations, _infos(observations, set())
 
     def _make_world(self, seed: int) -> World | ArrayWorld | WireWorld:
         if self._which == "compiled":
             try:
-                return ArrayWorld(self.scene, seed=seed, note_length=self.note_length)
+                return ArrayWorld(
+                    self.scene,
+                    seed=seed,
+                    note_length=self.note_length,
+                    relative=self._shown.relative,
+                )
             except UntabledError as error:
                 raise InputError(f"{self.scene.spec}: world='compiled': {error}") from error
         return World(self.scene, seed=seed, note_length=self.note_length)
@@ -158,7 +162,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             return
         if is_due(len(self.agents)):
             try:
-                self._world = ArrayWorld.after(world)
+                self._world = ArrayWorld.after(world, relative=self._shown.relative)
             except UntabledError:
                 self._which = "plain"
 
@@ -181,6 +185,9 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         if isinstance(world, ArrayWorld):
             raise TypeError("a compiled world observes for all modules at once")
         return {name: world.observe(self._module[name]) for name in self.agents}
+
+    def _show(self, seen: Mapping[str, Observation]) -> dict[str, Observation]:
+        return {name: self._shown(self._module[name], each) for name, each in seen.items()}
 
     def step(
         self, actions: Mapping[str, int | None], notes: Mapping[str, Note] | None = None
@@ -206,7 +213,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         reward = self._at_goal() - before
         done = self.scene.reached(world.sites)
         late = world.round >= self.max_cycles
-        observations = self._observe()
+        observations = self._show(self._observe())
         result = (
             observations,
             dict.fromkeys(self.agents, reward),
@@ -240,7 +247,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         reward = world.at_goal / len(agents) - before / len(agents)
         done = world.reached
         late = world.round >= self.max_cycles
-        observations, infos = self._shown(world, played.illegal().tolist())
+        observations, infos = self._all_shown(world, played.illegal().tolist())
         if self._kept is not None:
             rewards, ended, cut = self._kept.results(reward, done=done, late=late and not done)
         else:
@@ -265,7 +272,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             found[self._number(name)] = number if 0 <= number <= most else -1
         return found
 
-    def _shown(
+    def _all_shown(
         self, world: ArrayWorld, illegal: Sequence[int]
     ) -> tuple[dict[str, Observation], Infos]:
         """Return the observations and infos of all agents."""
@@ -281,6 +288,8 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             return observations, infos
         if self._kept is None or self._kept.world is not world:
             self._kept = _Kept(world, names)
+        else:
+            world.refresh()
         return self._kept.observations, self._kept.marked(illegal)
 
     def _number(self, name: str) -> int:
@@ -331,11 +340,16 @@ class WireEnv(CubepathEnv):
         max_cycles: int = 500,
         render_mode: str | None = None,
         note_length: int = 0,
+        observation: Showing = "absolute",
         processes: int = 2,
     ) -> None:
         """Make the environment; `processes` 0 keeps the modules here, still over a session."""
         super().__init__(
-            system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+            system,
+            max_cycles=max_cycles,
+            render_mode=render_mode,
+            note_length=note_length,
+            observation=observation,
         )
         EzPickle.__init__(
             self,
@@ -343,6 +357,7 @@ class WireEnv(CubepathEnv):
             max_cycles=max_cycles,
             render_mode=render_mode,
             note_length=note_length,
+            observation=observation,
             processes=processes,
         )
         if processes < 0:
@@ -430,32 +445,13 @@ def rendered(
     return None
 
 
-def observation_space_of(scene: Scene, note_length: int, *, register: bool = False) -> spaces.Dict:
-    """Return the space of the observations that `observe` makes, with or without a register."""
-    system = scene.system
-    info = np.iinfo(np.int32)
-    low = np.zeros(observation_length(system), np.int32)
-    high = np.ones(observation_length(system), np.int32)
-    low[: system.site_size] = info.min
-    high[: system.site_size] = info.max
-    high[system.site_size + 1 :: 2] = system.codes - 1
-    parts: dict[str, spaces.Space[Any]] = {
-        "observation": spaces.Box(low, high, dtype=np.int32),
-        "action_mask": spaces.Box(0, 1, (system.move_slots + 1,), np.int8),
-    }
-    if note_length:
-        parts["notes"] = spaces.Box(SILENT, info.max, (system.reach_slots, note_length), np.int32)
-        if register:
-            parts["register"] = spaces.Box(SILENT, info.max, (note_length,), np.int32)
-    return spaces.Dict(parts)
-
-
 def parallel_env(
     system: str | Scene = "hex",
     *,
     max_cycles: int = 500,
     render_mode: str | None = None,
     note_length: int = 0,
+    observation: Showing = "absolute",
     transport: Literal["local", "zenoh"] = "local",
     processes: int = 2,
     copy: bool = True,
@@ -475,6 +471,7 @@ def parallel_env(
             note_length=note_length,
             copy=copy,
             world=world,
+            observation=observation,
         )
     if transport != "zenoh":
         raise InputError(f"transport={transport!r}: expected 'local' or 'zenoh'")
@@ -483,6 +480,7 @@ def parallel_env(
         max_cycles=max_cycles,
         render_mode=render_mode,
         note_length=note_length,
+        observation=observation,
         processes=processes,
     )
 
@@ -493,6 +491,7 @@ def env(
     max_cycles: int = 500,
     render_mode: str | None = None,
     note_length: int = 0,
+    observation: Showing = "absolute",
     clock: str = "lockstep",
     **scheduling: Any,
 ) -> AECEnv[str, Observation, int | None]:
@@ -509,6 +508,7 @@ def env(
             max_cycles=max_cycles,
             render_mode=render_mode,
             note_length=note_length,
+            observation=observation,
             **scheduling,
         )
     elif clock != "lockstep":
@@ -520,7 +520,11 @@ def env(
     else:
         turns = parallel_to_aec(
             CubepathEnv(
-                system, max_cycles=max_cycles, render_mode=render_mode, note_length=note_length
+                system,
+                max_cycles=max_cycles,
+                render_mode=render_mode,
+                note_length=note_length,
+                observation=observation,
             )
         )
     return OrderEnforcingWrapper(AssertOutOfBoundsWrapper(turns))

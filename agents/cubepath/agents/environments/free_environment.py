@@ -16,13 +16,13 @@ from pettingzoo import AECEnv
 
 from cubepath.agents.environments.environment import (
     CubepathEnv,
-    observation_space_of,
     rendered,
     share_at_goal,
     state_of,
 )
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.environments.schedulers import Scheduler, scheduler_named
+from cubepath.agents.environments.shown import Showing, Shown
 from cubepath.agents.local.observation import STAY, Observation, checked_note
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
@@ -62,6 +62,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         max_cycles: int = 500,
         render_mode: str | None = None,
         note_length: int = 0,
+        observation: Showing = "absolute",
         scheduler: str = "random",
         speeds: Mapping[int, int] | None = None,
         jitter: float = 0.5,
@@ -74,6 +75,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
             max_cycles=max_cycles,
             render_mode=render_mode,
             note_length=note_length,
+            observation=observation,
             scheduler=scheduler,
             speeds=speeds,
             jitter=jitter,
@@ -97,7 +99,8 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         self._scheduling = scheduler, dict(speeds or {}), jitter
         self._make_scheduler(0)
         self.agents: list[str] = []
-        space = observation_space_of(self.scene, note_length, register=True)
+        self._shown = Shown(self.scene, observation)
+        space = self._shown.space(note_length, register=True)
         self._observation_spaces = dict.fromkeys(self.possible_agents, space)
         size = self.scene.system.move_slots + 1
         self._action_spaces = {name: spaces.Discrete(size) for name in self.possible_agents}
@@ -171,7 +174,8 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
 
     def observe(self, agent: str) -> Observation:
         """Return what an agent was shown when its last turn began: the selected one, this turn."""
-        return self.world.observation(self._module[agent])
+        module = self._module[agent]
+        return self._shown(module, self.world.observation(module))
 
     def declare(self, choice: Choice) -> None:
         """Add note, guards, heeds and exchanges of a choice to the next action of the selected one.

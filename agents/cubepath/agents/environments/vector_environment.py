@@ -17,6 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.kernels import ILLEGAL
+from cubepath.agents.arrays.relative import RelativeArrays
+from cubepath.agents.environments.shown import Showing, Shown
 from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -34,8 +36,9 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
     Each gives what `CubepathEnv` gives with its seed: observations and masks of all modules,
     rewards, ends. With n modules and E environments,
 
-    - observations are a dict of ``observation``, int32, shape (E, n, length), ``action_mask``,
-      int8, shape (E, n, moves + 1), and ``notes`` if `note_length` is positive;
+    - observations are a dict of ``observation``, shape (E, n, length), int32, or float32 with
+      ``observation="relative"``; ``action_mask``, int8, shape (E, n, moves + 1); and ``notes`` if
+      `note_length` is positive;
     - actions are integers, shape (E, n);
     - rewards (float64), terminations and truncations (bool) have shape (E,);
     - infos hold ``illegal``, bool, shape (E, n), and ``seed``, the seed of each episode.
@@ -51,6 +54,7 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
         num_envs: int = 1,
         max_cycles: int = 500,
         note_length: int = 0,
+        observation: Showing = "absolute",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         copy: bool = True,
     ) -> None:
@@ -72,7 +76,9 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
         self.copy = copy
         self.metadata = {"name": "cubepath_v0", "autoreset_mode": self.autoreset_mode}
         self.batch = Batch(scene, num_envs, note_length=note_length)
-        self.single_observation_space = _stacked_space(scene, note_length)
+        shown = Shown(scene, observation)
+        self._relative = RelativeArrays(self.batch) if shown.relative else None
+        self.single_observation_space = _stacked_space(shown.space(note_length), len(scene.start))
         modules = len(scene.start)
         self.single_action_space = spaces.MultiDiscrete([scene.system.move_slots + 1] * modules)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
@@ -190,7 +196,8 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
 
     def _observations(self, *, copy: bool = False) -> Arrays:
         observed = self.batch.observed
-        found: Arrays = {"observation": observed.observation, "action_mask": observed.mask}
+        seen = observed.observation if self._relative is None else self._relative.update()
+        found: Arrays = {"observation": seen, "action_mask": observed.mask}
         if self.note_length:
             found["notes"] = observed.notes
         if copy or self.copy:
@@ -211,17 +218,8 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
         return self.batch.sites(environment)
 
 
-def _stacked_space(scene: Scene, note_length: int) -> spaces.Dict:
-    from cubepath.agents.environments.environment import observation_space_of  # noqa: PLC0415 - a circle
-
-    modules = len(scene.start)
-    one = observation_space_of(scene, note_length)
-    found = {}
-    for key, part in one.spaces.items():
-        if not isinstance(part, spaces.Box):
-            raise TypeError(f"{key} is no box")
-        found[key] = batch_space(part, modules)
-    return spaces.Dict(found)
+def _stacked_space(one: spaces.Dict, modules: int) -> spaces.Dict:
+    return spaces.Dict({key: batch_space(part, modules) for key, part in one.spaces.items()})
 
 
 def vector_env(
@@ -230,6 +228,7 @@ def vector_env(
     num_envs: int = 1,
     max_cycles: int = 500,
     note_length: int = 0,
+    observation: Showing = "absolute",
     autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
     copy: bool = True,
 ) -> CubepathVectorEnv:
@@ -239,6 +238,7 @@ def vector_env(
         num_envs=num_envs,
         max_cycles=max_cycles,
         note_length=note_length,
+        observation=observation,
         autoreset_mode=autoreset_mode,
         copy=copy,
     )

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cubepath.agents.local.observation import (
         SILENT,
         STAY,
+        Array,
         Mask,
         Note,
         Observation,
@@ -35,6 +36,11 @@ if TYPE_CHECKING:
         observe,
         view_of,
     )
+    from cubepath.agents.local.relative import (
+        RelativeObserver,
+        relative_layout,
+        relative_observer,
+    )
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -43,21 +49,24 @@ else:
             "module": "ModuleCore ProtocolError",
             "notes": "LastNote nothing_said",
             "observation": (
-                "Mask Note Observation SILENT STAY View checked_note chosen_move goal_sets "
+                "Array Mask Note Observation SILENT STAY View checked_note chosen_move goal_sets "
                 "is_legal observation_length observe view_of"
             ),
+            "relative": "RelativeObserver relative_layout relative_observer",
         },
     )
 
 __all__ = [
     "SILENT",
     "STAY",
+    "Array",
     "LastNote",
     "Mask",
     "ModuleCore",
     "Note",
     "Observation",
     "ProtocolError",
+    "RelativeObserver",
     "View",
     "checked_note",
     "chosen_move",
@@ -69,6 +78,8 @@ __all__ = [
     "observe",
     "outcome",
     "priority",
+    "relative_layout",
+    "relative_observer",
     "site_after",
     "verdict",
     "view_of",

@@ -20,7 +20,9 @@ from cubepath.protocol.core.system import CLOSED, FIRST_LABEL, Scene, System
 
 Note: TypeAlias = tuple[int, ...]
 """What a rule tells the modules within reach: a fixed number of integers."""
-Observation: TypeAlias = dict[str, NDArray[np.int32] | NDArray[np.int8]]
+Array: TypeAlias = NDArray[np.int32] | NDArray[np.int8] | NDArray[np.float32]
+"""An array of an observation. Floats are in relative ones alone, see `RelativeObserver`."""
+Observation: TypeAlias = dict[str, Array]
 """The arrays that PettingZoo gives an agent; `observe` documents them and their shapes."""
 Mask: TypeAlias = Sequence[int] | NDArray[np.int8]
 """Which actions are legal, 1 or 0 each: an `action_mask`, or its values as a list."""
@@ -145,6 +147,8 @@ class View:
     """The moves by slot, admissible or not; action ``i`` is ``moves[i - 1]``."""
     notes: Mapping[Site, Note]
     """The notes heard from places within reach."""
+    numbers: NDArray[np.int32]
+    """The array ``observation`` that all of this but mask and notes was read from."""
     register: Note | None = None
     """Under the free clock the module's own note, None if it is empty."""
 
@@ -162,7 +166,7 @@ class View:
         return code - FIRST_LABEL if code >= FIRST_LABEL else None
 
 
-def view_of(system: System, observation: Observation, label: int | None = None) -> View:
+def view_of(system: System, observation: Mapping[str, Array], label: int | None = None) -> View:
     """Read an observation back; `label` is the module's own in a labelled system."""
     numbers: Sequence[int] = observation["observation"].tolist()
     size = system.site_size
@@ -189,5 +193,6 @@ def view_of(system: System, observation: Observation, label: int | None = None) 
         mask=mask,
         moves=system.moves(site),
         notes=notes,
+        numbers=observation["observation"].astype(np.int32, copy=False),
         register=None if own is None or own[0] == SILENT else tuple(own.tolist()),
     )

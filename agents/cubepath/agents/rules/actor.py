@@ -13,7 +13,7 @@ import numpy as np
 
 from cubepath.agents.local.observation import (
     STAY,
-    Observation,
+    Array,
     checked_note,
     is_legal,
     view_of,
@@ -57,7 +57,7 @@ class Actor:
         self._hesitate = hesitate
         self._doubt = doubt
 
-    def act(self, observation: Observation) -> Choice:
+    def act(self, observation: Mapping[str, Array]) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
         with _blamed_on(self._who):

@@ -14,6 +14,7 @@ from typing import TypeAlias
 import numpy as np
 
 from cubepath.agents.local.observation import STAY, Note, View
+from cubepath.agents.local.relative import RelativeObserver, relative_observer
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
@@ -40,6 +41,13 @@ class InitialKnowledge:
         if self.system.labels is None or not isinstance(self.start, tuple):
             return None
         return int(self.start[1])
+
+    def relative(self) -> RelativeObserver:
+        """Return what makes the relative observations of this module from its views' `numbers`.
+
+        They are equal to those of an environment with ``observation="relative"``.
+        """
+        return relative_observer(self.system, self.goals)
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,6 +76,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.system import (
         CLOSED,
         EMPTY,
+        FAR,
         FILLED,
         FIRST_LABEL,
         KEPT,
@@ -120,8 +121,8 @@ else:
             ),
             "suggestions": "did_you_mean",
             "system": (
-                "Bound CLOSED EMPTY FILLED FIRST_LABEL KEPT MODULE Scene System Ways local_only "
-                "one_to_one region_of"
+                "Bound CLOSED EMPTY FAR FILLED FIRST_LABEL KEPT MODULE Scene System Ways "
+                "local_only one_to_one region_of"
             ),
             "toml_text": "parsed_toml",
             "vehicle_graph": "VehicleGraph",
@@ -133,6 +134,7 @@ __all__ = [
     "CLOSED",
     "EDGES",
     "EMPTY",
+    "FAR",
     "FILLED",
     "FIRST_LABEL",
     "HEXAGONS",

@@ -30,6 +30,8 @@ KEPT = 1 << 16
 """Number of places whose moves and neighbourhoods are cached."""
 FIRST_LABEL = 4
 """A labelled module with label ``i`` shows as ``FIRST_LABEL + i``."""
+FAR = 1 << 31
+"""Coordinates of places are below this in absolute value, as the integers of observations are."""
 
 
 class Ways(NamedTuple):
@@ -105,6 +107,8 @@ class System(ABC):
     """Number of labels in a labelled system."""
     codes: int = 4
     """Every code that a place shows is below this."""
+    dimension: int = 0
+    """Length of every answer of `coordinates`; 0 if it is not known where places lie."""
     local = True
     """False if a rule for the whole aggregate also decides (`legal`): such a system has a complex,
     but no environment, no runs and no shortening."""
@@ -231,6 +235,14 @@ class System(ABC):
         for sites that stand for no modules.
         """
         return tuple(sites)
+
+    def coordinates(self, place: Site) -> tuple[float, ...]:
+        """Return where a place lies, as `dimension` numbers between ``-FAR`` and ``FAR``.
+
+        The unit is about the length of a move, so that differences are of use to a network.
+        """
+        del place
+        return ()
 
     def legal(self, state: AbstractSet[Site]) -> bool:
         """Return whether the rule for the whole aggregate, if there is one, allows the state."""

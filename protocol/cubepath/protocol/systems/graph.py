@@ -20,7 +20,7 @@ from cubepath.protocol.core.sites import (
     sites_from_json,
     to_json,
 )
-from cubepath.protocol.core.system import FIRST_LABEL, KEPT, MODULE, System, Ways, region_of
+from cubepath.protocol.core.system import FAR, FIRST_LABEL, KEPT, MODULE, System, Ways, region_of
 from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 COMPASS = ((1, 0), (0, 1), (-1, 0), (0, -1))
@@ -83,6 +83,13 @@ class GraphSystem(System):
         for vertex in self.vertices:
             found = self._compass(vertex, near[vertex]) if compass else in_order(near[vertex])
             self._slots[vertex] = found + (None,) * (self.move_slots - len(found))
+        near_by = compass and all(
+            -FAR < number < FAR
+            for vertex in self.vertices
+            if isinstance(vertex, tuple)
+            for number in vertex
+        )
+        self.dimension = 2 if near_by else 0
         self._near = {vertex: in_order(found) for vertex, found in near.items()}
         # Narrower than in the base class, and set only here.
         self.graph = VehicleGraph(  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -226,6 +233,10 @@ class GraphSystem(System):
     def pattern(self, site: Site) -> Hashable:
         """Return which slots of the vertex lead anywhere."""
         return tuple([other is not None for other in self._slots[self.place_of(site)]])
+
+    def coordinates(self, place: Site) -> tuple[float, ...]:
+        """Return (x, y) with `compass`, and nothing for other graphs."""
+        return place if self.dimension and isinstance(place, tuple) else ()
 
     def encode_site(self, site: Site) -> tuple[int, ...]:
         """Return the number of the vertex in canonical order."""

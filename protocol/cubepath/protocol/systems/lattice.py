@@ -69,6 +69,7 @@ class LatticeSystem(System):
         self.places = (*self.obstacles, *(self.workspace or ()))
         self.drawing = lattice.drawing
         self.site_size = lattice.arity
+        self.dimension = lattice.dimension
         self._near = _Neighbourhoods(catalogue)
         self.move_slots = max(len(found) for found in catalogue.templates.values())
         self.sense_slots = max(len(found) for found in self._near.sensed.values())
@@ -174,6 +175,10 @@ class LatticeSystem(System):
         """Return the block of the lattice that a place lies in."""
         lattice = self.catalogue.lattice
         return region_of(lattice.check(place)[: lattice.dimension])
+
+    def coordinates(self, place: Site) -> tuple[float, ...]:
+        """Return the translation that takes the cell of this orbit at the origin to the cell."""
+        return self.catalogue.lattice.check(place)[: self.dimension]
 
     def encode_site(self, site: Site) -> tuple[int, ...]:
         """Return the cell itself."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache, partial
 from itertools import chain
-from math import isfinite
+from math import dist, inf, isfinite
 from typing import Any, ClassVar, Self
 
 import msgspec
@@ -26,7 +26,7 @@ from cubepath.protocol.core.sites import (
     sites_from_json,
     to_json,
 )
-from cubepath.protocol.core.system import FIRST_LABEL, KEPT, System, Ways, one_to_one
+from cubepath.protocol.core.system import FAR, FIRST_LABEL, KEPT, System, Ways, one_to_one
 
 Point = tuple[float, float]
 DRAWINGS = ("chords", "letters", "edges", "graph")
@@ -99,6 +99,8 @@ class TabledSystem(System):
                 heard[other].append(place)
         self._heard = {place: in_order(found) for place, found in heard.items()}
         self._reach = lru_cache(maxsize=KEPT)(self._competitors)
+        self._coordinates = self._in_moves()
+        self.dimension = 2 if self._coordinates else 0
 
     def _file(self, move: Move) -> None:
         key = (move.generator, move.at)
@@ -134,6 +136,27 @@ class TabledSystem(System):
             ends = place if isinstance(place, tuple) and len(place) == 2 else (None,)
             if not self.positions.keys() >= {*ends}:
                 raise InputError(f"chord {place!r}: expected a pair of points that have positions")
+
+    def _in_moves(self) -> dict[Site, tuple[float, float]]:
+        """Return the positions of all places, where one is the mean length of a move in the plane.
+
+        Empty if some place has no position, if no move takes a module anywhere, or if there is no
+        such scale: a picture may be as large as it likes.
+        """
+        if not self.positions.keys() >= {*self.places}:
+            return {}
+        lines = TabledSystem.lines(self)  # a class that derives from this one is not ready yet
+        ways = (dist(self.positions[one], self.positions[other]) for one, other in lines)
+        lengths = [length for length in ways if length]
+        unit = sum(lengths) / len(lengths) if lengths else inf
+        if not isfinite(unit):
+            return {}
+        found = {
+            place: (self.positions[place][0] / unit, self.positions[place][1] / unit)
+            for place in self.places
+        }
+        fits = all(-FAR < number < FAR for numbers in found.values() for number in numbers)
+        return found if fits else {}
 
     def __reduce__(self) -> tuple[object, ...]:
         # The caches cannot be pickled, and need not be.
@@ -251,6 +274,10 @@ class TabledSystem(System):
     def reach(self, place: Site) -> tuple[Site, ...]:
         """Return the places of possible competitors of a module at `place`."""
         return self._reach(place)
+
+    def coordinates(self, place: Site) -> tuple[float, ...]:
+        """Return the position of a place in mean lengths of a move, if all places have one."""
+        return self._coordinates.get(place, ())
 
     def encode_site(self, site: Site) -> tuple[int, ...]:
         """Return the number of the place and, with letters, that of the letter (0 for none)."""

@@ -1,0 +1,196 @@
+"""What one module sees as numbers between -1 and 1 that do not say where it is: for a network.
+
+Room: agents. The relative observation follows from the observation that `observe` makes and from
+what a module knows from birth, the static map and its goals; so it is as local as that one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import fsum
+from weakref import WeakKeyDictionary, WeakValueDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.agents.local.hops import Sites, sites_of
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import FAR, FIRST_LABEL, MODULE, System
+
+
+class RelativeLayout:
+    """Which entry of the relative observations of a system means what.
+
+    `parts` names the slices of the vector, in this order; an empty slice is left out by the system:
+
+    - ``goal``: 1 if the own site or place is one of the module's goals;
+    - ``kind``: one entry for each orbit of a lattice that has several (`orbits`), then one for each
+      letter: 1 for those of the own site;
+    - ``way``: `System.dimension` entries, ``d / (1 + max(abs(d)))``, where d leads from the own
+      place to the mean of the goals; 0 without goals;
+    - ``nearer``: where `sites` is not None, one entry for each move slot: 1 if the move brings the
+      module nearer to its nearest goal, counted in moves that nobody is in the way of, -1 if it
+      brings it farther away, else 0;
+    - ``sensed``: for each sensed slot `width` entries: free, module, occupied obstacle, no place,
+      then one for each letter, of which 1 is what it shows; then 1 if the place, or what is on
+      there, is one of the module's goals.
+
+    That moves are marked by whether they lead nearer follows Ma, Luo and Ma, *Distributed heuristic
+    multi-agent path finding with communication* (2021).
+    """
+
+    def __init__(self, system: System) -> None:
+        """Lay out the entries."""
+        self.sites: Sites | None = sites_of(system)
+        """The sites by number, for ``nearer``; None if there are no such entries."""
+        found = {} if system.catalogue is None else _orbits(system)
+        self.orbits: Mapping[tuple[int, ...], int] = found if len(found) > 1 else {}
+        """The place in ``kind`` of each orbit, by its representative."""
+        letters = len(system.letters)
+        self.looks: NDArray[np.float32] = _looks(system)
+        """The entries of a slot in row ``2 * code + flag``, shape ``(2 * codes, width)``."""
+        self.width = self.looks.shape[1]
+        lengths = {
+            "goal": 1,
+            "kind": len(self.orbits) + letters,
+            "way": system.dimension,
+            "nearer": 0 if self.sites is None else system.move_slots,
+            "sensed": system.sense_slots * self.width,
+        }
+        self.parts: dict[str, slice] = {}
+        self.length = 0
+        for name, length in lengths.items():
+            self.parts[name] = slice(self.length, self.length + length)
+            self.length += length
+        self._observers: WeakValueDictionary[tuple[Site, ...], RelativeObserver] = (
+            WeakValueDictionary()
+        )
+
+    @property
+    def low(self) -> NDArray[np.float32]:
+        """Return the least value of each entry, -1 or 0; the greatest is always 1."""
+        found = np.zeros(self.length, np.float32)
+        found[self.parts["way"]] = found[self.parts["nearer"]] = -1
+        return found
+
+    def observer(self, system: System, goals: tuple[Site, ...]) -> RelativeObserver:
+        """Return the observer of the modules with these goals; they share it."""
+        found = self._observers.get(goals)
+        if found is None:
+            found = self._observers[goals] = RelativeObserver(system, self, goals)
+        return found
+
+
+class RelativeObserver:
+    """Turns the observations of modules that have the same goals into relative ones."""
+
+    def __init__(self, system: System, layout: RelativeLayout, goals: tuple[Site, ...]) -> None:
+        """Take the goals in; InputError if one is too far away to tell the way."""
+        self.layout = layout
+        self._system = system
+        self._count = len(goals)
+        self.total = _total(system, goals)
+        """The sum of the coordinates of the goals."""
+        self.hops = None if layout.sites is None else layout.sites.hops(goals)
+        """The number of moves to the nearest goal, by the numbers of `sites`."""
+        self._label = None if system.labels is None else 0
+        _, self._kind, self._way, self._nearer, self._sensed = layout.parts.values()
+
+    @property
+    def length(self) -> int:
+        """Return the number of entries."""
+        return self.layout.length
+
+    def of(self, numbers: NDArray[np.int32]) -> NDArray[np.float32]:
+        """Return the relative observation, float32 of shape ``(length,)``, values from -1 to 1.
+
+        `numbers` is the array ``observation`` of `observe`; `RelativeLayout` has the entries.
+        """
+        system, layout = self._system, self.layout
+        size = system.site_size
+        # The label is the module's own, and nothing that is told here depends on it.
+        site = system.decode_site(numbers[:size].tolist(), self._label)
+        found = np.zeros(layout.length, np.float32)
+        found[0] = numbers[size]
+        if self._kind.stop > self._kind.start:
+            self._write_kind(found, site)
+        if self.total:
+            found[self._way] = self._way_from(site)
+        if layout.sites is not None and self.hops is not None:
+            own, targets = layout.sites.targets(system, site)
+            here, there = self.hops.item(own), self.hops.take(targets)
+            np.subtract(there < here, there > here, found[self._nearer], dtype=np.float32)
+        looks = 2 * numbers[size + 1 :: 2] + numbers[size + 2 :: 2]
+        found[self._sensed] = layout.looks.take(looks, axis=0).ravel()
+        return found
+
+    def _write_kind(self, found: NDArray[np.float32], site: Site) -> None:
+        system, layout = self._system, self.layout
+        catalogue = system.catalogue
+        if layout.orbits and catalogue is not None:
+            orbit = layout.orbits.get(catalogue.orbit(catalogue.lattice.check(site)))
+            if orbit is not None:
+                found[self._kind.start + orbit] = 1
+        if system.letters:
+            letter = system.code_of(site) - FIRST_LABEL
+            if letter >= 0:
+                found[self._kind.start + len(layout.orbits) + letter] = 1
+
+    def _way_from(self, site: Site) -> list[float]:
+        """Return the entries ``way`` from a site, as float64.
+
+        On a lattice the differences are exact, so that they are the same wherever the scene lies.
+        """
+        system, count = self._system, self._count
+        own = system.coordinates(system.place_of(site))
+        way = [(total - count * x) / count for total, x in zip(self.total, own, strict=True)]
+        far = 1 + max(map(abs, way))
+        return [step / far for step in way]
+
+
+_layouts: WeakKeyDictionary[System, RelativeLayout] = WeakKeyDictionary()
+
+
+def relative_layout(system: System) -> RelativeLayout:
+    """Return the layout of a system, shared by all modules in this process."""
+    found = _layouts.get(system)
+    if found is None:
+        found = _layouts[system] = RelativeLayout(system)
+    return found
+
+
+def relative_observer(system: System, goals: tuple[Site, ...]) -> RelativeObserver:
+    """Return what makes the relative observations of a module with these goals."""
+    return relative_layout(system).observer(system, goals)
+
+
+def _orbits(system: System) -> dict[tuple[int, ...], int]:
+    """Return the orbits that the generators of a catalogue speak of, in canonical order."""
+    catalogue = system.catalogue
+    if catalogue is None:
+        raise AssertionError("a system without a catalogue has no orbits")
+    found = {catalogue.orbit(cell) for each in catalogue.generators for cell in each.support}
+    return {orbit: number for number, orbit in enumerate(sorted(found))}
+
+
+def _looks(system: System) -> NDArray[np.float32]:
+    """Return the entries of a slot by code and goal flag: a label shows as a module."""
+    looks = FIRST_LABEL + len(system.letters)
+    found = np.zeros((system.codes, 2, looks + 1), np.float32)
+    for code in range(system.codes):
+        found[code, :, code if code < looks else MODULE] = 1
+    found[:, 1, looks] = 1
+    return found.reshape(-1, looks + 1)
+
+
+def _total(system: System, goals: tuple[Site, ...]) -> tuple[float, ...]:
+    """Return the sum of the coordinates of the goals, in float64."""
+    spots: list[tuple[float, ...]] = []
+    for goal in goals if system.dimension else ():
+        # In a labelled system goals are places already.
+        spot = system.coordinates(goal if system.labels is not None else system.place_of(goal))
+        if not all(-FAR < number < FAR for number in spot):
+            raise InputError(f"goal {goal!r}: too far away to tell the way, expected below {FAR}")
+        spots.append(spot)
+    return tuple(map(fsum, zip(*spots, strict=True)))
