@@ -39,9 +39,10 @@ PUBLIC = {
         why_inadmissible write_certificate write_cubes write_moves write_timetable
     """,
     "cubepath.agents": """
-        Checked Choice CubepathEnv Finding FreeEnv FreePlayed FreeRule InitialKnowledge Note
-        Observation Played Rule RuleType View check_rule draw_pixels draw_text env observe
-        parallel_env play play_free raw_env rule_named
+        Checked Choice Chosen CubepathEnv Finding FreeEnv FreePlayed FreeRule GaveUp
+        InitialKnowledge Note Observation Played Rule RuleType Seen VectorActors VectorKnowledge
+        VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text env observe
+        parallel_env play play_free raw_env rule_named vector_actors_for
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift

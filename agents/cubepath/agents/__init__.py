@@ -36,11 +36,20 @@ if TYPE_CHECKING:
     from cubepath.agents.rendering import draw_pixels, draw_text
     from cubepath.agents.rules import (
         Choice,
+        Chosen,
         FreeRule,
+        GaveUp,
         InitialKnowledge,
         Rule,
         RuleType,
+        Seen,
+        VectorActors,
+        VectorKnowledge,
+        VectorRule,
+        draw_below,
+        draw_fraction,
         rule_named,
+        vector_actors_for,
     )
 else:
     __getattr__, __dir__ = lazy_face(
@@ -52,26 +61,38 @@ else:
             "local": "Note Observation View observe",
             "locality": "Checked Finding check_rule",
             "rendering": "draw_pixels draw_text",
-            "rules": "Choice FreeRule InitialKnowledge Rule RuleType rule_named",
+            "rules": (
+                "Choice Chosen FreeRule GaveUp InitialKnowledge Rule RuleType Seen "
+                "VectorActors VectorKnowledge VectorRule draw_below draw_fraction rule_named "
+                "vector_actors_for"
+            ),
         },
     )
 
 __all__ = [
     "Checked",
     "Choice",
+    "Chosen",
     "CubepathEnv",
     "Finding",
     "FreeEnv",
     "FreePlayed",
     "FreeRule",
+    "GaveUp",
     "InitialKnowledge",
     "Note",
     "Observation",
     "Played",
     "Rule",
     "RuleType",
+    "Seen",
+    "VectorActors",
+    "VectorKnowledge",
+    "VectorRule",
     "View",
     "check_rule",
+    "draw_below",
+    "draw_fraction",
     "draw_pixels",
     "draw_text",
     "env",
@@ -81,4 +102,5 @@ __all__ = [
     "play_free",
     "raw_env",
     "rule_named",
+    "vector_actors_for",
 ]

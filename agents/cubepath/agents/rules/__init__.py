@@ -1,8 +1,9 @@
 """Rules: what a module chooses from what it sees, built in or from other distributions.
 
-Room: agents. A rule sees a `View` and returns a `Choice`; an `Actor` asks one for one module. It
-imports `local`, the protocol, and of `keepers` what an attempt takes. Module processes and
-environments let rules act; the coordinator asks for them by name.
+Room: agents. A rule sees a `View` and returns a `Choice`; an `Actor` asks one for one module, and
+`VectorActors` for all modules of many environments, if the rule has such a form. It imports
+`local`, the protocol, and of `keepers` what an attempt takes. Module processes and environments let
+rules act; the coordinator asks for them by name.
 """
 
 from typing import TYPE_CHECKING
@@ -17,6 +18,15 @@ if TYPE_CHECKING:
     from cubepath.agents.rules.rule_files import is_in_file
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
     from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
+    from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
+    from cubepath.agents.rules.vector_rule import (
+        Chosen,
+        GaveUp,
+        Seen,
+        VectorKnowledge,
+        VectorRule,
+    )
+    from cubepath.agents.rules.vector_streams import draw_below, draw_fraction
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -28,6 +38,9 @@ else:
             "rule_files": "is_in_file",
             "schedule": "SCHEDULE scheduled",
             "streams": "HESITATE NoSeed RULE stream stream_at",
+            "vector_actors": "VectorActors vector_actors_for",
+            "vector_rule": "Chosen GaveUp Seen VectorKnowledge VectorRule",
+            "vector_streams": "draw_below draw_fraction",
         },
     )
 
@@ -38,13 +51,21 @@ __all__ = [
     "SCHEDULE",
     "Actor",
     "Choice",
+    "Chosen",
     "FreeRule",
+    "GaveUp",
     "InitialKnowledge",
     "NoSeed",
     "Rule",
     "RuleType",
+    "Seen",
+    "VectorActors",
+    "VectorKnowledge",
+    "VectorRule",
     "actors_for",
     "attempt_of",
+    "draw_below",
+    "draw_fraction",
     "find_rule",
     "is_in_file",
     "rule_named",
@@ -53,4 +74,5 @@ __all__ = [
     "stream",
     "stream_at",
     "unknown_rule",
+    "vector_actors_for",
 ]

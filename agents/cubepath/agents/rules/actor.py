@@ -47,7 +47,7 @@ class Actor:
         self._clock = clock
         self._who = f"rule {rule.name!r}, module_{knowledge.module}"
         try:
-            with _blamed_on(self._who):
+            with blamed_on(self._who):
                 self._rule = rule.made(knowledge, clock)
         except RuleError as error:
             if isinstance(error.__cause__, InputError):  # the rule does not fit the scene
@@ -60,7 +60,7 @@ class Actor:
     def act(self, observation: Mapping[str, Array]) -> Choice:
         """Return the rule's choice, checked; RuleError if the rule fails or chooses badly."""
         view = view_of(self._knowledge.system, observation, self._knowledge.label)
-        with _blamed_on(self._who):
+        with blamed_on(self._who):
             choice = as_choice(self._rule(view))
             if not is_legal(view.mask, choice.action):
                 legal = view.mask.nonzero()[0].tolist()
@@ -79,7 +79,7 @@ class Actor:
 
 
 @contextmanager
-def _blamed_on(who: str) -> Generator[None]:
+def blamed_on(who: str) -> Generator[None]:
     """Turn any error in a rule into one line that names the rule and its module."""
     try:
         yield

@@ -37,7 +37,7 @@ modules only go forward.
 from __future__ import annotations
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules import free_chain
+from cubepath.agents.rules import free_chain, vector_chain
 from cubepath.agents.rules.chain_task import (
     Task,
     beside_of,
@@ -59,7 +59,8 @@ def make(knowledge: InitialKnowledge) -> Rule:
     The rest shows in the first view: whether the start is a straight chain and, if the module's
     cell is in line with both ends of the goal, which of them is g_0.
     """
-    start, goals = HEXAGONS.check(knowledge.start), goal_chain(knowledge)
+    start = HEXAGONS.check(knowledge.start)
+    goals = goal_chain(knowledge.goals, knowledge.modules)
     tasks = [] if start in goals else tasks_from(start, goals)
     check_room(knowledge.system, [start, *goals])
     begun: list[Rule] = []
@@ -82,7 +83,7 @@ def _begin(start: Cell, goals: tuple[Cell, ...], tasks: list[Task], beside: list
     goes_on = all(not cross(minus(cell, start), row) for cell in beside)
     if start in goals and (goes_on or (len(beside) == 1 and start in (goals[0], goals[-1]))):
         return lambda _: STAY
-    return lambda _: Choice(failed=f"no straight chain leads from {start} to an end of the goal")
+    return lambda _: Choice(failed=vector_chain.no_chain_from(start))
 
 
 def _fits(system: System) -> bool:
@@ -109,4 +110,5 @@ CHAIN = RuleType(
         make=free_chain.make,
         note_length=lambda _: len(free_chain.StartNote._fields),
     ),
+    vectorised=vector_chain.make,
 )

@@ -5,12 +5,13 @@ Room: agents. The docstring of `chain` has the words, and why the chain reaches 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cubepath.agents.local.observation import STAY, View
-from cubepath.agents.rules.rule import InitialKnowledge
 from cubepath.protocol.core.catalogue import HEX_DIRECTIONS, HEXAGONS, Cell
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
 
@@ -52,6 +53,11 @@ class Task:
     away: Cell
     steps: int
 
+    @property
+    def sense(self) -> int:
+        """Return in which sense a walker turns about its pivots, as the sign of `cross`."""
+        return cross(self.ahead, self.away) or (1 if self.steps % 2 else -1)
+
     def is_goal(self, cell: Cell) -> bool:
         """Return whether this is a cell of the goal."""
         steps, unit = along(self.head, cell)
@@ -73,8 +79,7 @@ class Task:
         here = HEXAGONS.check(view.site)
         if self.is_goal(here):
             return STAY, ()
-        sense = cross(self.ahead, self.away) or (1 if self.steps % 2 else -1)
-        waits = self.is_static(here)
+        sense, waits = self.sense, self.is_static(here)
         for action, move in view.legal():
             there = HEXAGONS.check(move.target)
             (pivot,) = map(HEXAGONS.check, move.action.ends[0] & move.action.ends[1])
@@ -98,13 +103,11 @@ class Task:
         return joined and {before, after}.issuperset(beside)
 
 
-def goal_chain(knowledge: InitialKnowledge) -> tuple[Cell, ...]:
+def goal_chain(sites: Sequence[Site], modules: int) -> tuple[Cell, ...]:
     """Return the cells of the goal in order; InputError if they are no straight chain."""
-    goals = tuple(HEXAGONS.check(site) for site in knowledge.goals)
-    if len(goals) != knowledge.modules:
-        raise InputError(
-            f"rule 'chain': {knowledge.modules} modules, found {len(goals)} goal cells"
-        )
+    goals = tuple(HEXAGONS.check(site) for site in sites)
+    if len(goals) != modules:
+        raise InputError(f"rule 'chain': {modules} modules, found {len(goals)} goal cells")
     ahead = along(goals[0], goals[-1])[1] or (0, 0)
     line = tuple(plus(goals[0], ahead, place) for place in range(len(goals)))
     if goals != line or len(set(goals)) < len(goals):

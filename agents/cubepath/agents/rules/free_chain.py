@@ -62,7 +62,7 @@ def make(knowledge: InitialKnowledge) -> Rule:
 
     The rest shows at the start: then it gives up.
     """
-    goals = goal_chain(knowledge)
+    goals = goal_chain(knowledge.goals, knowledge.modules)
     system = knowledge.system
     if len(goals) == 1 and HEXAGONS.check(knowledge.start) not in goals:
         raise InputError("rule 'chain': one module alone has nothing to pivot about")

@@ -15,6 +15,7 @@ import numpy as np
 
 from cubepath.agents.local.observation import STAY, Note, View
 from cubepath.agents.local.relative import RelativeObserver, relative_observer
+from cubepath.agents.rules.vector_rule import VectorKnowledge, VectorRule
 from cubepath.protocol.core.errors import RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
@@ -107,6 +108,12 @@ class RuleType:
     note_length: Callable[[int], int] = _silent
     """Length of the notes, from the number of modules; 0 for a rule that is silent."""
     free: FreeRule | None = None
+    vectorised: Callable[[VectorKnowledge], VectorRule | None] | None = None
+    """Makes the form that chooses for all modules of many environments, under the lockstep clock.
+
+    Its choices and notes are those of the rules that `make` makes, so whoever replaces one replaces
+    the other. None if it does not know a system or scene: then each module is asked by itself.
+    """
 
     @property
     def clocks(self) -> tuple[str, ...]:

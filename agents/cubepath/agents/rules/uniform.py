@@ -6,6 +6,7 @@ Room: agents. Without rounds every move is still legal: its support is checked w
 from __future__ import annotations
 
 from cubepath.agents.local.observation import View
+from cubepath.agents.rules import vector_random
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
 
 
@@ -26,4 +27,5 @@ RANDOM = RuleType(
     fits=lambda _: True,
     make=make,
     free=FreeRule(why="every commit is a legal move, and nothing more is promised"),
+    vectorised=vector_random.make,
 )

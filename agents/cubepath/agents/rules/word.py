@@ -23,27 +23,20 @@ The rule keeps nothing in mind, so a segment that is started again goes on as be
 from __future__ import annotations
 
 from cubepath.agents.local.observation import STAY, View
+from cubepath.agents.rules import vector_word
 from cubepath.agents.rules.rule import FreeRule, InitialKnowledge, Rule, RuleType
+from cubepath.agents.rules.word_heights import height, wanted_height
 from cubepath.protocol.core.catalogue import EDGES
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
-
-
-def _height(edge: Site) -> int:
-    x, _, axis = EDGES.check(edge)
-    return x + (1 if axis == 0 else 0)
 
 
 def make(knowledge: InitialKnowledge) -> Rule:
     """Return the rule of one segment; its only goal is its own edge in the goal word."""
-    if not knowledge.goals:
-        raise InputError("rule 'word' needs a goal word")
-    wanted = _height(knowledge.goals[0])
+    wanted = wanted_height(knowledge.goals)
 
     def choose(view: View) -> int:
-        height = _height(view.site)
+        short = wanted - height(view.site)
         for action, move in view.legal():
-            if abs(wanted - _height(move.target)) < abs(wanted - height):
+            if abs(wanted - height(move.target)) < abs(short):
                 return action
         return STAY
 
@@ -61,4 +54,5 @@ WORD = RuleType(
     ),
     make=make,
     free=FreeRule(why="each commit brings one height nearer, and one always can come nearer"),
+    vectorised=vector_word.make,
 )

@@ -1,0 +1,60 @@
+"""The rule `random` for all modules of many environments at once.
+
+Room: agents. `uniform` has the rule.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.agents.rules.vector_rule import (
+    Chosen,
+    GaveUp,
+    Seen,
+    Streams,
+    VectorKnowledge,
+    VectorRule,
+)
+from cubepath.agents.rules.vector_streams import DRAW_STEPS, draw_below
+from cubepath.protocol.compiled import compiled
+
+
+def make(knowledge: VectorKnowledge) -> VectorRule:
+    """Return the rule of all modules, each of which draws from its own stream."""
+    streams = knowledge.streams()
+    steps = knowledge.environments * knowledge.modules * (DRAW_STEPS + 1)
+
+    def choose(seen: Seen, chosen: Chosen) -> Iterable[GaveUp]:
+        draw = _draw.for_work(steps, by_entries=True)
+        draw(seen.action_mask, seen.playing, streams, chosen.actions)
+        return ()
+
+    return choose
+
+
+@compiled
+def _draw(
+    mask: NDArray[np.int8],
+    playing: NDArray[np.bool_],
+    streams: Streams,
+    actions: NDArray[np.int32],
+) -> None:
+    """Draw one of the actions in the mask for each module."""
+    for environment in range(mask.shape[0]):
+        if not playing[environment]:
+            continue
+        for module in range(mask.shape[1]):
+            legal = 0
+            for action in range(mask.shape[2]):
+                if mask[environment, module, action] != 0:
+                    legal += 1
+            left = draw_below(streams, environment, module, legal)
+            for action in range(mask.shape[2]):
+                if mask[environment, module, action] != 0:
+                    if left == 0:
+                        actions[environment, module] = action
+                        break
+                    left -= 1

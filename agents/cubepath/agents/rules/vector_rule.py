@@ -1,0 +1,78 @@
+"""The vectorised form of a rule: one function that chooses for all modules of many environments.
+
+Room: agents. It says in arrays what `rule` says for one module. The environments have one scene and
+a seed each; E is their number, n that of the modules.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
+
+Streams: TypeAlias = NDArray[np.uint64]
+"""Random streams, shape (E, n, 6): one for each module of each environment, see `vector_streams`.
+
+The entries are the state and the increment of numpy's PCG64, each as its high and its low half,
+whether half a draw is kept, and that half. Drawing changes them.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class VectorKnowledge:
+    """What the modules know from birth, by module: `InitialKnowledge` of all of them.
+
+    `streams` makes the modules' own streams, as they are before anything is drawn. What a rule does
+    for one module must follow from that module's part.
+    """
+
+    system: System
+    environments: int
+    starts: tuple[Site, ...]
+    goals: tuple[tuple[Site, ...], ...]
+    streams: Callable[[], Streams]
+
+    @property
+    def modules(self) -> int:
+        """Return the number of modules in each environment."""
+        return len(self.starts)
+
+
+class Seen(NamedTuple):
+    """What the modules see in one round: what `observe` returns for each, stacked."""
+
+    observation: NDArray[np.int32]
+    """Shape (E, n, `observation_length`)."""
+    action_mask: NDArray[np.int8]
+    """Shape (E, n, `move_slots` + 1)."""
+    notes: NDArray[np.int32]
+    """Shape (E, n, `reach_slots`, note length)."""
+    playing: NDArray[np.bool_]
+    """Shape (E,): False for environments that are over; nothing is chosen or drawn there."""
+
+
+class Chosen(NamedTuple):
+    """Where a rule in vectorised form writes what it chooses, of environments that are playing."""
+
+    actions: NDArray[np.int32]
+    """Shape (E, n), `STAY` before the rule is asked."""
+    notes: NDArray[np.int32]
+    """Shape (E, n, note length): the last notes, zeros at first; one left as it is is kept."""
+
+
+class GaveUp(NamedTuple):
+    """A module finds that it cannot reach its goal: `Choice.failed`."""
+
+    environment: int
+    module: int
+    why: str
+
+
+VectorRule: TypeAlias = Callable[[Seen, Chosen], Iterable[GaveUp]]
+"""It is called once per round, and returns who gives up. The arrays are C-contiguous."""
