@@ -116,7 +116,7 @@ class ArrayWorld:
             told = self._speaks, self._told
         before = self.batch.standing()
         outcomes = self.batch.step(actions[None], told=told)[0]
-        return ArrayRound(self, actions, outcomes.copy(), before)
+        return ArrayRound(self.batch, self.round, actions, outcomes.copy(), before)
 
 
 class ArrayRound:
@@ -124,13 +124,14 @@ class ArrayRound:
 
     def __init__(
         self,
-        world: ArrayWorld,
+        batch: Batch,
+        number: int,
         actions: NDArray[np.int64],
         outcomes: NDArray[np.int8],
         before: tuple[NDArray[np.int32], NDArray[np.int32]],
     ) -> None:
-        self.number = world.round
-        self._world, self._actions, self._before = world, actions, before
+        self.number = number
+        self._batch, self._actions, self._before = batch, actions, before
         self._outcomes = outcomes
 
     def illegal(self) -> NDArray[np.intp]:
@@ -139,7 +140,7 @@ class ArrayRound:
 
     def round(self) -> Round:
         """Return the round as the plain world gives it."""
-        batch, system = self._world.batch, self._world.scene.system
+        batch, system = self._batch, self._batch.scene.system
         places, codes = self._before
         moves = {}
         for module in np.flatnonzero(self._outcomes == GRANTED).tolist():

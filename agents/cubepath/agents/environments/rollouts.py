@@ -1,0 +1,144 @@
+"""Play a rule many times in one scene, a seed for each run: what `play` gives, as arrays.
+
+Room: agents. Rules with a vectorised form are played in compiled code, all runs side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.agents.arrays.batch import Batch
+from cubepath.agents.arrays.kernels import GRANTED, LOST
+from cubepath.agents.arrays.kinds import UntabledError
+from cubepath.agents.environments.array_world import ArrayRound
+from cubepath.agents.environments.rollout import Played, play_in_python
+from cubepath.agents.environments.world import Round
+from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene, local_only
+
+Counts = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class PlayedMany:
+    """Finished runs of one rule in one scene; the arrays have shape (runs,)."""
+
+    seeds: tuple[int, ...]
+    rounds: Counts
+    reached: NDArray[np.bool_]
+    moves: Counts
+    """How many moves were made."""
+    lost: Counts
+    """How many claims were lost to others."""
+    failed: dict[int, str]
+    """Why a rule gave up, by run."""
+    sites: tuple[tuple[Site, ...], ...]
+    """Where the modules are at the end of each run."""
+    played: tuple[tuple[Round, ...], ...] | None = None
+    """The rounds of each run, if they were to be kept."""
+
+
+def play_many(
+    scene: Scene,
+    rule: RuleType,
+    seeds: Sequence[int],
+    *,
+    hesitate: float = 0.0,
+    max_rounds: int = 1000,
+    keep_rounds: bool = False,
+) -> PlayedMany:
+    """Play a rule once for each seed; each run is that of `play` with the seed.
+
+    Rules in plain Python, and systems that fit into no tables, are played one run after another.
+    """
+    scene = local_only(scene, "environment")
+    if not seeds:
+        return _summed(scene, (), [], keep_rounds=keep_rounds)
+    actors = vector_actors_for(scene, rule, seeds=seeds, hesitate=hesitate)
+    if actors is not None:
+        try:
+            batch = Batch(scene, len(seeds), note_length=rule.length(len(scene.start)))
+        except UntabledError:
+            actors = None
+        else:
+            batch.reset(list(seeds))
+            return _Playing(batch, actors, tuple(seeds), max_rounds, keep_rounds).result()
+    runs = [
+        play_in_python(scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
+        for seed in seeds
+    ]
+    return _summed(scene, tuple(seeds), runs, keep_rounds=keep_rounds)
+
+
+def _summed(
+    scene: Scene, seeds: tuple[int, ...], runs: list[Played], *, keep_rounds: bool
+) -> PlayedMany:
+    del scene
+    return PlayedMany(
+        seeds,
+        np.array([len(run.rounds) for run in runs], np.int64),
+        np.array([run.reached for run in runs], np.bool_),
+        np.array([sum(len(each.moves) for each in run.rounds) for run in runs], np.int64),
+        np.array([sum(len(each.lost) for each in run.rounds) for run in runs], np.int64),
+        {number: run.failed for number, run in enumerate(runs) if run.failed is not None},
+        tuple(run.sites for run in runs),
+        tuple(run.rounds for run in runs) if keep_rounds else None,
+    )
+
+
+@dataclass(slots=True)
+class _Playing:
+    """Runs side by side in one batch."""
+
+    batch: Batch
+    actors: VectorActors
+    seeds: tuple[int, ...]
+    max_rounds: int
+    keep_rounds: bool
+    failed: dict[int, str] = field(default_factory=dict)
+
+    def result(self) -> PlayedMany:
+        """Play to the end."""
+        batch, runs = self.batch, len(self.seeds)
+        moves, lost = np.zeros((2, runs), np.int64)
+        kept: list[list[ArrayRound]] = [[] for _ in range(runs)]
+        seen = batch.observe()
+        actions = np.zeros((runs, batch.modules), np.int32)
+        speaks = np.ones((runs, batch.modules), np.bool_)
+        playing = ~batch.reached
+        while playing.any():
+            heard = seen.notes if batch.note_length else None
+            self.actors.act(seen.observation, seen.mask, heard, actions, playing=playing)
+            self.failed.update(self.actors.failed)
+            before = [batch.standing(run) for run in range(runs)] if self.keep_rounds else []
+            told = (speaks & playing[:, None], self.actors.notes) if batch.note_length else None
+            chosen = actions.astype(np.int64)
+            outcomes = batch.step(chosen, told=told, live=playing.astype(np.uint8))
+            moves += (outcomes == GRANTED).sum(axis=1)
+            lost += (outcomes == LOST).sum(axis=1)
+            if self.keep_rounds:
+                for run in np.flatnonzero(playing).tolist():
+                    number = int(batch.round[run])
+                    kept[run].append(
+                        ArrayRound(batch, number, chosen[run], outcomes[run].copy(), before[run])
+                    )
+            playing &= ~batch.reached & (batch.round < self.max_rounds)
+            playing[list(self.actors.failed)] = False
+        return PlayedMany(
+            self.seeds,
+            batch.round.copy(),
+            batch.reached,
+            moves,
+            lost,
+            self.failed,
+            tuple(tuple(batch.sites(run)) for run in range(runs)),
+            tuple(tuple(each.round() for each in run) for run in kept)
+            if self.keep_rounds
+            else None,
+        )

@@ -1,0 +1,67 @@
+"""Many runs side by side are those of one after another."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from cubepath.agents.arrays import warming
+from cubepath.agents.environments.rollout import play, play_in_python
+from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.rules.chain import CHAIN
+from cubepath.agents.rules.pibt import PIBT
+from cubepath.agents.rules.rule import RuleType
+from cubepath.agents.rules.uniform import RANDOM
+from cubepath.agents.rules.word import WORD
+from cubepath.protocol.compiled import Allowance
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+RUNS = [
+    ("hex:n=6", CHAIN, 0.0),
+    ("hex:n=6", CHAIN, 0.3),
+    ("arm:n=5", WORD, 0.2),
+    ("assembly:n=3", RANDOM, 0.1),
+    ("agv-labelled", RANDOM, 0.0),
+    ("agv:graph=grid3x3,n=3", PIBT, 0.1),
+]
+
+
+@pytest.mark.parametrize(("spec", "rule", "hesitate"), RUNS)
+def test_each_run_is_that_of_its_seed(spec: str, rule: RuleType, hesitate: float) -> None:
+    """Rounds with their moves and lost claims, ends, and why a rule gave up."""
+    scene, seeds = scene_from_spec(spec), [3, 4, 9]
+    many = play_many(scene, rule, seeds, hesitate=hesitate, max_rounds=25, keep_rounds=True)
+    for run, seed in enumerate(seeds):
+        one = play_in_python(scene, rule, seed=seed, hesitate=hesitate, max_rounds=25)
+        assert many.played is not None
+        assert many.played[run] == one.rounds
+        assert many.sites[run] == one.sites
+        assert (many.rounds[run], many.reached[run]) == (len(one.rounds), one.reached)
+        assert many.moves[run] == sum(len(each.moves) for each in one.rounds)
+        assert many.lost[run] == sum(len(each.lost) for each in one.rounds)
+        assert many.failed.get(run) == one.failed
+
+
+def test_a_rule_without_a_vectorised_form_is_played_all_the_same() -> None:
+    """One run after another."""
+    scene = scene_from_spec("hex:n=4")
+    plain = play_many(scene, replace(CHAIN, vectorised=None), [1, 2])
+    fast = play_many(scene, CHAIN, [1, 2])
+    assert plain.rounds.tolist() == fast.rounds.tolist()
+    assert plain.reached.all()
+    assert plain.played is None
+
+
+def test_no_runs_are_none() -> None:
+    """There is nothing to play."""
+    assert not len(play_many(scene_from_spec("hex:n=4"), CHAIN, []).rounds)
+
+
+def test_a_run_in_compiled_code_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """When enough has been played before."""
+    scene = scene_from_spec("hex:n=5")
+    expected = play_in_python(scene, CHAIN, seed=2, hesitate=0.2, max_rounds=1000)
+    monkeypatch.setattr(warming, "allowance", Allowance(0))
+    monkeypatch.setattr(warming, "_compiler", type("Ready", (), {"ready": lambda _: True})())
+    assert play(scene, CHAIN, seed=2, hesitate=0.2) == expected
