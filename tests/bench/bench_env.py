@@ -1,24 +1,49 @@
-"""PettingZoo agent-steps a second at 10, 100 and 1000 modules, against a bare loop over agents.
+"""Agent-steps a second of processor time: through PettingZoo's dicts, fresh and kept, and arrays.
 
-    python tests/bench/bench_env.py [--quick]
+    python tests/bench/bench_env.py [--quick] [--peer PYTHON]
 
-The floor, measured in the same run, is what PettingZoo's interface alone costs: an environment of
-as many agents that hands out one fixed observation and mask and moves nothing.
+Actions are drawn beforehand, from the masks of a first run with the same seed; they are legal, so
+every module that is not held back by another moves. The floor, measured in the same run, is what
+PettingZoo's interface costs: an environment of as many agents that hands out one fixed observation
+and mask in fresh dicts and moves nothing. `--peer` names a Python that has magent2, whose battle is
+stepped with random actions by as many agents. Batches are of environments of one scene.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import statistics
+import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
-from cubepath.agents import parallel_env
+from cubepath.agents import parallel_env, vector_env
+
+FAMILIES = ("hex:n=", "hex-open:n=", "arm:n=", "agv:graph=grid64x64,n=")
+BATCHES = (("hex:n=10", 1000), ("agv:graph=grid16x16,n=100", 100))
+WIDE = ("hex-open:n=", "agv:graph=grid400x400,n=")
+PEER = """
+import sys, time
+import numpy as np
+from magent2.environments import battle_v4
+env = battle_v4.parallel_env(map_size=int(sys.argv[1]), max_cycles=10**6)
+env.reset(seed=0)
+rates = []
+for _ in range(5):
+    done, began = 0, time.process_time()
+    for _ in range(5):
+        actions = {name: int(draw * 21) for name, draw in zip(env.agents, np.random.rand(10**4))}
+        done += len(actions)
+        env.step(actions)
+    rates.append(done / (time.process_time() - began))
+print(done // 5, sorted(rates)[2])
+"""
 
 
 class Bare:
@@ -40,44 +65,106 @@ class Bare:
         )
 
 
-def steps_per_second(
-    step: Callable[[dict[str, int]], Any], agents: list[str], seen: Any, seconds: float
-) -> float:
-    """Return the median over three spans of agent-steps a second, with random legal actions."""
+def drawn(spec: str, count: int, steps: int) -> tuple[list[np.ndarray[Any, Any]], float]:
+    """Return random legal actions for so many steps, and the share of agents that moved in one."""
+    env = vector_env(spec, num_envs=count, max_cycles=10**9, copy=False)
+    seen, _ = env.reset(seed=0)
     random = np.random.default_rng(0)
+    size = env.scene.system.site_size
+    found, moved = [], 0
+    for _ in range(steps):
+        mask = seen["action_mask"]
+        draws = random.random(mask.shape, dtype=np.float32)
+        actions = np.where(mask, draws, -1).argmax(axis=2)
+        before = seen["observation"][..., :size].copy()
+        seen, *_ = env.step(actions)
+        moved += int((seen["observation"][..., :size] != before).any(axis=2).sum())
+        found.append(actions)
+    return found, moved / (steps * found[0].size)
+
+
+def rate(make: Callable[[], Callable[[Any], Any]], actions: list[Any], agents: int) -> float:
+    """Return the median over five runs of agent-steps a second of processor time."""
     rates = []
-    for _ in range(3):
-        done, began = 0, time.perf_counter()
-        while time.perf_counter() - began < seconds / 3:
-            draws = random.random(len(agents))
-            actions = {}
-            for name, draw in zip(agents, draws, strict=True):
-                legal = np.flatnonzero(seen[name]["action_mask"])
-                actions[name] = int(legal[int(draw * len(legal))])
-            seen = step(actions)[0]
-            done += len(agents)
-        rates.append(done / (time.perf_counter() - began))
+    for _ in range(5):
+        step = make()
+        gc.collect()
+        began = time.process_time()
+        for each in actions:
+            step(each)
+        rates.append(agents * len(actions) / (time.process_time() - began))
     return statistics.median(rates)
 
 
-def main() -> None:
-    """Print the table."""
-    options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--quick", action="store_true", help="a shorter span each")
-    seconds = 0.6 if options.parse_args().quick else 3.0
-    print(f"{'system':<28}{'agent-steps/s':>15}{'bare interface':>16}{'ratio':>8}")
-    specs = [
-        f"{family}{count}"
-        for family in ("hex:n=", "arm:n=", "agv:graph=grid64x64,n=")
-        for count in (10, 100, 1000)
+def dicts(spec: str, **options: Any) -> Callable[[], Callable[[Any], Any]]:
+    """Return how to make an environment and get its `step`."""
+
+    def make() -> Callable[[Any], Any]:
+        env = parallel_env(spec, max_cycles=10**9, **options)
+        env.reset(seed=0)
+        return env.step
+
+    return make
+
+
+def arrays(spec: str, count: int) -> Callable[[], Callable[[Any], Any]]:
+    """Return how to make a vector environment and get its `step`."""
+
+    def make() -> Callable[[Any], Any]:
+        env = vector_env(spec, num_envs=count, max_cycles=10**9, copy=False)
+        env.reset(seed=0)
+        return env.step
+
+    return make
+
+
+def single(spec: str, modules: int, steps: int) -> Iterator[str]:
+    """Yield the figures of one environment, in millions of agent-steps a second."""
+    actions, moved = drawn(spec, 1, steps)
+    env = parallel_env(spec)
+    names = env.possible_agents
+    named = [dict(zip(names, each[0].tolist(), strict=True)) for each in actions]
+    bare = Bare(env)
+    few = named[: max(2, 3000 // modules)]
+    rates = [
+        rate(dicts(spec, world="plain"), few, modules),
+        rate(dicts(spec, world="compiled"), named, modules),
+        rate(dicts(spec, world="compiled", copy=False), named, modules),
+        rate(arrays(spec, 1), actions, modules),
+        rate(lambda: bare.step, named, modules),
     ]
-    for spec in tqdm(specs, disable=None, leave=False, file=sys.stderr):
-        one = parallel_env(spec, max_cycles=10**9)
-        bare = Bare(one)
-        seen, _ = one.reset(seed=0)
-        ours = steps_per_second(one.step, one.agents, seen, seconds)
-        floor = steps_per_second(bare.step, bare.agents, seen, seconds)
-        print(f"{spec:<28}{ours:>15,.0f}{floor:>16,.0f}{floor / ours:>8.1f}", flush=True)
+    yield f"{spec:<30}{moved:>7.2f}" + "".join(f"{each / 1e6:>9.3f}" for each in rates)
+
+
+def main() -> None:
+    """Print the tables."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--quick", action="store_true", help="fewer steps each")
+    options.add_argument("--peer", help="a Python that has magent2")
+    given = options.parse_args()
+    work = 20_000 if given.quick else 300_000
+    print("million agent-steps a second; moves: the share of agents that move in a step")
+    print(f"{'one environment':<30}{'moves':>7}{'plain':>9}{'dicts':>9}{'kept':>9}", end="")
+    print(f"{'arrays':>9}{'floor':>9}")
+    sizes = (10, 100, 1000)
+    todo = [(f"{family}{size}", size) for family in FAMILIES for size in sizes]
+    for spec, size in tqdm(todo, disable=None, leave=False, file=sys.stderr):
+        for line in single(spec, size, max(5, work // size)):
+            print(line, flush=True)
+    wide = [(f"{family}{size}", 1) for family in WIDE for size in (1000, 10_000, 100_000)]
+    for spec, count in (*BATCHES, *(wide if not given.quick else wide[:1])):
+        size = int(spec.rpartition("=")[2])
+        actions, moved = drawn(spec, count, max(3, 2 * work // (size * count)))
+        found = rate(arrays(spec, count), actions, size * count)
+        what = f"{spec} x {count}" if count > 1 else f"{spec}, arrays"
+        print(f"{what:<37} moves {moved:.2f} {found / 1e6:>8.3f}", flush=True)
+    if given.peer:
+        for size in (16, 60):
+            told = subprocess.run(
+                [given.peer, "-c", PEER, str(size)], capture_output=True, text=True, check=True
+            )
+            agents, found = told.stdout.split()[-2:]
+            print(f"magent2 battle, {agents} agents {float(found) / 1e6:>8.3f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -8,6 +8,7 @@ the project, names are imported from the modules that define them.
 |---|---|---|
 | `local` | what a module senses, and how it and its competitors decide | none |
 | `keepers` | the sites themselves, of runs without rounds | none |
+| `arrays` | lockstep worlds as arrays, in compiled code | `local` |
 | `rules` | what a module chooses from what it sees | `local`, `keepers` |
 | `processes` | module processes and the fleet that starts and paces them | `rules`, `local` |
 | `rendering` | scenes as text, pixels and on axes | none |
@@ -22,14 +23,18 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.environments import (
         CubepathEnv,
+        CubepathVectorEnv,
         FreeEnv,
         FreePlayed,
         Played,
+        PlayedMany,
         env,
         parallel_env,
         play,
         play_free,
+        play_many,
         raw_env,
+        vector_env,
     )
     from cubepath.agents.local import Note, Observation, View, observe
     from cubepath.agents.locality import Checked, Finding, check_rule
@@ -56,7 +61,8 @@ else:
         __name__,
         {
             "environments": (
-                "CubepathEnv FreeEnv FreePlayed Played env parallel_env play play_free raw_env"
+                "CubepathEnv CubepathVectorEnv FreeEnv FreePlayed Played PlayedMany env"
+                " parallel_env play play_free play_many raw_env vector_env"
             ),
             "local": "Note Observation View observe",
             "locality": "Checked Finding check_rule",
@@ -74,6 +80,7 @@ __all__ = [
     "Choice",
     "Chosen",
     "CubepathEnv",
+    "CubepathVectorEnv",
     "Finding",
     "FreeEnv",
     "FreePlayed",
@@ -83,6 +90,7 @@ __all__ = [
     "Note",
     "Observation",
     "Played",
+    "PlayedMany",
     "Rule",
     "RuleType",
     "Seen",
@@ -100,7 +108,9 @@ __all__ = [
     "parallel_env",
     "play",
     "play_free",
+    "play_many",
     "raw_env",
     "rule_named",
     "vector_actors_for",
+    "vector_env",
 ]

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from cubepath.agents.arrays.batch import Batch
     from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
     from cubepath.agents.arrays.kinds import UntabledError
+    from cubepath.agents.arrays.relative import RelativeArrays
     from cubepath.agents.arrays.warming import is_due
 else:
     __getattr__, __dir__ = lazy_face(
@@ -19,8 +20,9 @@ else:
             "batch": "Batch",
             "kernels": "GRANTED ILLEGAL LOST",
             "kinds": "UntabledError",
+            "relative": "RelativeArrays",
             "warming": "is_due",
         },
     )
 
-__all__ = ["GRANTED", "ILLEGAL", "LOST", "Batch", "UntabledError", "is_due"]
+__all__ = ["GRANTED", "ILLEGAL", "LOST", "Batch", "RelativeArrays", "UntabledError", "is_due"]

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from cubepath.agents.environments.free_environment import FreeEnv
     from cubepath.agents.environments.free_rollout import FreePlayed, play_free
     from cubepath.agents.environments.rollout import Played, play
+    from cubepath.agents.environments.rollouts import PlayedMany, play_many
+    from cubepath.agents.environments.vector_environment import CubepathVectorEnv, vector_env
     from cubepath.agents.environments.world import World
 else:
     __getattr__, __dir__ = lazy_face(
@@ -22,19 +24,25 @@ else:
             "free_environment": "FreeEnv",
             "free_rollout": "FreePlayed play_free",
             "rollout": "Played play",
+            "rollouts": "PlayedMany play_many",
+            "vector_environment": "CubepathVectorEnv vector_env",
             "world": "World",
         },
     )
 
 __all__ = [
     "CubepathEnv",
+    "CubepathVectorEnv",
     "FreeEnv",
     "FreePlayed",
     "Played",
+    "PlayedMany",
     "World",
     "env",
     "parallel_env",
     "play",
     "play_free",
+    "play_many",
     "raw_env",
+    "vector_env",
 ]
