@@ -73,6 +73,8 @@ class McapAppender:
         self._size = 0
         self._indices: dict[int, list[int]] = {}
         """Log times and offsets in turn, by channel."""
+        self._log_times: list[int] = []
+        """The log times of the open chunk, each once where several in turn have the same."""
         self._append(MAGIC + _packed(Header(profile, profile)))
 
     @property
@@ -119,6 +121,9 @@ class McapAppender:
         size = self._size
         index.append(log_time)
         index.append(size)
+        times = self._log_times
+        if not times or times[-1] != log_time:
+            times.append(log_time)
         self._size = size + 9 + length
 
     def close_chunk(self) -> None:
@@ -129,8 +134,7 @@ class McapAppender:
 
     def _write_chunk(self) -> None:
         indices = self._indices
-        first = min(min(index[::2]) for index in indices.values())
-        last = max(max(index[::2]) for index in indices.values())
+        first, last = min(self._log_times), max(self._log_times)
         content = b"".join(self._parts)
         packed = self._compress(content)
         head = _CHUNK.pack(
@@ -158,6 +162,7 @@ class McapAppender:
         self._parts = []
         self._size = 0
         self._indices = {}
+        self._log_times = []
         self._append(b"".join((head, packed, *told)))
         known = self._times or (first, last)
         self._times = min(first, known[0]), max(last, known[1])
