@@ -60,8 +60,8 @@ class McapAppender:
         self._stream = stream
         self._compress = zstandard.ZstdCompressor().compress
         self._offset = self._crc = 0
-        self._schemas: list[Schema] = []
-        self._channels: list[Channel] = []
+        self._schemas: list[bytes] = []
+        self._channels: list[bytes] = []
         self._counts: dict[int, int] = {}
         self._times: tuple[int, int] | None = None
         self._chunks = 0
@@ -85,9 +85,7 @@ class McapAppender:
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema; return its number."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
-        self._schemas.append(schema)
-        self._gather(_packed(schema))
-        return len(self._schemas)
+        return self._gather(_packed(schema), self._schemas)
 
     def add_channel(self, topic: str, encoding: str, schema: int) -> int:
         """Add a channel; return its number."""
@@ -98,13 +96,13 @@ class McapAppender:
             metadata={},
             schema_id=schema,
         )
-        self._channels.append(channel)
-        self._gather(_packed(channel))
-        return len(self._channels)
+        return self._gather(_packed(channel), self._channels)
 
-    def _gather(self, record: bytes) -> None:
+    def _gather(self, record: bytes, known: list[bytes]) -> int:
+        known.append(record)
         self._parts.append(record)
         self._size += len(record)
+        return len(known)
 
     def add_message(
         self, channel: int, sequence: int, log_time: int, publish_time: int, data: bytes
@@ -224,8 +222,8 @@ class McapAppender:
             schema_count=len(self._schemas),
         )
         groups = [
-            (Opcode.SCHEMA, b"".join(map(_packed, self._schemas))),
-            (Opcode.CHANNEL, b"".join(map(_packed, self._channels))),
+            (Opcode.SCHEMA, b"".join(self._schemas)),
+            (Opcode.CHANNEL, b"".join(self._channels)),
             (Opcode.STATISTICS, _packed(statistics)),
             (Opcode.CHUNK_INDEX, bytes(self._chunk_indices)),
             (Opcode.ATTACHMENT_INDEX, b"".join(map(_packed, self._attachments))),
