@@ -28,6 +28,8 @@ from cubepath.protocol.wire.messages import Go, Here, Message, Ready, encode
 
 PARAMETERS = {"rule": "random", "seed": "7", "system": "agv:graph=P3,n=1", "": "ünï\ncode"}
 ROUNDS = 40
+FLUSH_EVERY = 50
+"""Messages of a chunk."""
 SCENE_OF_ALL = scene_from_spec("agv:graph=P3,n=1")
 
 
@@ -46,6 +48,8 @@ def write(path: Path, *, close: bool = True) -> None:
     writer = RecordingWriter(path, SCENE_OF_ALL, PARAMETERS)
     for place, (topic, message) in enumerate(said()):
         writer.write(topic, encode(message), round_number=message.round, wall_ns=10**18 + place)
+        if writer.messages % FLUSH_EVERY == 0:
+            writer.flush()
     if close:
         writer.close()
         return

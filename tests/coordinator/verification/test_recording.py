@@ -498,7 +498,16 @@ def test_admissible_and_applied_as_by_definition() -> None:
 
 def damaged(path: Path) -> Path:
     """Write a recording of small chunks whose second half is cut off."""
-    copy_recording(crowd(), path.with_suffix(".whole"))
+    recording = crowd()
+    with RecordingWriter(
+        path.with_suffix(".whole"), recording.scene, recording.parameters
+    ) as writer:
+        for record in recording.records:
+            writer.write(
+                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
+            )
+            if writer.messages % 50 == 0:
+                writer.flush()
     data = path.with_suffix(".whole").read_bytes()
     path.write_bytes(data[: len(data) // 2])
     return path

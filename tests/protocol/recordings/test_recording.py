@@ -169,7 +169,10 @@ except CubepathError as error:
     print(error)
 """
     out = tmp_path / "out.mcap"
-    for most in (0, 1000, path.stat().st_size - 10):
+    copy_recording(read_recording(path), out)
+    size = out.stat().st_size
+    out.unlink()
+    for most in (0, 1000, size - 10):
         done = subprocess.run(
             [sys.executable, "-c", code, path, out, str(most)],
             capture_output=True,

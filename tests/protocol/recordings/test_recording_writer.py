@@ -12,16 +12,19 @@ import pytest
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.recordings.recording import (
-    FLUSH_BYTES,
-    FLUSH_EVERY,
+    CHUNK_BYTES,
     TOPICS_MAX,
     RecordingFull,
     RecordingWriter,
+    copy_recording,
     read_recording,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, encode
+from damaged import chunks_of
 
+EVERY = 50
+"""Messages between two flushes of the process below."""
 WRITER = """
 import resource, signal, sys
 from pathlib import Path
@@ -39,43 +42,124 @@ try:
             number += 1
             data = encode(Go(number, "sense"))
             writer.write("go/coordinator", data, round_number=number, wall_ns=number)
+            if number % int(sys.argv[3]) == 0:
+                writer.flush()
             print(number, flush=True)
 except RecordingFull as error:
     print(error, file=sys.stderr)
     sys.exit(1)
 """
+KILLED = """
+import os, signal, sys
+from itertools import count
+from pathlib import Path
+from cubepath.protocol.wire.messages import Go, encode
+from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+SCENE = scene_from_spec("agv:graph=P3,n=1")
+
+def write(path, length, out):
+    now = 0
+    # A message each millisecond.
+    writer = RecordingWriter(path, SCENE, {}, clock=lambda: now / 1000)
+    for now in count(1):
+        number = now // length + 1
+        data = encode(Go(number, "sense", {"region": now}))
+        writer.write("go/coordinator", data, round_number=number, wall_ns=now)
+        os.write(out, b"message\\n")
+        if now % length == length - 1:
+            writer.flush()
+            os.write(out, b"round\\n")
+
+for place, job in enumerate(sys.argv[2:]):
+    length, after = map(int, job.split(","))
+    ours, its = os.pipe()
+    child = os.fork()
+    if not child:
+        os.close(ours)
+        write(Path(sys.argv[1]) / f"{place}.mcap", length, its)
+    os.close(its)
+    with open(ours) as told:
+        lines = [told.readline() for _ in range(after)]
+        os.kill(child, signal.SIGKILL)
+        lines += told  # what it still said before it ended
+    os.waitpid(child, 0)
+    print(lines.count("message\\n"), lines.count("round\\n"))
+"""
+"""Writes recordings in child processes, kills each after so many lines, and says what it said."""
+SCENE = scene_from_spec("agv:graph=P3,n=1")
 
 
-def start(path: Path, most: int) -> subprocess.Popen[str]:
+def start(path: Path, most: int, every: int = EVERY) -> subprocess.Popen[str]:
     """Start a process that writes messages to `path` and prints the number of each."""
     return subprocess.Popen(
-        [sys.executable, "-W", "error", "-c", WRITER, str(path), str(most)],
+        [sys.executable, "-W", "error", "-c", WRITER, str(path), str(most), str(every)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
 
 
+LONG = 10**9
+"""Messages of a round that never ends."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("after", [60, 333, 1000])
-def test_a_kill_loses_at_most_the_last_hundred_messages(tmp_path: Path, after: int) -> None:
-    """kill -9 at any moment: all that was written but for the last 100 can be read."""
-    path = tmp_path / "killed.mcap"
-    with start(path, 1 << 30) as child:
-        assert child.stdout is not None
-        told = 0
-        for line in child.stdout:
-            told = int(line)
-            if told == after:
-                break
-        child.kill()
-        # What it still said before the signal came.
-        told = max([told, *map(int, child.stdout.read().split())])
-    found = read_recording(path)
-    assert found.problems
-    assert [record.round for record in found.records] == [*range(1, len(found.records) + 1)]
-    assert len(found.records) > told - 100
-    assert FLUSH_EVERY <= 100
+def test_a_kill_loses_less_than_a_second_and_no_finished_round(tmp_path: Path) -> None:
+    """kill -9 at any moment: what was written a second before can be read, and whole rounds."""
+    jobs = [(length, after) for length in (1, 7, 300, LONG) for after in (1, 99, 777, 1313, 1999)]
+    told = subprocess.run(
+        [sys.executable, "-W", "error", "-c", KILLED, tmp_path, *(f"{a},{b}" for a, b in jobs)],
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    for place, ((length, after), line) in enumerate(zip(jobs, told, strict=True)):
+        messages, rounds = map(int, line.split())
+        assert messages + rounds >= after
+        found = read_recording(tmp_path / f"{place}.mcap")
+        assert found.problems
+        there = [record.wall_ns for record in found.records]
+        assert there == [*range(1, len(there) + 1)]
+        assert len(there) >= messages - 1000
+        assert len(there) >= rounds * length - 1
+
+
+def test_a_message_waits_for_half_a_second_and_no_longer(tmp_path: Path) -> None:
+    """Also where none follows, if whoever waits says so; and before, nothing is written."""
+    path = tmp_path / "a.mcap"
+    now = [0.0]
+    there: list[int] = []
+
+    def look() -> None:
+        there.append(len(read_recording(path).records))
+
+    data = encode(Go(1, "sense"))
+    with RecordingWriter(path, SCENE, {}, clock=lambda: now[0]) as writer:
+        for now[0] in (100.0, 100.4, 100.6, 101.0, 101.2, 103.0):
+            writer.write("go/coordinator", data, round_number=1, wall_ns=0)
+            look()
+        assert there == [0, 0, 3, 3, 3, 6]
+        writer.write("go/coordinator", data, round_number=1, wall_ns=0)
+        for now[0] in (103.4, 103.5, 105.0):
+            writer.flush_if_due()
+            look()
+        assert there[6:] == [6, 7, 7]
+
+
+def test_a_copy_is_written_in_full_chunks(tmp_path: Path) -> None:
+    """Nobody reads it before it is whole, so no clock divides it: two copies are equal."""
+    path, copy, again = (tmp_path / f"{name}.mcap" for name in "abc")
+    with RecordingWriter(path, SCENE, {}) as writer:
+        for number in range(100):
+            data = encode(Go(number, "sense"))
+            writer.write("go/coordinator", data, round_number=number, wall_ns=number)
+            writer.flush()
+    for out in (copy, again):
+        copy_recording(read_recording(path), out)
+    assert copy.read_bytes() == again.read_bytes()
+    assert len(chunks_of(copy.read_bytes())) == 1 < len(chunks_of(path.read_bytes()))
 
 
 @pytest.mark.slow
@@ -95,21 +179,21 @@ def test_a_full_disk_is_told_in_one_line_and_keeps_what_was_flushed(
     assert path.stat().st_size <= most
     found = read_recording(path)
     assert found.problems
-    assert len(found.records) > written - 2 * FLUSH_EVERY
+    assert len(found.records) > written - 2 * EVERY
     assert [record.round for record in found.records] == [*range(1, len(found.records) + 1)]
 
 
 def test_long_messages_wait_for_no_others(tmp_path: Path) -> None:
-    """What was written but for less than `FLUSH_BYTES` can be read at any time."""
+    """What was written but for less than a chunk can be read at any time, whatever the clock."""
     path = tmp_path / "a.mcap"
-    data = encode(Go(1, "sense", {"region": 1, "x" * 9_000: 1}))
-    with RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {}) as writer:
-        for number in range(1, 2 * FLUSH_EVERY):
+    data = encode(Go(1, "sense", {"region": 1, "x" * 90_000: 1}))
+    with RecordingWriter(path, SCENE, {}, clock=lambda: 0.0) as writer:
+        for number in range(1, 20):
             writer.write("go/coordinator", data, round_number=1, wall_ns=0)
             found = len(read_recording(path).records)
-            assert number - FLUSH_BYTES / len(data) < found <= number
+            assert number - CHUNK_BYTES / len(data) < found <= number
         writer.write("go/coordinator", data * 10, round_number=1, wall_ns=0)
-        assert len(read_recording(path).records) == 2 * FLUSH_EVERY
+        assert len(read_recording(path).records) == 20
 
 
 @pytest.mark.slow
@@ -138,10 +222,9 @@ def test_after_a_full_disk_nothing_more_is_written(tmp_path: Path) -> None:
     full = os.open("/dev/full", os.O_WRONLY)
     os.dup2(full, writer._stream.fileno())
     os.close(full)
-    with pytest.raises(RecordingFull, match="No space left"):
-        for number in range(1, FLUSH_EVERY + 1):
-            data = encode(Go(number, "sense"))
-            writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+    writer.write("go/coordinator", encode(Go(1, "sense")), round_number=1, wall_ns=0)
+    with pytest.raises(RecordingFull, match="after 1 messages: No space left"):
+        writer.flush()
     with pytest.raises(RecordingFull, match="had to stop before"):
         writer.write("go/coordinator", b"", round_number=1, wall_ns=0)
     writer.close()
@@ -161,8 +244,8 @@ def test_a_disk_that_is_full_at_the_very_end_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("way", ["removed", "moved", "replaced", "with its folder"])
 def test_a_file_that_is_gone_is_told_and_written_no_further(way: str, tmp_path: Path) -> None:
-    """Within as many messages as lie between two flushes, and at the latest at the end."""
-    for most in (FLUSH_EVERY, 1):
+    """At the next flush, and at the latest at the end."""
+    for most in (EVERY, 1):
         folder = tmp_path / f"{most}"
         path = folder / "a.mcap"
         writer = RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {})
@@ -179,6 +262,8 @@ def test_a_file_that_is_gone_is_told_and_written_no_further(way: str, tmp_path: 
             for number in range(1, most + 1):
                 data = encode(Go(number, "sense"))
                 writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+            if most == EVERY:
+                writer.flush()
             writer.close()
         writer.close()
         assert way != "replaced" or path.read_text() == "other"
@@ -188,16 +273,18 @@ def test_a_file_that_is_gone_is_told_and_written_no_further(way: str, tmp_path: 
 @pytest.mark.parametrize("flushes", [0, 1, 2])
 def test_a_file_that_is_cut_is_told(flushes: int, left: int, tmp_path: Path) -> None:
     """At the next flush or at the end: the sizes are in the error, and nothing more is written."""
-    for most in (FLUSH_EVERY, 1):
+    for most in (EVERY, 1):
         path = tmp_path / f"{most}.mcap"
         writer = RecordingWriter(path, scene_from_spec("agv:graph=P3,n=1"), {})
-        told = rf"stopped after {flushes * FLUSH_EVERY + most} messages: its file was cut to {left}"
+        told = rf"stopped after {flushes * EVERY + most} messages: its file was cut to {left}"
         with pytest.raises(RecordingFull, match=rf"{told} bytes, expected at least \d+$"):
-            for number in range(1, flushes * FLUSH_EVERY + most + 1):
+            for number in range(1, flushes * EVERY + most + 1):
                 data = encode(Go(number, "sense"))
-                if number == flushes * FLUSH_EVERY + 1:
+                if number == flushes * EVERY + 1:
                     os.truncate(path, left)
                 writer.write("go/coordinator", data, round_number=number, wall_ns=0)
+                if number % EVERY == 0:
+                    writer.flush()
             writer.close()
         writer.close()
 

@@ -16,13 +16,10 @@ from mcap.reader import make_reader
 from mcap.records import Footer
 from mcap.writer import IndexType, Writer
 
-from cubepath.protocol.recordings.recording import (
-    FLUSH_EVERY,
-    RecordingWriter,
-    read_recording,
-)
+from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
 from cubepath.protocol.recordings.salvaging import MAGIC
 from damaged import (
+    FLUSH_EVERY,
     PARAMETERS,
     SCENE_OF_ALL,
     assert_honest,

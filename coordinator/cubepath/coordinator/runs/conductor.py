@@ -154,16 +154,16 @@ def results_of(
     schedule_cubes: int | None = None,
     schedule_stopped: Stopped | None = None,
 ) -> Iterator[Cube | Certified | Summary]:
-    """Yield what came of a run: its cubes, their certificate and the summary."""
+    """Yield what came of a run: its cubes, their certificate and the summary.
+
+    All is found before the first is yielded, so that none waits for another that takes long.
+    """
     rounds = gatherer.rounds
-    for index, cube in enumerate(gatherer.cubes(), 1):
-        yield Cube(rounds, index, list(cube))
     heap = gatherer.heap
     proof = encodable_certificate(
         gatherer.path, start=gatherer.scene.start_state, found=heap.normal_form()
     )
-    yield Certified(rounds, proof)
-    yield Summary(
+    summary = Summary(
         round=rounds,
         ended=ending.ended,
         error=ending.error,
@@ -178,3 +178,7 @@ def results_of(
         schedule_stopped=schedule_stopped,
         refused=refused,
     )
+    for index, cube in enumerate(gatherer.cubes(), 1):
+        yield Cube(rounds, index, list(cube))
+    yield Certified(rounds, proof)
+    yield summary

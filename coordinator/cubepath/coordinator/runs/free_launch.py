@@ -34,7 +34,6 @@ BEHIND_MAX, BEHIND_MIN = 8000, 500
 """Modules halt while so many messages wait to be put on record, until so few do."""
 _STEP_S = 0.05
 _LOOK_S = 0.2
-_FLUSH_S = 0.5
 _SETTLE_S_MAX = 5.0
 """How long the end of a run waits for what is under way, since anything new was heard of."""
 _SETTLE_S_IN_ALL = 120.0
@@ -75,7 +74,6 @@ class FreeRun:
     gatherer: FreeGatherer = field(init=False)
     _collector: Collector = field(init=False)
     _level: int = 0
-    _flushed: float = 0.0
     _looked: float = 0.0
     _halted: float | None = None
     """Since when modules halt so that the record can keep up."""
@@ -102,6 +100,7 @@ class FreeRun:
             for step in self.gatherer.steps:
                 edges = Edges(step.round, list(step.executed))
                 self._write(edges, encode(edges), time.time_ns())
+            self.writer.flush()  # to find the results may take seconds
             assignment = self.task.assignment
             for message in results_of(
                 self.gatherer,
@@ -162,6 +161,8 @@ class FreeRun:
                         self._settle(shell, fleet, lambda: None, _INTERRUPT_S_MAX)
                     raise
                 finally:
+                    with contextlib.suppress(CubepathError):  # the results will tell
+                        self.writer.flush()
                     shell.carry_out(collector.say(Go(collector.level, "stop")))
 
     def _take_up(self) -> None:
@@ -176,6 +177,7 @@ class FreeRun:
                 message = decode_free(record.data)
                 self.gatherer.take(message)
                 self._level = max(self._level, level_of(message))
+        self.writer.flush()  # to start the fleet may take seconds, and to end it
 
     def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> None:
         """Wait until all keepers have answered: from then on everything is on record."""
@@ -314,6 +316,7 @@ class FreeRun:
         return commits, self.gatherer.moves, collector.lacking, len(collector.resting)
 
     def _look_after(self, fleet: FreeFleet) -> None:
+        self.writer.flush_if_due()
         now = time.monotonic()
         if now - self._looked < _LOOK_S:
             return
@@ -324,9 +327,6 @@ class FreeRun:
             self._collector.forget(crash.name)
             again = ", and was started again" if crash.restarted else ""
             self.say(f"{crash.name} has died ({crash.how}){again}")
-        if now - self._flushed >= _FLUSH_S:
-            self._flushed = now
-            self.writer.flush()
 
     def _keep(self, kept: Keep[FreeMessage], wall_ns: int) -> None:
         self.refused += refusals_in(kept)

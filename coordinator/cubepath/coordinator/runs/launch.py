@@ -5,6 +5,7 @@ Room: coordinator. It starts the fleet, paces rounds and listens; it decides not
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -37,10 +38,6 @@ from cubepath.protocol.wire.messages import (
     encode,
 )
 from cubepath.protocol.wire.sessions import check_descriptors
-
-_FLUSH_S = 0.5
-_FLUSHES = (250, 1 << 18)
-"""How much of a run a kill may lose: seconds, or messages, or bytes of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +117,7 @@ def run(plan: Plan, watch: Watch | None = None, say: Say | None = None) -> Outco
         raise InputError(f"{keeper_logs(path)}: exists already, expected no logs of another run")
     assignment = task.assignment
     schedule = None if assignment is None else schedule_to_jsonl(assignment.cubes)
-    with RecordingWriter(
-        path,
-        task.scene,
-        parameters_of(plan, task),
-        schedule,
-        flushes=_FLUSHES,
-    ) as writer:
+    with RecordingWriter(path, task.scene, parameters_of(plan, task), schedule) as writer:
         if plan.is_free:
             aloud = say or (lambda _: None)
             return _play_free(FreeRun(plan, task, writer, aloud, watch, recording))
@@ -172,7 +163,7 @@ class _Run:
             assignment=task.assignment,
             repair=plan.repair,
         )
-        self._began = self._flushed = time.monotonic()
+        self._began = time.monotonic()
 
     def play(self, watch: Watch | None) -> Outcome:
         conductor = self._conductor
@@ -217,20 +208,23 @@ class _Run:
             conductor.know(fleet.modules_of, plan.seed)
             if plan.wait_for:
                 self._processes = len(fleet.modules_of)
-            ending = conductor.between(0, fleet.end_schedule)
-            while ending is None:
-                number = fleet.play_round()
-                if watch is not None and conductor.gatherer.rounds == number:
-                    watch(conductor.gatherer)
-                ending = conductor.between(number, fleet.end_schedule)
+            try:
+                ending = conductor.between(0, fleet.end_schedule)
+                while ending is None:
+                    number = fleet.play_round()
+                    self._writer.flush()  # before anyone hears that it is over, or begins the next
+                    if watch is not None and conductor.gatherer.rounds == number:
+                        watch(conductor.gatherer)
+                    ending = conductor.between(number, fleet.end_schedule)
+            finally:
+                # To end the fleet may take seconds. What cannot be written is told by the results.
+                with contextlib.suppress(CubepathError):
+                    self._writer.flush()
         return ending
 
     def _between_messages(self, check: Callable[[], None]) -> None:
         check()
-        now = time.monotonic()
-        if now - self._flushed >= _FLUSH_S:
-            self._flushed = now
-            self._writer.flush()
+        self._writer.flush_if_due()
 
     def _wire(self, message: Message, data: bytes, wall_ns: int) -> None:
         self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)

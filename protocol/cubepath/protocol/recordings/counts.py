@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from hashlib import sha256
+from typing import TypeAlias
 
 import msgspec
 
@@ -31,11 +32,11 @@ BATCHES = {
 _PARTS = frozenset[str]().union(*BATCHES.values())
 
 
-class _Part(msgspec.Struct):
+class _Part(msgspec.Struct, gc=False):
     kind: str = SHOWN
 
 
-class _Batch(msgspec.Struct):
+class _Batch(msgspec.Struct, gc=False):
     parts: list[_Part]
 
 
@@ -49,6 +50,10 @@ class Kind(msgspec.Struct):
     bytes: int = 0
 
 
+_Known: TypeAlias = tuple[Kind, str | None, bool]
+"""Of a topic: its kind, the name of it if its messages are parts, and if they are batches."""
+
+
 @dataclass(slots=True)
 class Counts:
     """The counts of a recording; `parts` is by kind, of batches and of messages that are parts."""
@@ -59,15 +64,11 @@ class Counts:
     topics: int = 0
     first_wall_ns: int | None = None
     last_wall_ns: int | None = None
-    _known: dict[str, Kind] = field(default_factory=dict)
+    _known: dict[str, _Known] = field(default_factory=dict)
 
     def add(self, topic: str, data: bytes, wall_ns: int) -> None:
         """Count a message."""
-        kind = self._known.get(topic)
-        name = kind_in(topic)
-        if kind is None:
-            kind = self._known[topic] = self.kinds.setdefault(name, Kind())
-            self.topics += 1
+        kind, name, is_batch = self._known.get(topic) or self._know(topic)
         self.messages += 1
         kind.messages += 1
         kind.bytes += len(data)
@@ -77,11 +78,21 @@ class Counts:
             self.first_wall_ns = wall_ns
         elif wall_ns > self.last_wall_ns:
             self.last_wall_ns = wall_ns
-        if name in _PARTS:
-            self.parts[name] = self.parts.get(name, 0) + 1
-        elif name in BATCHES:
+        if is_batch:
+            counted = self.parts
             for part in _parts(data):
-                self.parts[part.kind] = self.parts.get(part.kind, 0) + 1
+                said = part.kind
+                counted[said] = counted.get(said, 0) + 1
+        elif name is not None:
+            self.parts[name] = self.parts.get(name, 0) + 1
+
+    def _know(self, topic: str) -> _Known:
+        name = kind_in(topic)
+        kind = self.kinds.setdefault(name, Kind())
+        known = kind, name if name in _PARTS else None, name in BATCHES and name not in _PARTS
+        self._known[topic] = known
+        self.topics += 1
+        return known
 
     def to_metadata(self) -> dict[str, str]:
         """Return the counts as a metadata record holds them."""

@@ -4,8 +4,9 @@ A recording holds every message as the exact bytes that were on the wire, on the
 with its JSON Schema. Log time is the logical round, or without rounds the level or the wall clock;
 publish time is the wall clock in nanoseconds, and sequence the order of writing. The parameters and
 versions of the run are a metadata record, the scene is the attachment `scene.toml`, and an executed
-schedule is `schedule.jsonl`. Chunks carry CRCs and are flushed every few messages, or bytes, so a
-killed process loses at most the messages since the last flush.
+schedule is `schedule.jsonl`. Chunks carry CRCs and are written when they are full, when half a
+second has passed, and when the caller says so, which a run does after each round: so a killed
+process loses less than a second, and no finished round.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import contextlib
 import errno
 import os
 import stat
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
@@ -23,12 +25,12 @@ from pathlib import Path
 from typing import IO, Self, overload
 
 import msgspec
-from mcap.writer import CompressionType, Writer
 
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.appending import McapAppender
 from cubepath.protocol.recordings.counts import BATCHES, Counts, counts_of
 from cubepath.protocol.recordings.counts import METADATA as COUNTS
 from cubepath.protocol.recordings.description import (
@@ -55,10 +57,10 @@ from cubepath.protocol.recordings.stored import Stored
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.on_record import parts_said, schema_of, topic_said
 
-FLUSH_EVERY = 50
-"""Messages between two flushes: a kill loses fewer than this, and those still in a queue."""
-FLUSH_BYTES = 1 << 16
-"""Bytes of messages between two flushes, if they come first: a batch may be long."""
+FLUSH_S = 0.5
+"""Seconds after which a message is written, with those that came meanwhile."""
+CHUNK_BYTES = 1 << 18
+"""And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 
@@ -81,27 +83,26 @@ class RecordingWriter:
         schedule: bytes | None = None,
         *,
         stream: IO[bytes] | None = None,
-        flushes: tuple[int, int] = (FLUSH_EVERY, FLUSH_BYTES),
         written_as: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
-        of a new file: it stays open, and its errors propagate. `flushes` is after how many messages
-        and after how many bytes of them they are written; each time takes some memory for good.
-        `written_as` is the format that its messages are in, which is told and not looked at; if it
-        is left out, it follows from the clock in the parameters.
+        of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
+        format that its messages are in, told and not looked at; if it is left out, it follows from
+        the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
         """
         self._format = written_as or format_of(parameters)
-        self._flushes = flushes
         self.path = path
         self.messages = 0
         self._counts = Counts()
-        self._waiting = self._waiting_bytes = 0
+        self._clock = clock
+        self._due: float | None = None
+        """When what waits to be written must be; None if nothing waits."""
         self._owns = stream is None
         text = scene_to_toml(scene)  # before the file is created: not every scene can be written
         self._stream = _new_file(path) if stream is None else stream
-        self._writer = Writer(self._stream, compression=CompressionType.ZSTD, enable_data_crcs=True)
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
@@ -113,17 +114,12 @@ class RecordingWriter:
             raise
 
     def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
-        self._writer.start(profile="cubepath", library="cubepath")
+        self._writer = McapAppender(self._stream, "cubepath")
         self._writer.add_metadata(METADATA, metadata_of(parameters, self._format))
-        self._attach(SCENE, "application/toml", scene.encode())
+        self._writer.add_attachment(SCENE, "application/toml", scene.encode())
         if schedule is not None:
-            self._attach(SCHEDULE, "application/jsonl", schedule)
+            self._writer.add_attachment(SCHEDULE, "application/jsonl", schedule)
         self._flush()
-
-    def _attach(self, name: str, media_type: str, data: bytes) -> None:
-        self._writer.add_attachment(
-            create_time=0, log_time=0, name=name, media_type=media_type, data=data
-        )
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._broken:
@@ -144,49 +140,54 @@ class RecordingWriter:
 
         Raises RecordingFull if the disk is full, or the file was removed, moved or cut.
         """
-        self._guard(lambda: self._add(topic, data, round_number, wall_ns))
-
-    def _add(self, topic: str, data: bytes, round_number: int, wall_ns: int) -> None:
+        if self._broken:
+            self._guard(self._flush)
         if not 0 <= round_number < 1 << 64:
             raise InputError(
                 f"{self.path}: message {self.messages} ({topic}) is of round {round_number},"
                 " expected 0 or more, in 64 bits"
             )
-        channel = self._channels.get(topic)
-        if channel is None:
-            if len(self._channels) == TOPICS_MAX:
-                raise InputError(
-                    f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
-                    f" recording can have, expected {TOPICS_MAX} at most"
-                )
-            channel = self._channels[topic] = self._writer.register_channel(
-                topic, "json", self._schema(topic.partition("/")[0])
-            )
-        self._writer.add_message(
-            channel,
-            log_time=round_number,
-            data=data,
-            publish_time=wall_ns,
-            sequence=self.messages,
-        )
+        channel = self._channels.get(topic) or self._channel(topic)
+        writer = self._writer
+        writer.add_message(channel, self.messages, round_number, wall_ns, data)
         self.messages += 1
         self._counts.add(topic, data, wall_ns)
-        self._waiting += 1
-        self._waiting_bytes += len(data)
-        messages, size = self._flushes
-        if self._waiting >= messages or self._waiting_bytes >= size:
-            self._flush()
+        if writer.size > CHUNK_BYTES or self._is_due():
+            self._guard(self._flush)
+
+    def _channel(self, topic: str) -> int:
+        if len(self._channels) == TOPICS_MAX:
+            raise InputError(
+                f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
+                f" recording can have, expected {TOPICS_MAX} at most"
+            )
+        schema = self._schema(topic.partition("/")[0])
+        found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
+        return found
+
+    def _is_due(self) -> bool:
+        """Return whether a message has waited for long, with the one that was just appended."""
+        if not self._owns:
+            return False  # nobody reads a copy before it is complete
+        now = self._clock()
+        self._due = now + FLUSH_S if self._due is None else self._due
+        return now >= self._due
+
+    def flush_if_due(self) -> None:
+        """Write what was appended if it has waited for long; who waits calls it time and again."""
+        if self._due is not None and self._clock() >= self._due:
+            self.flush()
 
     def flush(self) -> None:
         """Write what was appended, so that it can be read whatever happens."""
-        if self._waiting:
+        if self._writer.size:
             self._guard(self._flush)
 
     def _flush(self) -> None:
         self._check_size()
-        self._writer.flush()
+        self._writer.close_chunk()
         self._check_place()
-        self._waiting = self._waiting_bytes = 0
+        self._due = None
 
     def _check_size(self) -> None:
         """Check that nothing was cut off; the next write would fill the gap with zeros."""
@@ -212,13 +213,13 @@ class RecordingWriter:
         known = self._schemas.get(kind)
         if known is None:
             text = msgspec.json.encode(schema_of(kind))
-            known = self._writer.register_schema(f"cubepath.{kind}", "jsonschema", text)
+            known = self._writer.add_schema(f"cubepath.{kind}", "jsonschema", text)
             self._schemas[kind] = known
         return known
 
     def _finish(self) -> None:
         self._check_size()
-        self._writer.flush()
+        self._writer.close_chunk()
         self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
         self._writer.add_metadata(COUNTS, self._counts.to_metadata())
         self._writer.finish()
