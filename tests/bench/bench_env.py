@@ -163,8 +163,8 @@ def main() -> None:
             told = subprocess.run(
                 [given.peer, "-c", PEER, str(size)], capture_output=True, text=True, check=True
             )
-            agents, found = told.stdout.split()[-2:]
-            print(f"magent2 battle, {agents} agents {float(found) / 1e6:>8.3f}", flush=True)
+            agents, theirs = told.stdout.split()[-2:]
+            print(f"magent2 battle, {agents} agents {float(theirs) / 1e6:>8.3f}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+import subprocess
+import sys
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -144,6 +148,40 @@ def test_compiled_code_goes_on_where_plain_python_was(monkeypatch: pytest.Monkey
             plain(each) for each in other.step(actions, notes)
         ]
         assert isinstance(other.world, ArrayWorld if step > 20 else World)
+
+
+FIRST_CONTACT = """
+from cubepath.agents import parallel_env
+from cubepath.agents.environments.array_world import ArrayWorld
+
+env = parallel_env("hex:n=50", max_cycles=10**9)
+env.reset(seed=0)
+plain = 0
+while not isinstance(env.world, ArrayWorld):
+    env.step({name: 1 for name in env.agents})
+    plain += 1
+print(plain, env.world.round)
+"""
+
+
+@pytest.mark.thorough
+def test_the_plain_world_serves_until_everything_is_compiled(tmp_path: Path) -> None:
+    """Where nothing was compiled before, it plays on while a process of its own compiles."""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    steps = []
+    for _ in range(2):
+        found = subprocess.run(
+            [sys.executable, "-c", FIRST_CONTACT],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        plain_steps, rounds = map(int, found.stdout.split())
+        assert plain_steps == rounds
+        steps.append(plain_steps)
+    # The first went on for as long as the compiler took; the second has what was kept.
+    assert steps[0] > steps[1]
 
 
 class Blind(GraphSystem):

@@ -92,10 +92,12 @@ class ArrayWorld:
             for name, one, mask, heard in zip(names, seen, masks, notes, strict=True)
         }
 
-    def _seen(self) -> NDArray[np.int32] | NDArray[np.float32]:
+    def _seen(self) -> NDArray[Any]:
         if self._relative is None:
-            return self.batch.observed.observation[0]
-        return self._relative.update()[0]
+            own: NDArray[Any] = self.batch.observed.observation[0]
+        else:
+            own = self._relative.update()[0]
+        return own
 
     def refresh(self) -> None:
         """Overwrite the arrays that were returned without a copy."""
