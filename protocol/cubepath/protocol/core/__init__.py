@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         written_whole,
     )
     from cubepath.protocol.core.sites import (
+        DEPTH_MAX,
         Site,
         in_order,
         pairs_from_json,
@@ -114,7 +115,8 @@ else:
                 " unwritable written_whole"
             ),
             "sites": (
-                "Site in_order pairs_from_json site_from_json site_text sites_from_json to_json"
+                "DEPTH_MAX Site in_order pairs_from_json site_from_json site_text "
+                "sites_from_json to_json"
             ),
             "suggestions": "did_you_mean",
             "system": (
@@ -129,6 +131,7 @@ else:
 __all__ = [
     "BYTE_ORDER_MARK",
     "CLOSED",
+    "DEPTH_MAX",
     "EDGES",
     "EMPTY",
     "FILLED",
