@@ -9,7 +9,7 @@ rounds are cubes, and every order of the moves of a round is admissible.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
 
@@ -63,19 +63,22 @@ def steps(starts: list[Cell], rounds: list[list[tuple[int, Cell]]]) -> Iterator[
             at[who] = there
 
 
-def write_lines(target: Path, moves: Iterator[tuple[Cell, Cell]]) -> None:
-    """Write self-contained moves, each with an id of its own."""
+def write_lines(
+    target: Path, moves: Iterator[tuple[Cell, Cell]], text: Callable[[Cell], str]
+) -> None:
+    """Write self-contained moves, each with an id of its own; `text` is the JSON of a cell."""
     with target.open("w") as stream:
-        for number, ((a, b), (c, d)) in enumerate(moves):
-            both = f"[[{a},{b}],[{c},{d}]]" if (a, b) < (c, d) else f"[[{c},{d}],[{a},{b}]]"
+        for number, (source, there) in enumerate(moves):
+            one, other = text(source), text(there)
+            both = f"[{one},{other}]" if source < there else f"[{other},{one}]"
             stream.write(
                 f'{{"id":{number},"support":{both},"trace":{both}'
-                f',"before":[[{a},{b}]],"after":[[{c},{d}]]}}\n'
+                f',"before":[{one}],"after":[{other}]}}\n'
             )
 
 
 def write_log(target: Path, starts: list[Cell], rounds: list[list[tuple[int, Cell]]]) -> None:
-    """Write a plan as a list of cells for each timestep, as JSON, and its map beside it."""
+    """Write the plan as a log, a timestep a line."""
     at = list(starts)
     with target.open("w") as stream:
         stream.write(f"agents={len(at)}\nsolution=\n")

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.actions import (
         Action,
         State,
+        action_of_parts,
         admissible,
         apply,
         apply_in_place,
@@ -95,7 +96,8 @@ else:
         __name__,
         {
             "actions": (
-                "Action State admissible apply apply_in_place commute end_at why_inadmissible"
+                "Action State action_of_parts admissible apply apply_in_place commute end_at "
+                "why_inadmissible"
             ),
             "catalogue": (
                 "Catalogue Cell EDGES Generator HEXAGONS HEX_DIRECTIONS LATTICES Lattice Move "
@@ -168,6 +170,7 @@ __all__ = [
     "System",
     "VehicleGraph",
     "Ways",
+    "action_of_parts",
     "admissible",
     "all_values",
     "apply",

@@ -62,27 +62,6 @@ class Action:
         self.ends = (second, first) if swap else (first, second)
         self._hash = hash((self.support, self.trace, self.ends, self.free, self.guards))
 
-    @classmethod
-    def of_parts(
-        cls,
-        support: frozenset[Site],
-        trace: frozenset[Site],
-        ends: tuple[frozenset[Site], frozenset[Site]],
-        *,
-        label: str = "",
-    ) -> Action:
-        """Return the action of these parts, which must fit the definition: none is checked.
-
-        The two local states must be in canonical order. It has no free sites and no guards.
-        """
-        found = cls.__new__(cls)
-        found.support, found.trace, found.ends, found.label = support, trace, ends, label
-        found.reads = support - trace
-        found.free = found.guards = frozenset()
-        whole = (support, trace, ends, found.free, found.guards)
-        found._hash = hash(whole)  # noqa: SLF001 - its own
-        return found
-
     def labelled(self, label: str) -> Action:
         """Return an equal action with this label, without checking its definition again."""
         found = Action.__new__(Action)
@@ -117,6 +96,25 @@ class Action:
             _rebuild,
             ((self.support, self.trace, *self.ends, self.free), self.guards, self.label),
         )
+
+
+def action_of_parts(
+    support: frozenset[Site],
+    trace: frozenset[Site],
+    ends: tuple[frozenset[Site], frozenset[Site]],
+    *,
+    label: str = "",
+) -> Action:
+    """Return the action of parts that are known to fit the definition: nothing is checked.
+
+    The two local states must be in canonical order; there are no free sites and no guards.
+    """
+    found = Action.__new__(Action)
+    found.support, found.trace, found.ends, found.label = support, trace, ends, label
+    found.reads = support - trace
+    found.free = found.guards = frozenset()
+    found._hash = hash((support, trace, ends, found.free, found.guards))  # noqa: SLF001 - its own
+    return found
 
 
 def _rebuild(

@@ -9,6 +9,7 @@ Room: protocol. It touches only the files it is given, and knows nothing of shor
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -173,22 +174,46 @@ def read_path(
 
 
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
-    """Return the path of an iterable of moves."""
+    """Return the path of an iterable of moves.
+
+    The garbage collector waits: what is kept has no cycles, and it would walk it again and again.
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        return _numbered(moves, progress)
+    finally:
+        if collects:
+            gc.enable()
+
+
+def _numbered(moves: Iterable[PathMove], progress: Progress | None) -> NumberedPath:
     kept = _Kept()
     names: list[MoveName] = []
+    # By the identity of moves that came just now: their number and end. A reader of a plan gives
+    # the same object for the same move, and then nothing is compared. They are kept meanwhile, so
+    # that no identity comes twice.
+    seen: dict[int, tuple[int, int]] = {}
+    held: list[PathMove] = []
+    again = 0
     rest = iter(moves)
     while some := list(islice(rest, PORTION)):
         for move in some:
-            action = move.action
-            stated = move.before is not None or isinstance(move.name, GeneratorPlacement)
-            number = kept.add(action, move.name, stated=stated)
-            end = -1 if move.before is None else int(action.ends[0] != move.before - action.free)
-            kept.numbers.append(number)
-            kept.ends.append(end)
+            known = seen.get(id(move))
+            if known is None:
+                known = seen[id(move)] = kept.entry(move)
+                held.append(move)
+            else:
+                again += 1
+            kept.numbers.append(known[0])
+            kept.ends.append(known[1])
             names.append(move.name)
+        if len(held) > 100 * PORTION + again:  # they do not come again
+            seen.clear()
+            held.clear()
         if progress is not None:
             progress(len(some))
-    if all(isinstance(name, GeneratorPlacement) for name in names):
+    if set(map(type, names)) <= {GeneratorPlacement}:
         return kept.path(None)
     return kept.path(names)
 
@@ -253,12 +278,23 @@ class _Kept:
 
     def add(self, action: Action, name: MoveName, *, stated: bool = True) -> int:
         """Return the number of an action."""
-        found = self._number.setdefault(action, len(self.actions))
-        if found == len(self.actions):
+        found = self._number.get(action)
+        if found is None:
+            found = self._number[action] = len(self.actions)
             self.actions.append(action)
             self.names.append(name)
             self.stated.append(stated)
         return found
+
+    def entry(self, move: PathMove) -> tuple[int, int]:
+        """Return the number of a move's action, and the local state before it, -1 if not known."""
+        action, before = move.action, move.before
+        stated = before is not None or isinstance(move.name, GeneratorPlacement)
+        number = self.add(action, move.name, stated=stated)
+        if before is None:
+            return number, -1
+        shown = before - action.free if action.free else before
+        return number, int(action.ends[0] != shown)
 
     def path(self, names: list[MoveName] | None) -> NumberedPath:
         return NumberedPath(

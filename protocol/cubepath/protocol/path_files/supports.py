@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled
-from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.actions import Action, action_of_parts
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order
 
@@ -80,9 +80,15 @@ def supports_of(actions: Iterable[Action], stated: Sequence[bool]) -> Supports:
     says: list[int] = []
     guards: list[tuple[int, int]] = []
     for action in actions:
+        (first, second), trace, free = action.ends, action.trace, action.free
         for site in action.support:
             sites.append(numbers[site])
-            says.append(_said(action, site))
+            says.append(
+                FIRST * (site in first)
+                + SECOND * (site in second)
+                + TRACE * (site in trace)
+                + FREE * (site in free)
+            )
         guards += [(numbers[one], numbers[other]) for one, other in action.guards]
         starts.append(len(sites))
         guard_starts.append(len(guards))
@@ -95,16 +101,6 @@ def supports_of(actions: Iterable[Action], stated: Sequence[bool]) -> Supports:
         np.array(stated, dtype=np.bool_),
     )
     return Supports(rows, list(numbers))
-
-
-def _said(action: Action, site: Site) -> int:
-    first, second = action.ends
-    return (
-        FIRST * (site in first)
-        + SECOND * (site in second)
-        + TRACE * (site in action.trace)
-        + FREE * (site in action.free)
-    )
 
 
 class TabledActions(Sequence[Action]):
@@ -147,7 +143,7 @@ class TabledActions(Sequence[Action]):
         names = self.supports.sites
         support = [names[site] for site in numbers[row].tolist()]
         told = says[row].tolist()
-        return Action.of_parts(
+        return action_of_parts(
             frozenset(support),
             frozenset([site for site, said in zip(support, told, strict=True) if said & TRACE]),
             (
