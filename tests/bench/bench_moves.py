@@ -43,6 +43,11 @@ KINDS: dict[str, Callable[[Cell], object]] = {
 }
 
 
+def text(site: Callable[[Cell], object], cell: Cell) -> str:
+    """Return a cell as JSON, as a site of some kind."""
+    return json.dumps(site(cell))
+
+
 def decode(file: Path) -> None:
     """Decode each line and keep nothing."""
     with file.open("rb") as stream:
@@ -82,17 +87,15 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         print(
-            f"{'kind':>8}  {'moves':>8}  distinct   read s  us/move  cubes s  x floor  peer x  growth"
-            "   made"
+            "    kind     moves  distinct   read s  us/move  cubes s"
+            "  x floor  peer x  growth   made"
         )
         fleets = [wandering(moves, side=side, vehicles=side * side // 10) for moves, side in sizes]
         for kind, site in KINDS.items():
             before: tuple[int, float] | None = None
             for (moves, _), (starts, rounds) in zip(sizes, fleets, strict=True):
                 file = folder / "moves.jsonl"
-                write_lines(
-                    file, steps(starts, rounds), lambda cell, site=site: json.dumps(site(cell))
-                )
+                write_lines(file, steps(starts, rounds), partial(text, site))
                 before = row(kind, file, moves, before)
         print("\n    plan     moves   read s  us/move  growth")
         before = None
