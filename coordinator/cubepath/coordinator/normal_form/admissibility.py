@@ -15,29 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled
-from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.path_files.supports import FREE, TRACE, Rows
 
-Numbers = NDArray[np.int32]
 Bytes = NDArray[np.int8]
 
-# What an action says about a site, as bits: on in local state 0, on in 1, in the trace, free.
-_TRACE, _FREE = 4, 8
 # What is known of a site's state, as bits: on, and unknown.
 _ON, _UNKNOWN = 1, 2
-
-
-class _Supports(NamedTuple):
-    """The supports of all actions in compressed rows, and the pairs of sites of their guards."""
-
-    starts: Numbers
-    sites: Numbers
-    says: Bytes
-    guard_starts: Numbers
-    guards: Numbers
-    stated: NDArray[np.bool_]
 
 
 class InadmissibleMove(NamedTuple):
@@ -56,57 +42,24 @@ def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | Inadm
     unknown. In the result, `ends` is -1 for moves whose local state is not known. Time is linear in
     the supports.
     """
-    supports, sites = _supports(path)
+    supports = path.supports
+    rows, sites = supports.rows, supports.sites
     state = np.full(len(sites), _UNKNOWN if start is None else 0, dtype=np.int8)
     if start is not None:
-        state[[number for site, number in sites.items() if site in start]] = _ON
+        state[[number for number, site in enumerate(sites) if site in start]] = _ON
     ends = path.ends.copy()
-    walk = _walk.for_work(int(np.diff(supports.starts)[path.numbers].sum()))
-    found = int(walk(supports, path.numbers, ends, state))
+    walk = _walk.for_work(int(np.diff(rows.starts)[path.numbers].sum()))
+    found = int(walk(rows, path.numbers, ends, state))
     if found >= 0:
         return InadmissibleMove(
-            found, frozenset(site for site, number in sites.items() if state[number] & 1)
+            found, frozenset(site for number, site in enumerate(sites) if state[number] & 1)
         )
-    return replace(path, ends=ends)
-
-
-def _supports(path: NumberedPath) -> tuple[_Supports, dict[Site, int]]:
-    numbers = Ordinals[Site]()
-    starts, guard_starts = [0], [0]
-    sites: list[int] = []
-    says: list[int] = []
-    guards: list[tuple[int, int]] = []
-    for action in path.actions:
-        for site in action.support:
-            sites.append(numbers[site])
-            says.append(_said(action, site))
-        guards += [(numbers[one], numbers[other]) for one, other in action.guards]
-        starts.append(len(sites))
-        guard_starts.append(len(guards))
-    supports = _Supports(
-        np.array(starts, dtype=np.int32),
-        np.array(sites, dtype=np.int32),
-        np.array(says, dtype=np.int8),
-        np.array(guard_starts, dtype=np.int32),
-        np.array(guards, dtype=np.int32).reshape(-1, 2),
-        np.array(path.stated, dtype=np.bool_),
-    )
-    return supports, numbers
-
-
-def _said(action: Action, site: Site) -> int:
-    first, second = action.ends
-    return (
-        (site in first)
-        + 2 * (site in second)
-        + _TRACE * (site in action.trace)
-        + _FREE * (site in action.free)
-    )
+    return replace(path, ends=ends, table=supports)
 
 
 @compiled
 def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as a move
-    supports: _Supports, numbers: Numbers, ends: Bytes, state: Bytes
+    supports: Rows, numbers: NDArray[np.int32], ends: Bytes, state: Bytes
 ) -> int:
     """Make the moves and write `ends`; return the first move that is not admissible, or -1."""
     for move in range(len(numbers)):
@@ -114,14 +67,14 @@ def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as 
         begin, stop = supports.starts[number], supports.starts[number + 1]
         if not supports.stated[number]:
             for index in range(begin, stop):
-                if supports.says[index] & _TRACE:
+                if supports.says[index] & TRACE:
                     state[supports.sites[index]] |= _UNKNOWN
             continue
         told = ends[move]
         fits = 3
         for index in range(begin, stop):
             site, said = supports.sites[index], supports.says[index]
-            if said & _FREE:
+            if said & FREE:
                 continue
             if state[site] & _UNKNOWN:
                 if told < 0:
@@ -142,11 +95,11 @@ def _walk(  # noqa: C901, PLR0912 - one function, since a call costs as much as 
         ends[move] = end
         for index in range(begin, stop):
             site, said = supports.sites[index], supports.says[index]
-            if said & _FREE:
+            if said & FREE:
                 continue
             if end < 0:
-                state[site] |= _UNKNOWN & (said & _TRACE) >> 1
-            elif said & _TRACE:
+                state[site] |= _UNKNOWN & (said & TRACE) >> 1
+            elif said & TRACE:
                 state[site] = (said >> (1 - end)) & 1
             else:
                 state[site] = (said >> end) & 1

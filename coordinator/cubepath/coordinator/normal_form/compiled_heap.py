@@ -26,6 +26,7 @@ from cubepath.coordinator.normal_form.kernel import Numbers
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.path_files.supports import TRACE, Supports
 
 _QUEUE = 4096
 
@@ -100,9 +101,10 @@ def cancellations(actions: Iterable[Action]) -> NormalForm:
     return _normal_form(numbers, numbering)
 
 
-def normal_form_of(numbers: Numbers, actions: Iterable[Action]) -> NormalForm:
-    """Return what becomes of each move of a path, given as indices into distinct actions."""
-    return _normal_form(numbers, Numbering(actions))
+def normal_form_of(numbers: Numbers, supports: Supports) -> NormalForm:
+    """Return what becomes of each move of a path, given as the rows of distinct actions."""
+    written, read = supports.part(TRACE, TRACE), supports.part(TRACE, 0)
+    return normal_form(numbers, ActionTable(*written, *read))
 
 
 def _normal_form(numbers: Numbers, numbering: Numbering) -> NormalForm:
@@ -110,12 +112,14 @@ def _normal_form(numbers: Numbers, numbering: Numbering) -> NormalForm:
 
 
 def cubes_of(
-    found: NormalForm, numbers: Numbers, actions: Sequence[Action]
+    found: NormalForm, numbers: Numbers, supports: Supports
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return where each cube begins, and the remaining moves, cube by cube; see `in_cubes`."""
     left = np.flatnonzero(found.levels)
     pieces = NumberedPieces(found.levels[left], numbers[left], left.astype(np.int32))
-    ordered, starts = in_cubes(pieces, actions)
+    begins, sites = supports.part(TRACE, TRACE)
+    least = np.minimum.reduceat(supports.order[sites], begins[:-1]) if len(sites) else _NO_RANKS
+    ordered, starts = _in_cubes(pieces, least)
     return starts, ordered.moves.astype(np.int64)
 
 
@@ -130,9 +134,19 @@ def in_cubes(
     present = np.unique(pieces.actions)
     least = [in_order(actions[number].trace)[0] for number in present.tolist()]
     rank = {site: place for place, site in enumerate(in_order(set(least)))}
-    ranks = np.zeros(len(actions), dtype=np.int64)
-    ranks[present] = [rank[site] for site in least]
-    order = np.lexsort((ranks[pieces.actions], pieces.levels))
+    found = np.zeros(len(actions), dtype=np.int64)
+    found[present] = [rank[site] for site in least]
+    return _in_cubes(pieces, found)
+
+
+_NO_RANKS = np.zeros(0, dtype=np.int64)
+
+
+def _in_cubes(
+    pieces: NumberedPieces, least: NDArray[np.int64]
+) -> tuple[NumberedPieces, NDArray[np.int64]]:
+    """Do what `in_cubes` does; `least` has for each action the rank of the least traced site."""
+    order = np.lexsort((least[pieces.actions], pieces.levels))
     starts = np.cumsum(np.bincount(pieces.levels, minlength=1), dtype=np.int64)
     return NumberedPieces(*(part[order] for part in pieces)), starts
 

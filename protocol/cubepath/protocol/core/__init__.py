@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.actions import (
         Action,
         State,
+        action_of_parts,
         admissible,
         apply,
         apply_in_place,
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
         written_whole,
     )
     from cubepath.protocol.core.sites import (
+        DEPTH_MAX,
         Site,
         in_order,
         pairs_from_json,
@@ -96,7 +98,8 @@ else:
         __name__,
         {
             "actions": (
-                "Action State admissible apply apply_in_place commute end_at why_inadmissible"
+                "Action State action_of_parts admissible apply apply_in_place commute end_at "
+                "why_inadmissible"
             ),
             "catalogue": (
                 "Catalogue Cell EDGES Generator HEXAGONS HEX_DIRECTIONS LATTICES Lattice Move "
@@ -117,7 +120,8 @@ else:
                 " unwritable written_whole"
             ),
             "sites": (
-                "Site in_order pairs_from_json site_from_json site_text sites_from_json to_json"
+                "DEPTH_MAX Site in_order pairs_from_json site_from_json site_text "
+                "sites_from_json to_json"
             ),
             "suggestions": "did_you_mean",
             "system": (
@@ -132,6 +136,7 @@ else:
 __all__ = [
     "BYTE_ORDER_MARK",
     "CLOSED",
+    "DEPTH_MAX",
     "EDGES",
     "EMPTY",
     "FAR",
@@ -169,6 +174,7 @@ __all__ = [
     "System",
     "VehicleGraph",
     "Ways",
+    "action_of_parts",
     "admissible",
     "all_values",
     "apply",

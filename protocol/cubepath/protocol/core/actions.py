@@ -98,6 +98,25 @@ class Action:
         )
 
 
+def action_of_parts(
+    support: frozenset[Site],
+    trace: frozenset[Site],
+    ends: tuple[frozenset[Site], frozenset[Site]],
+    *,
+    label: str = "",
+) -> Action:
+    """Return the action of parts that are known to fit the definition: nothing is checked.
+
+    The two local states must be in canonical order; there are no free sites and no guards.
+    """
+    found = Action.__new__(Action)
+    found.support, found.trace, found.ends, found.label = support, trace, ends, label
+    found.reads = support - trace
+    found.free = found.guards = frozenset()
+    found._hash = hash((support, trace, ends, found.free, found.guards))  # noqa: SLF001 - its own
+    return found
+
+
 def _rebuild(
     sites: tuple[frozenset[Site], ...],
     guards: frozenset[tuple[Site, Site]],

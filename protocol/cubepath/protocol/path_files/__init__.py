@@ -60,6 +60,7 @@ if TYPE_CHECKING:
         schedule_from_jsonl,
         schedule_to_jsonl,
     )
+    from cubepath.protocol.path_files.supports import FREE, TRACE, Rows, Supports
     from cubepath.protocol.path_files.timetables import (
         TimedLine,
         read_timetable,
@@ -84,11 +85,14 @@ else:
             ),
             "numbered": "IrregularError NumberedPath Progress number_moves read_path write_path",
             "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
+            "supports": "FREE TRACE Rows Supports",
             "timetables": "TimedLine read_timetable timetable_schema write_timetable",
         },
     )
 
 __all__ = [
+    "FREE",
+    "TRACE",
     "Certificate",
     "CubeName",
     "Cubes",
@@ -101,6 +105,8 @@ __all__ = [
     "OwnMoves",
     "PathMove",
     "Progress",
+    "Rows",
+    "Supports",
     "TimedLine",
     "by_generator",
     "certificate_schema",

@@ -45,7 +45,7 @@ _encode = msgspec.json.Encoder().encode
 # Part of the extra site that stands for the name of a move of which only support and trace are
 # known. No file has a reason to name a site like this; if one did, some moves would merely not
 # commute.
-_NAME = "\0id"
+NAME = "\0id"
 
 
 class GeneratorLine(msgspec.Struct, forbid_unknown_fields=True, frozen=True):
@@ -143,14 +143,14 @@ def contents_line(
 
 def named_action(name: str | int, support: Iterable[Site], trace: Iterable[Site]) -> Action:
     """Return the action of a move of which only support and trace are known; see `read_moves`."""
-    site = (_NAME, name)
+    site = (NAME, name)
     label = _encode(name).decode()
     return Action([*support, site], [*trace, site], (), (site,), label=label)
 
 
 def known_of_named(name: MoveName, sites: Iterable[Site]) -> frozenset[Site]:
     """Return the sites of a `named_action` without the one that stands for its name."""
-    return frozenset(sites) - {(_NAME, name)}
+    return frozenset(sites) - {(NAME, name)}
 
 
 def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:

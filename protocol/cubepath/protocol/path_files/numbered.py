@@ -1,16 +1,18 @@
 """A path as numbers: each distinct action once, and for every move the number of its action.
 
 This is how a path of a million moves is read and written. A line by generator that was seen before
-costs one lookup in a dict. A self-contained line costs one decoding, which leaves its sites as
-text, and one lookup.
+costs one lookup in a dict. Self-contained lines are read straight into arrays, see
+`cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
 
 Room: protocol. It touches only the files it is given, and knows nothing of shortening.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+import gc
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
@@ -27,17 +29,17 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
 from cubepath.protocol.path_files.moves import (
-    ContentsLine,
     CubeName,
     MoveName,
     NumberedId,
     PathMove,
     contents_line,
     known_of_named,
-    named_action,
     placement_in,
 )
+from cubepath.protocol.path_files.supports import Supports, TabledActions, supports_of
 
 Progress = Callable[[int], object]
 """Called from time to time with the number of moves read since the last call."""
@@ -49,7 +51,7 @@ _KEPT = 1 << 20
 _encode = msgspec.json.Encoder().encode
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class NumberedPath:
     """A path of moves whose actions are numbers.
 
@@ -58,14 +60,22 @@ class NumberedPath:
     has shape (moves,), int8: the local state, 0 or 1, that the file says the move starts from, and
     -1 if it does not say. `stated` tells for each action whether its local states are known; if
     not, only support and trace are, and it is a `cubepath.protocol.path_files.moves.named_action`.
+    `table` holds what the actions do to sites, if that is known already. Where a path was read
+    straight into arrays, each of `actions` is built when it is first asked for.
     """
 
-    actions: list[Action]
+    actions: Sequence[Action]
     action_names: list[MoveName]
     stated: list[bool]
     numbers: NDArray[np.int32]
     ends: NDArray[np.int8]
     names: list[MoveName] | None = None
+    table: Supports | None = None
+
+    @cached_property
+    def supports(self) -> Supports:
+        """What the actions do to sites, as arrays."""
+        return supports_of(self.actions, self.stated) if self.table is None else self.table
 
     def name(self, move: int) -> MoveName:
         """Return the name of a move."""
@@ -81,7 +91,11 @@ class NumberedPath:
         If moves with different contents share an id, the name includes the number of the move in
         its input. `places` are the places in the input, if this path is only part of it.
         """
-        names: list[CubeName] = [self.name(move) for move in moves.tolist()]
+        given = self.names
+        if given is None:
+            names: list[CubeName] = [self.name(move) for move in moves.tolist()]
+        else:
+            names = [given[move] for move in moves.tolist()]
         shared = self._shared_ids()
         if shared:
             numbers = (moves if places is None else places).tolist()
@@ -92,13 +106,22 @@ class NumberedPath:
 
     def _shared_ids(self) -> set[str | int]:
         """Return the ids that moves with different contents share."""
-        if self.names is None:
-            pairs = list(zip(self.action_names, range(len(self.actions)), strict=True))
-        else:
-            pairs = list(zip(self.names, self.numbers.tolist(), strict=True))
-        by_id = [(name, number) for name, number in pairs if isinstance(name, str | int)]
-        last = dict(by_id)
-        return {name for name, number in by_id if last[name] != number}
+        names, numbers = self.names, self.numbers.tolist()
+        if names is None:
+            names, numbers = self.action_names, list(range(len(self.actions)))
+        if not set(map(type, names)) <= {str, int}:
+            by_id = [
+                pair for pair in zip(names, numbers, strict=True) if isinstance(pair[0], str | int)
+            ]
+            names, numbers = [name for name, _ in by_id], [number for _, number in by_id]
+        if len(set(names)) == len(names):
+            return set()
+        last = dict(zip(names, numbers, strict=True))
+        return {
+            name
+            for name, number in zip(names, numbers, strict=True)
+            if last[name] != number and isinstance(name, str | int)
+        }
 
     def move(self, place: int) -> PathMove:
         """Return the move at a place, from 0; an id is also its action's label, as JSON text."""
@@ -147,26 +170,50 @@ def read_path(
     reads the file, or says what is wrong.
     """
     with opened(source) as file:
-        return _Numberer(scene).read(file, progress)
+        return _from_lines(file, scene, progress)
 
 
 def number_moves(moves: Iterable[PathMove], progress: Progress | None = None) -> NumberedPath:
-    """Return the path of an iterable of moves."""
+    """Return the path of an iterable of moves.
+
+    The garbage collector waits: what is kept has no cycles, and it would walk it again and again.
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        return _numbered(moves, progress)
+    finally:
+        if collects:
+            gc.enable()
+
+
+def _numbered(moves: Iterable[PathMove], progress: Progress | None) -> NumberedPath:
     kept = _Kept()
     names: list[MoveName] = []
+    # By the identity of moves that came just now: their number and end. A reader of a plan gives
+    # the same object for the same move, and then nothing is compared. They are kept meanwhile, so
+    # that no identity comes twice.
+    seen: dict[int, tuple[int, int]] = {}
+    held: list[PathMove] = []
+    again = 0
     rest = iter(moves)
     while some := list(islice(rest, PORTION)):
         for move in some:
-            action = move.action
-            stated = move.before is not None or isinstance(move.name, GeneratorPlacement)
-            number = kept.add(action, move.name, stated=stated)
-            end = -1 if move.before is None else int(action.ends[0] != move.before - action.free)
-            kept.numbers.append(number)
-            kept.ends.append(end)
+            known = seen.get(id(move))
+            if known is None:
+                known = seen[id(move)] = kept.entry(move)
+                held.append(move)
+            else:
+                again += 1
+            kept.numbers.append(known[0])
+            kept.ends.append(known[1])
             names.append(move.name)
+        if len(held) > 100 * PORTION + again:  # they do not come again
+            seen.clear()
+            held.clear()
         if progress is not None:
             progress(len(some))
-    if all(isinstance(name, GeneratorPlacement) for name in names):
+    if set(map(type, names)) <= {GeneratorPlacement}:
         return kept.path(None)
     return kept.path(names)
 
@@ -218,20 +265,6 @@ def _tail(path: NumberedPath, number: int, end: int) -> bytes:
     return _encode(line).removeprefix(b'{"id":0') + b"\n"
 
 
-class _RawLine(msgspec.Struct, forbid_unknown_fields=True):
-    """A self-contained line whose sites are left as text: the same text is the same action."""
-
-    id: str | int
-    support: msgspec.Raw
-    trace: msgspec.Raw
-    before: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
-    after: msgspec.Raw | msgspec.UnsetType = msgspec.UNSET
-
-
-_raw = msgspec.json.Decoder(_RawLine).decode
-_contents = msgspec.json.Decoder(ContentsLine).decode
-
-
 @dataclass(slots=True)
 class _Kept:
     """The part of a path that was read so far."""
@@ -245,12 +278,23 @@ class _Kept:
 
     def add(self, action: Action, name: MoveName, *, stated: bool = True) -> int:
         """Return the number of an action."""
-        found = self._number.setdefault(action, len(self.actions))
-        if found == len(self.actions):
+        found = self._number.get(action)
+        if found is None:
+            found = self._number[action] = len(self.actions)
             self.actions.append(action)
             self.names.append(name)
             self.stated.append(stated)
         return found
+
+    def entry(self, move: PathMove) -> tuple[int, int]:
+        """Return the number of a move's action, and the local state before it, -1 if not known."""
+        action, before = move.action, move.before
+        stated = before is not None or isinstance(move.name, GeneratorPlacement)
+        number = self.add(action, move.name, stated=stated)
+        if before is None:
+            return number, -1
+        shown = before - action.free if action.free else before
+        return number, int(action.ends[0] != shown)
 
     def path(self, names: list[MoveName] | None) -> NumberedPath:
         return NumberedPath(
@@ -263,121 +307,70 @@ class _Kept:
         )
 
 
-class _Numberer:
-    """The memory of reading one file: its texts and what they stand for."""
+def _from_lines(file: InputFile, scene: Scene | None, progress: Progress | None) -> NumberedPath:
+    marked = file.head(len(BYTE_ORDER_MARK)) == BYTE_ORDER_MARK
+    stream = file.stream if marked else file.from_start()
+    begin = stream.tell()
+    try:
+        first = next((line for line in stream if not line.isspace()), b"")
+        stream.seek(begin)
+        if first and _is_by_generator(first):
+            return _by_generators(stream, scene, progress)
+        return _by_contents(read_contents(stream, progress))
+    except OSError as error:
+        raise InputError(f"{file.path}: {error.strerror or error}") from None
+    except (
+        msgspec.MsgspecError,
+        UnicodeDecodeError,
+        RecursionError,
+        InputError,
+        OddError,
+    ) as error:
+        raise IrregularError(f"{file.path}: {error}") from None
 
-    def __init__(self, scene: Scene | None) -> None:
-        self._scene = scene
-        self._kept = _Kept()
-        self._sites: dict[Site, Site] = {}
-        # By the text of a line, or of its contents: the number of the action, and the end.
-        self._lines: dict[bytes, int] = {}
-        self._texts: dict[tuple[object, ...], tuple[int, int]] = {}
-        self._ids: dict[MoveName, int] = {}
 
-    def read(self, file: InputFile, progress: Progress | None) -> NumberedPath:
-        names: list[MoveName] = []
-        by_generator = False
-        marked = file.head(len(BYTE_ORDER_MARK)) == BYTE_ORDER_MARK
-        stream = file.stream if marked else file.from_start()
-        try:
-            for portion, lines in enumerate(_portions(stream)):
-                before = len(self._kept.numbers)
-                if portion == 0:
-                    by_generator = _is_by_generator(lines[0])
-                if by_generator:
-                    self._generators(lines)
-                else:
-                    names += self._contents(lines)
-                if progress is not None:
-                    progress(len(self._kept.numbers) - before)
-        except OSError as error:
-            raise InputError(f"{file.path}: {error.strerror or error}") from None
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, InputError) as error:
-            raise IrregularError(f"{file.path}: {error}") from None
-        if by_generator:
-            self._kept.ends = [-1] * len(self._kept.numbers)
-            return self._kept.path(None)
-        self._check_ids(file.path, names)
-        return self._kept.path(names)
+def _by_contents(found: Contents) -> NumberedPath:
+    stated = found.supports.rows.stated.tolist()
+    names: list[MoveName] = [*found.ids]
+    if not all(stated):
+        # An id that names an action in one line may not label contents in another.
+        numbers = found.numbers.tolist()
+        labels = (name for name, each in zip(names, numbers, strict=True) if stated[each])
+        if not found.named.isdisjoint(labels):
+            raise OddError("an id with and without local states")
+    action_names = [names[move] for move in found.first.tolist()]
+    actions = TabledActions(found.supports, lambda number: _encode(action_names[number]).decode())
+    return NumberedPath(
+        actions, action_names, stated, found.numbers, found.ends, names, found.supports
+    )
 
-    def _check_ids(self, path: Path, names: list[MoveName]) -> None:
-        """Refuse an id that names an action in one line and labels contents in another."""
-        if not self._ids:
-            return
-        stated = self._kept.stated
-        labels = (
-            name for name, number in zip(names, self._kept.numbers, strict=True) if stated[number]
-        )
-        if not self._ids.keys().isdisjoint(labels):
-            raise IrregularError(f"{path}: an id with and without local states")
 
-    def _generators(self, lines: list[bytes]) -> None:
-        known = self._lines
-        found = [known.get(line, -1) for line in lines]
-        if -1 in found:
-            found = [known[line] if line in known else self._by_generator(line) for line in lines]
-        self._kept.numbers += found
+def _by_generators(
+    stream: BinaryIO, scene: Scene | None, progress: Progress | None
+) -> NumberedPath:
+    kept = _Kept()
+    known: dict[bytes, int] = {}
 
-    def _by_generator(self, line: bytes) -> int:
-        if self._scene is None:
-            raise IrregularError("a generator without a system")
+    def new(line: bytes) -> int:
+        if scene is None:
+            raise OddError("a generator without a system")
         found = placement_in(line)
         check_keys(line, 2)
-        action = self._scene.system.action(found.generator, site_from_json(found.at))
-        number = self._kept.add(action, found)
-        if len(self._lines) >= _KEPT:
-            self._lines.clear()
-        self._lines[line] = number
+        number = kept.add(scene.system.action(found.generator, site_from_json(found.at)), found)
+        if len(known) >= _KEPT:
+            known.clear()
+        known[line] = number
         return number
 
-    def _contents(self, lines: list[bytes]) -> list[MoveName]:
-        texts, numbers, ends = self._texts, self._kept.numbers, self._kept.ends
-        names: list[MoveName] = []
-        for line in lines:
-            raw = _raw(line)
-            before, after = raw.before, raw.after
-            due = 3 + (before is not msgspec.UNSET) + (after is not msgspec.UNSET)
-            if line.count(b":") > due:
-                check_keys(line, due)
-            key: tuple[object, ...]
-            if before is msgspec.UNSET or after is msgspec.UNSET:
-                key = bytes(raw.support), bytes(raw.trace), raw.id
-            else:
-                key = bytes(raw.support), bytes(raw.trace), bytes(before), bytes(after)
-            found = texts.get(key)
-            if found is None:
-                if len(texts) >= _KEPT:
-                    texts.clear()
-                found = texts[key] = self._by_contents(line, named=len(key) == 3)
-            numbers.append(found[0])
-            ends.append(found[1])
-            names.append(raw.id)
-        return names
-
-    def _by_contents(self, line: bytes, *, named: bool) -> tuple[int, int]:
-        # In Python True equals 1, in JSON it does not: only the whole file can decide which is
-        # meant.
-        if b"true" in line or b"false" in line:
-            raise IrregularError("booleans")
-        found = _contents(line)
-        if not (found.before is None) == (found.after is None) == named or not found.trace:
-            raise IrregularError("no trace, one local state, or null for one")
-        support, trace = self._read(found.support), self._read(found.trace)
-        if found.before is None or found.after is None:
-            number = self._kept.add(named_action(found.id, support, trace), found.id, stated=False)
-            if self._ids.setdefault(found.id, number) != number:
-                raise IrregularError("an id with two contents")
-            return number, -1
-        before = self._read(found.before)
-        label = _encode(found.id).decode()
-        action = Action(support, trace, before, self._read(found.after), label=label)
-        return self._kept.add(action, found.id), int(action.ends[0] != frozenset(before))
-
-    def _read(self, values: Iterable[object]) -> list[Site]:
-        kept = self._sites
-        sites = [site_from_json(value) for value in values]
-        return [kept.setdefault(site, site) for site in sites]
+    for lines in _portions(stream):
+        found = [known.get(line, -1) for line in lines]
+        if -1 in found:
+            found = [known[line] if line in known else new(line) for line in lines]
+        kept.numbers += found
+        if progress is not None:
+            progress(len(found))
+    kept.ends = [-1] * len(kept.numbers)
+    return kept.path(None)
 
 
 def _portions(stream: BinaryIO) -> Iterator[list[bytes]]:

@@ -17,11 +17,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import text
-from cubepath.protocol.systems.graph import GraphSystem
+from cubepath.protocol.systems.graph import GraphSystem, along_edge
 from cubepath.protocol.systems.graphs import Graph
 
 Cell = tuple[int, int]
@@ -55,20 +55,28 @@ class Vehicles:
         The order is by number, each vehicle followed by its followers. InputError names the first
         vehicle whose move is impossible, and why; then no vehicle has moved.
         """
-        movers = {who: cell for who, cell in targets.items() if cell != self.at[who]}
+        at, on, is_free = self.at, self._on, self._is_free
+        movers = {who: cell for who, cell in targets.items() if cell != at[who]}
         into: dict[Cell, int] = {}
         for who, cell in movers.items():
-            try:
-                self._check(who, cell, movers, into)
-            except InputError as error:
-                raise InputError(f"{self._move(who, cell)}: {error}") from None
+            source, there = at[who], on.get(cell)
+            if (
+                abs(cell[0] - source[0]) + abs(cell[1] - source[1]) != 1
+                or cell in into
+                or not is_free(cell)
+                or (there is not None and movers.get(there, source) == source)
+            ):
+                try:
+                    self._check(who, cell, movers, into)
+                except InputError as error:
+                    raise InputError(f"{self._move(who, cell)}: {error}") from None
             into[cell] = who
         order: list[int] = []
         for who, cell in movers.items():
-            follower: int | None = who if cell not in self._on else None
+            follower: int | None = who if cell not in on else None
             while follower is not None:
                 order.append(follower)
-                follower = into.get(self.at[follower])
+                follower = into.get(at[follower])
         if len(order) < len(movers):
             raise InputError(self._no_order(movers, set(order)))
         return [self._make(who, movers[who]) for who in order]
@@ -76,6 +84,7 @@ class Vehicles:
     def _check(
         self, who: int, cell: Cell, movers: Mapping[int, Cell], into: Mapping[Cell, int]
     ) -> None:
+        """Raise InputError for what makes a move impossible, as `go` has found."""
         x, y = self.at[who]
         if abs(cell[0] - x) + abs(cell[1] - y) != 1:
             raise InputError("no edge of the grid, expected a step to a cell beside")
@@ -117,12 +126,9 @@ class Vehicles:
         self._on[cell] = who
         made = self._made.get((source, cell))
         if made is None:
-            ends = in_order((source, cell))
-            # The system of a single edge defines the action; a large system would take long to
-            # build.
-            action = self._actions.get(ends) or GraphSystem(ends, [(source, cell)]).action(
-                "edge", ends
-            )
+            # Cells are pairs of numbers, whose own order is the canonical one.
+            ends = (source, cell) if source < cell else (cell, source)
+            action = self._actions.get(ends) or along_edge(*ends)
             self._actions[ends] = action
             made = PathMove(action, GeneratorPlacement("edge", ends), frozenset((source,)))
             self._made[source, cell] = made

@@ -12,7 +12,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.protocol.systems.flips import FlipSystem, flip_of
-    from cubepath.protocol.systems.graph import COMPASS, GraphSystem
+    from cubepath.protocol.systems.graph import COMPASS, GraphSystem, along_edge
     from cubepath.protocol.systems.graphs import (
         Graph,
         Scenario,
@@ -37,7 +37,7 @@ else:
         __name__,
         {
             "flips": "FlipSystem flip_of",
-            "graph": "COMPASS GraphSystem",
+            "graph": "COMPASS GraphSystem along_edge",
             "graphs": (
                 "Graph Scenario graph_from_map graph_from_name graph_round scenario_from_json"
             ),
@@ -60,6 +60,7 @@ __all__ = [
     "Scenario",
     "TabledSystem",
     "Triangles",
+    "along_edge",
     "distinct_edges",
     "edge_of",
     "flip_of",

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 import msgspec
 
-from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.actions import Action, action_of_parts
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import (
@@ -24,6 +24,19 @@ from cubepath.protocol.core.system import FAR, FIRST_LABEL, KEPT, MODULE, System
 from cubepath.protocol.core.vehicle_graph import VehicleGraph
 
 COMPASS = ((1, 0), (0, 1), (-1, 0), (0, -1))
+
+
+def along_edge(one: Site, other: Site) -> Action:
+    """Return the action of a vehicle without a label along an edge, in either direction.
+
+    The two ends are distinct and in canonical order. They are support and trace, and one is on.
+
+    >>> along_edge(1, 2) == Action([1, 2], [1, 2], [1], [2])
+    True
+    """
+    first, second = frozenset((one,)), frozenset((other,))
+    both = first | second
+    return action_of_parts(both, both, (first, second), label=f"edge at {[one, other]}")
 
 
 class GraphSystem(System):
@@ -154,10 +167,11 @@ class GraphSystem(System):
 
     def _along(self, lesser: int, greater: int, label: int | None) -> Action:
         one, other = self.vertices[lesser], self.vertices[greater]
+        if label is None:
+            return along_edge(one, other)
+        first, second = (one, label), (other, label)
+        name = f"edge at {[one, other, label]}"
         support = self._support(one, other)
-        first: Site = one if label is None else (one, label)
-        second: Site = other if label is None else (other, label)
-        name = f"edge at {[one, other] if label is None else [one, other, label]}"
         return Action(support, (first, second), (first,), (second,), label=name)
 
     def _moves(self, site: Site) -> tuple[Move | None, ...]:

@@ -1,0 +1,349 @@
+"""What actions do to sites, as arrays: the form in which paths are checked and shortened.
+
+Actions and sites are numbers. `supports_of` makes the arrays of actions; `distinct`, compiled,
+makes them of lists of numbers, without the actions, and `TabledActions` makes an action of its row
+only where somebody asks for it. The definition of an action is checked in both ways.
+
+Room: protocol; touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.compiled import compiled
+from cubepath.protocol.core.actions import Action, action_of_parts
+from cubepath.protocol.core.ordinals import Ordinals
+from cubepath.protocol.core.sites import Site, in_order
+
+Numbers = NDArray[np.int32]
+Bytes = NDArray[np.int8]
+Totals = NDArray[np.int64]
+
+# What an action says about a site, as bits: on in local state 0, on in 1, in the trace, free.
+FIRST, SECOND, TRACE, FREE = 1, 2, 4, 8
+# While a row is made: in the support.
+_MET = 16
+_MASK = 0xFFFFFFFF
+_PROBES = 256
+"""As in `cubepath.protocol.path_files.scanning`."""
+
+
+class Rows(NamedTuple):
+    """The supports of all actions in compressed rows, and the pairs of sites of their guards.
+
+    Action a has the sites ``sites[starts[a]:starts[a + 1]]``, each once, and of each `says` what
+    it does there, in the bits above. `stated` tells whether its local states are known. Both starts
+    have shape (actions + 1,), and `guards` (pairs, 2).
+    """
+
+    starts: Numbers
+    sites: Numbers
+    says: Bytes
+    guard_starts: Numbers
+    guards: Numbers
+    stated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class Supports:
+    """The rows of distinct actions, and the sites by number."""
+
+    rows: Rows
+    sites: Sequence[Site]
+
+    @cached_property
+    def order(self) -> Totals:
+        """The rank of each site in canonical order."""
+        return ranks(self.sites)
+
+    def part(self, bits: int, value: int) -> tuple[Numbers, Numbers]:
+        """Return starts and sites of those entries whose `bits` have this value."""
+        starts, sites, says = self.rows[:3]
+        chosen = (says & bits) == value
+        before = np.zeros(len(sites) + 1, dtype=np.int32)
+        np.cumsum(chosen, out=before[1:])
+        return before[starts], sites[chosen]
+
+
+def supports_of(actions: Iterable[Action], stated: Sequence[bool]) -> Supports:
+    """Return the supports of distinct actions."""
+    numbers = Ordinals[Site]()
+    starts, guard_starts = [0], [0]
+    sites: list[int] = []
+    says: list[int] = []
+    guards: list[tuple[int, int]] = []
+    for action in actions:
+        (first, second), trace, free = action.ends, action.trace, action.free
+        for site in action.support:
+            sites.append(numbers[site])
+            says.append(
+                FIRST * (site in first)
+                + SECOND * (site in second)
+                + TRACE * (site in trace)
+                + FREE * (site in free)
+            )
+        guards += [(numbers[one], numbers[other]) for one, other in action.guards]
+        starts.append(len(sites))
+        guard_starts.append(len(guards))
+    rows = Rows(
+        np.array(starts, dtype=np.int32),
+        np.array(sites, dtype=np.int32),
+        np.array(says, dtype=np.int8),
+        np.array(guard_starts, dtype=np.int32),
+        np.array(guards, dtype=np.int32).reshape(-1, 2),
+        np.array(stated, dtype=np.bool_),
+    )
+    return Supports(rows, list(numbers))
+
+
+class TabledActions(Sequence[Action]):
+    """Actions without free sites and guards, each made of its row when it is asked for, and kept.
+
+    `label` returns the label of an action by number. Rows are known to fit the definition.
+    """
+
+    def __init__(self, supports: Supports, label: Callable[[int], str]) -> None:
+        self.supports = supports
+        self._label = label
+        self._made: dict[int, Action] = {}
+
+    @property
+    def made(self) -> int:
+        """The number of actions that were asked for."""
+        return len(self._made)
+
+    def __len__(self) -> int:
+        return len(self.supports.rows.starts) - 1
+
+    @overload
+    def __getitem__(self, index: int) -> Action: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Action]: ...
+    def __getitem__(self, index: int | slice) -> Action | list[Action]:
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        number = index + len(self) if index < 0 else index
+        found = self._made.get(number)
+        if found is None:
+            found = self._made[number] = self._action(number)
+        return found
+
+    def _action(self, number: int) -> Action:
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        starts, numbers, says = self.supports.rows[:3]
+        row = slice(int(starts[number]), int(starts[number + 1]))
+        names = self.supports.sites
+        support = [names[site] for site in numbers[row].tolist()]
+        told = says[row].tolist()
+        return action_of_parts(
+            frozenset(support),
+            frozenset([site for site, said in zip(support, told, strict=True) if said & TRACE]),
+            (
+                frozenset([site for site, said in zip(support, told, strict=True) if said & FIRST]),
+                frozenset(
+                    [site for site, said in zip(support, told, strict=True) if said & SECOND]
+                ),
+            ),
+            label=self._label(number),
+        )
+
+
+def ranks(sites: Sequence[Site]) -> Totals:
+    """Return the rank of each site in canonical order, shape (sites,); equal sites share one.
+
+    The order is that of `cubepath.protocol.core.sites.in_order`. Sites of one kind are compared by
+    columns: numbers, texts, and tuples of one length by what is at each place.
+
+    >>> ranks([(1, 10), (1, 9), (0, 10)]).tolist()
+    [2, 1, 0]
+    """
+    kinds = set(map(type, sites))
+    if kinds == {int}:
+        try:
+            return np.unique(np.array(sites, dtype=np.int64), return_inverse=True)[1]
+        except OverflowError:  # beyond 64 bits
+            pass
+    elif kinds == {tuple}:
+        rows: list[tuple[Site, ...]] = [site for site in sites if isinstance(site, tuple)]
+        if len(set(map(len, rows))) == 1 and rows[0]:
+            columns = [ranks(column) for column in zip(*rows, strict=True)]
+            order = np.lexsort(columns[::-1])
+            differs = np.zeros(len(rows), dtype=np.bool_)
+            for column in columns:
+                differs[1:] |= np.diff(column[order]) != 0
+            found = np.empty(len(rows), dtype=np.int64)
+            found[order] = np.cumsum(differs)
+            return found
+    place = {site: number for number, site in enumerate(in_order(dict.fromkeys(sites)))}
+    return np.array([place[site] for site in sites], dtype=np.int64)
+
+
+class Growing(NamedTuple):
+    """Rows of distinct actions while they are found; arrays may be longer than what is in use.
+
+    `starts`, `sites`, `says` and `stated` are as in `Rows`, `slots` is a hash table as in
+    `cubepath.protocol.path_files.scanning.Texts`, `marks` 0 for every site.
+    """
+
+    starts: Numbers
+    sites: Numbers
+    says: Bytes
+    stated: NDArray[np.bool_]
+    slots: Totals
+    marks: Bytes
+
+
+@compiled
+def distinct(  # noqa: C901, PLR0912, PLR0915, PLR0917 - one pass over each row; arguments by position
+    parts_at: Numbers,
+    mentions: Numbers,
+    extra: Numbers,
+    growing: Growing,
+    count: int,
+    numbers: Numbers,
+    ends: Bytes,
+) -> int:
+    """Number the actions of texts; return how many actions there are now, or -1 for an odd text.
+
+    The sites of part p (support, trace, before, after) of text t are the `mentions` from
+    ``parts_at[4 * t + p]`` to ``parts_at[4 * t + p + 1]``. `extra` is -1, or for a move that its id
+    names the site that stands for the id. `count` is how many actions there are so far. `numbers`
+    and `ends` receive for each text the action, and which of its local states is before the move,
+    -1 for a named one. Odd is what is no action by the definition.
+    """
+    starts, sites, says, states, slots, marks = growing
+    mask = len(slots) - 1
+    for text in range(len(extra)):
+        at = parts_at[4 * text]
+        trace, before = parts_at[4 * text + 1], parts_at[4 * text + 2]
+        after, end = parts_at[4 * text + 3], parts_at[4 * text + 4]
+        start = starts[count]
+        up = start
+        for index in range(at, trace):
+            site = mentions[index]
+            if marks[site] == 0:
+                marks[site] = _MET
+                sites[up] = site
+                up += 1
+        fits = trace < before
+        for index in range(trace, before):
+            site = mentions[index]
+            fits = fits and marks[site] != 0
+            marks[site] |= TRACE
+        for index in range(before, after):
+            site = mentions[index]
+            fits = fits and marks[site] != 0
+            marks[site] |= FIRST
+        for index in range(after, end):
+            site = mentions[index]
+            fits = fits and marks[site] != 0
+            marks[site] |= SECOND
+        named = extra[text] >= 0
+        if named:
+            site = extra[text]
+            fits = fits and marks[site] == 0
+            marks[site] = _MET | TRACE | SECOND
+            sites[up] = site
+            up += 1
+        if not fits:
+            return -1
+        changes = False
+        one = other = 0
+        for index in range(start, up):
+            site = sites[index]
+            said = marks[site] & ~_MET
+            says[index] = said
+            swapped = (said & TRACE) | (said & FIRST) << 1 | (said & SECOND) >> 1
+            if said != swapped:
+                changes = True
+                fits = fits and said & TRACE != 0
+            one = (one + _mixed(8 * site + said)) & _MASK
+            other = (other + _mixed(8 * site + swapped)) & _MASK
+        if not (fits and changes):
+            return -1
+        # The same for both orders of the two local states.
+        hashed = _mixed((one + other) & _MASK) & 0x7FFFFFFF
+        slot = hashed & mask
+        found = told = -1
+        for _ in range(_PROBES):
+            here = slots[slot]
+            found = (here & _MASK) - 1
+            if found < 0:
+                break
+            if here >> 32 == hashed and states[found] != named:
+                begin = int(starts[found])
+                told = _told(sites, says, marks, begin, begin + up - start)
+                told = told if starts[found + 1] - begin == up - start else -1
+                if told >= 0:
+                    break
+            slot = (slot + 1) & mask
+        for index in range(start, up):
+            marks[sites[index]] = 0
+        if found >= 0 and told < 0:
+            return -1
+        if found < 0:
+            found, told = count, 0
+            slots[slot] = hashed << 32 | (count + 1)
+            states[count] = not named
+            count += 1
+            starts[count] = up
+        numbers[text] = found
+        ends[text] = -1 if named else told
+    return count
+
+
+@compiled
+def _mixed(number: int) -> int:
+    """Return a 32-bit hash of a number; within 63 bits all the way."""
+    found = ((number & 0x7FFFFFFF) * 2654435761) & _MASK
+    found = ((found ^ (found >> 15)) * 739982445) & _MASK
+    return found ^ (found >> 12)
+
+
+@compiled
+def _told(sites: Numbers, says: Bytes, marks: Bytes, begin: int, end: int) -> int:
+    """Return which local state of an action the marks show as the first one, -1 for none.
+
+    The action has the entries from `begin` to `end`, and there are marks on so many sites.
+    """
+    same = opposite = True
+    for index in range(begin, end):
+        mark, here = marks[sites[index]], says[index]
+        if mark == 0:
+            return -1
+        swapped = (here & TRACE) | (here & FIRST) << 1 | (here & SECOND) >> 1
+        same = same and mark & ~_MET == here
+        opposite = opposite and mark & ~_MET == swapped
+    return 0 if same else 1 if opposite else -1
+
+
+def canonical(rows: Rows, order: Totals) -> NDArray[np.bool_]:
+    """Exchange the local states of actions whose states are in the other order than an action's.
+
+    `order` holds the rank of each site. Changes `rows.says`; returns which actions were changed.
+    The order is that of `cubepath.protocol.core.actions.Action`: of the sites where the two differ,
+    those that are on in the first come before those that are on in the second, and as both lists
+    have no site in common, their least sites decide; an empty list is first.
+    """
+    starts, sites, says = rows[:3]
+    if len(starts) <= 1:
+        return np.zeros(0, dtype=np.bool_)
+    least: list[Totals] = []
+    for own in (FIRST, SECOND):
+        alone = (says & (FIRST | SECOND)) == own
+        values = np.where(alone, order[sites], len(order))
+        found = np.minimum.reduceat(values, starts[:-1])
+        least.append(np.where(found == len(order), -1, found))
+    swapped = least[0] > least[1]
+    entries = np.repeat(swapped, np.diff(starts))
+    both = says[entries]
+    says[entries] = (both & TRACE) | (both & FIRST) << 1 | (both & SECOND) >> 1
+    return swapped
