@@ -262,7 +262,7 @@ def _expand(
         here = hash_of(placing, modules)
         first = filled
         for place in range(shown):
-            action = found[place, 0]
+            action = int(found[place, 0])
             turn(placing, states[state], action, after)
             key = here ^ placing.turn_keys[action]
             slot = slot_of(table, states, after, key)

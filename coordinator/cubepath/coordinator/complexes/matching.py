@@ -128,7 +128,7 @@ def proposals_of(placing: Placing, modules: Numbers) -> int:
     """Return the number of proposals of the modules at these bits, admissible or not."""
     found = 0
     for module in modules:
-        found += placing.mover_starts[module + 1] - placing.mover_starts[module]
+        found += int(placing.mover_starts[module + 1] - placing.mover_starts[module])
     return found
 
 
@@ -137,7 +137,7 @@ def hash_of(placing: Placing, modules: Numbers) -> np.uint64:
     """Return the hash of the state at which these bits are on."""
     found = np.uint64(0)
     for module in modules:
-        found ^= placing.keys[module]
+        found ^= placing.keys[int(module)]
     return found
 
 

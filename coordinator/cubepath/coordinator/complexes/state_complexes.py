@@ -311,10 +311,11 @@ def _faces(
             for direction in range(k - 1):
                 for end in range(2):
                     least = known[parent, direction, end]
-                    low, high = lowest.children[least], lowest.children[least + 1]
+                    low = int(lowest.children[least])
+                    high = int(lowest.children[least + 1])
                     faces[cube, direction, end] = _child(below.actions, low, high, action)
             faces[cube, k - 1, 0] = parent
             least = known[faces[cube, k - 2, 0], k - 2, 1]
-            low, high = lowest.children[least], lowest.children[least + 1]
+            low, high = int(lowest.children[least]), int(lowest.children[least + 1])
             before = int(cubes.actions[cube, k - 2])
             faces[cube, k - 1, 1] = _child(below.actions, low, high, before)
