@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -12,22 +12,27 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import complexes
+from cubepath.coordinator.complexes import exploration, matching
 from cubepath.coordinator.complexes.collapses import collapse
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
-from cubepath.coordinator.complexes.exploration import explore
+from cubepath.coordinator.complexes.exploration import Explored, explore
 from cubepath.coordinator.complexes.homology_groups import homology
 from cubepath.coordinator.complexes.links import check_links
 from cubepath.coordinator.complexes.shape_complexes import shape_complex
-from cubepath.coordinator.complexes.state_complexes import bytes_for, f_vector, state_complex
+from cubepath.coordinator.complexes.state_complexes import (
+    StateComplex,
+    bytes_for,
+    f_vector,
+    state_complex,
+)
 from cubepath.coordinator.complexes.state_masks import Bits, commutes, row_of
-from cubepath.protocol.core.actions import Action, apply, commute
-from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator, Move
+from cubepath.protocol.core.actions import apply, commute, end_at
+from cubepath.protocol.core.catalogue import SQUARES, Catalogue, Generator
 from cubepath.protocol.core.errors import CheckError
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.lattice import LatticeSystem
-from cubepath.protocol.systems.listed import TabledSystem
+from listed_scenes import listed, listed_scenes, move
 from plain_steps import COMPILED, PLAIN, plain_steps
 
 SMALL = [
@@ -62,10 +67,16 @@ def test_states_and_cubes_are_those_of_the_obvious_enumeration(spec: str) -> Non
     )
 
 
-@pytest.mark.parametrize("spec", ["arm:n=5", "agv-labelled:graph=K4,n=2", "sliding:p=1,q=1"])
+@pytest.mark.parametrize(
+    "spec", ["arm:n=5", "agv-labelled:graph=K4,n=2", "sliding:p=1,q=1", "hex-connected:n=3"]
+)
 def test_a_cube_is_its_actions_at_its_base(spec: str) -> None:
     """Cubes commute pairwise, and their faces are what the definition of the boundary says."""
-    built = state_complex(explore(scene_from_spec(spec)))
+    check_names(state_complex(explore(scene_from_spec(spec))))
+
+
+def check_names(built: StateComplex) -> None:
+    """Compare every cube and its faces with the definition of the boundary."""
     explored = built.explored
     number = {explored.state(place): place for place in range(len(explored.states))}
     built.complex.check()
@@ -130,29 +141,6 @@ def test_exactly_as_many_states_as_allowed_are_no_reason_to_stop(spec: str) -> N
     assert not explore(scene, max_states=count // 2).complete
 
 
-def listed(*moves: Move, start: list[Site], fixed: list[Site] | None = None) -> Scene:
-    system = TabledSystem(moves, fixed=fixed or [], drawing="letters", positions={})
-    return Scene("listed", "", system, tuple(start))
-
-
-def move(
-    name: str,
-    support: list[Site],
-    one: Site,
-    other: Site,
-    *,
-    reads: list[Site] | None = None,
-    free: list[Site] | None = None,
-    guards: list[tuple[Site, Site]] | None = None,
-) -> Move:
-    on = reads or []
-    action = Action(
-        [*support, one, other], [one, other], [one, *on], [other, *on],
-        free=free or [], guards=guards or [], label=name,
-    )  # fmt: skip
-    return Move(action, name, one, ((one, other),))
-
-
 def test_equal_actions_under_two_names_are_one_edge() -> None:
     """Listed there and back, or as two generators of a lattice: a square, and one edge."""
     scene = listed(
@@ -194,37 +182,66 @@ def test_a_guard_on_an_obstacle_is_a_need() -> None:
     assert list(f_vector(explore(needing))) == complexes.f_vector(needing) == [4, 3]
 
 
-@st.composite
-def listed_scenes(draw: st.DrawFn) -> Scene:
-    """Draw a few moves on a few sites, with what they read, free sites, guards and obstacles."""
-    sites: list[Site] = [0, 1, 2, 3, 4, 5]
-    fixed = draw(st.lists(st.sampled_from(sites), max_size=1))
-    places = [site for site in sites if site not in fixed]
-    moves = []
-    for number in range(draw(st.integers(1, 6))):
-        one, other = draw(st.permutations(places))[:2]
-        rest = [site for site in sites if site not in (one, other)]
-        near = draw(st.lists(st.sampled_from(rest), unique=True, max_size=3))
-        free = draw(st.lists(st.sampled_from(near), unique=True, max_size=2)) if near else []
-        reads = [site for site in near if site not in free and draw(st.booleans())]
-        guards = [(free[0], free[1])] if len(free) == 2 and draw(st.booleans()) else []
-        moves.append(move(f"m{number}", near, one, other, reads=reads, free=free, guards=guards))
-    start = draw(st.lists(st.sampled_from(places), unique=True, min_size=1, max_size=4))
-    known = {site for each in moves for site in each.action.support}
-    on = [site for site in start if site in known]
-    return listed(*moves, start=on or [next(iter(moves[0].action.ends[0] - set(fixed)))], fixed=[
-        site for site in fixed if site in known
-    ])  # fmt: skip
-
-
 @settings(deadline=None, max_examples=150)
 @given(listed_scenes())
 def test_any_listed_system_is_explored_as_it_is_defined(scene: Scene) -> None:
     """Free sites, guards, obstacles, doubled actions: as enumerated the obvious way, and NPC."""
-    built = state_complex(explore(scene))
+    explored = explore(scene)
+    check_order(explored)
+    built = state_complex(explored)
     assert list(built.complex.f_vector) == complexes.f_vector(scene)
-    built.complex.check()
+    check_names(built)
     assert check_links(built.complex).npc
+
+
+def check_order(explored: Explored) -> None:
+    """Compare numbers and edges with a plain breadth-first search by the numbers of the actions."""
+    known, legal = explored.bits.actions, explored.scene.system.legal
+    states = [explored.state(number) for number in range(len(explored.states))]
+    number = {states[0]: 0}
+    edges = []
+    for state in states:
+        found: list[tuple[int, int]] = []
+        for action, each in enumerate(known):
+            end = end_at(each, state)
+            after = state if end is None else apply(each, state)
+            if end is not None and legal(after):
+                number.setdefault(after, len(number))
+                found += [(action, number[after])] * (end == 0)
+        edges.append(found)
+    assert list(number) == states
+    pairs = list(zip(explored.actions.tolist(), explored.targets.tolist(), strict=True))
+    starts = explored.starts.tolist()
+    assert [pairs[a:b] for a, b in pairwise(starts)] == edges
+
+
+@pytest.mark.parametrize("spec", ["hex-connected:n=3", "sliding:p=2,q=1,n=3", "assembly:n=2"])
+def test_states_are_numbered_as_a_plain_search_meets_them(spec: str) -> None:
+    """By distance, and then by the number of the action, also where some are forbidden."""
+    check_order(explore(scene_from_spec(spec)))
+
+
+def test_equal_hashes_decide_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """If all states have one hash, or few, they are told apart all the same."""
+    expected = explore(scene_from_spec("hex:n=4,base=1"))
+    for few in (1, 3):
+        # Of exclusive ors of few keys there are few.
+        keys = np.arange(5000, dtype=np.uint64) % np.uint64(few)
+        monkeypatch.setattr(matching, "keys_of_bits", lambda count, keys=keys: keys[:count].copy())
+        found = explore(scene_from_spec("hex:n=4,base=1"))
+        for name in ("states", "starts", "actions", "targets"):
+            assert np.array_equal(getattr(found, name), getattr(expected, name))
+
+
+def test_edges_and_states_do_not_depend_on_how_much_room_is_taken(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where room runs out in the midst of a chunk it goes on with the same state."""
+    expected = explore(scene_from_spec("hex:n=4,base=1"))
+    monkeypatch.setattr(exploration, "_BLOCK", 1)
+    found = explore(scene_from_spec("hex:n=4,base=1"))
+    for name in ("states", "starts", "actions", "targets"):
+        assert np.array_equal(getattr(found, name), getattr(expected, name))
 
 
 def test_progress_is_told() -> None:

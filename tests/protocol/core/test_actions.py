@@ -104,6 +104,14 @@ def test_an_action_is_its_own_inverse() -> None:
     assert apply(STEP, apply(STEP, {"a", "z"})) == {"a", "z"}
 
 
+@pytest.mark.parametrize("kind", [frozenset, set, "keys"])
+def test_a_state_may_be_any_set(kind: Any) -> None:
+    """Frozen or not, or the keys of a table: the same end is shown, with what is beside it."""
+    for on, end in (({"a"}, 0), ({"b", 7}, 1), ({"a", "b"}, None), ({7}, None)):
+        state = dict.fromkeys(on).keys() if kind == "keys" else kind(on)
+        assert end_at(STEP, state) == end
+
+
 def test_only_the_support_is_looked_at() -> None:
     """Admissibility and application cost the support, not the state."""
     looked: list[object] = []

@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import DEPTH_MAX, in_order, site_from_json, site_text
+from cubepath.protocol.core.sites import DEPTH_MAX, Site, in_order, site_from_json, site_text
 
 
 def nested(depth: int) -> Any:
@@ -32,3 +34,26 @@ def test_what_names_no_place(value: Any) -> None:
     """Null and objects, at any depth."""
     with pytest.raises(InputError, match="a site is a JSON number, string or list"):
         site_from_json(value)
+
+
+ALIKE = (
+    st.integers(-20, 20),
+    st.text(max_size=2),
+    st.tuples(st.integers(-20, 20), st.integers(-20, 20)),
+    st.lists(st.integers(-9, 9), max_size=3).map(tuple),
+    st.lists(st.tuples(st.integers(-9, 9), st.text(max_size=1)), max_size=2).map(tuple),
+)
+
+
+def rank(site: Site) -> tuple[object, ...]:
+    """Numbers before texts before tuples, and tuples item by item."""
+    if isinstance(site, tuple):
+        return (2, [rank(item) for item in site])
+    return (isinstance(site, str), site)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.one_of(*map(st.lists, ALIKE), st.lists(st.one_of(*ALIKE, st.floats(-2, 2)), max_size=6)))
+def test_the_order_is_that_of_content_whatever_sites_are_mixed(sites: list[Site]) -> None:
+    """Sites of one kind, of several, and tuples of several lengths and depths."""
+    assert list(in_order(sites)) == sorted(sites, key=rank)

@@ -8,19 +8,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.complexes.state_masks import (
-    Bits,
-    Numbers,
+from cubepath.coordinator.complexes.matching import (
     Placing,
-    Words,
     admissible_at,
-    bits_in,
-    row_of,
+    hash_of,
+    modules_of,
+    placing,
+    proposals_of,
+    turn,
+)
+from cubepath.coordinator.complexes.state_masks import Bits, Numbers, Words, bits_in, row_of
+from cubepath.coordinator.complexes.state_table import (
+    FREE,
+    Table,
+    empty_table,
+    entry,
+    grown,
+    number_in,
+    slot_of,
 )
 from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.sites import Site
@@ -30,7 +40,9 @@ MAX_STATES = 2_000_000
 """The default bound on the number of states."""
 _CHUNK = 1 << 12
 _STEP = 64
-_FREE = -1
+_TABLE_LEAST = 16
+_BLOCK = 1 << 16
+"""The room for edges that is taken at a time."""
 _STATE_STEPS = 4
 """Steps of work for each action that a module of a state may propose."""
 
@@ -99,188 +111,168 @@ class _Walk:
         self.known = 1
         self.allowed = 1
         """The number of known states that are not forbidden."""
-        self._meet(bits_in(row_of(self.bits.start, self.bits.words)))
+        start = row_of(self.bits.start, self.bits.words)
+        self._meet(start)
         self._states = row_of(self.bits.start, self.bits.words).reshape(1, -1)
         self._forbidden = np.zeros(1, dtype=np.bool_)
-        self._table = np.full(16, _FREE, dtype=np.int32)
-        self._rehash(16)
-        self._edges: list[tuple[Numbers, Numbers]] = []
-        """For each chunk: the number of edges of each state, and (action, end, target) of each."""
-        self._placing = self.bits.placing()
+        self._counts = np.zeros(1, dtype=np.int32)
+        """For each state, the number of edges that leave it at end 0."""
+        self._placing = placing(self.bits)
+        key = np.bitwise_xor.reduce(self._placing.keys[bits_in(start)], initial=np.uint64(0))
+        self._table = empty_table(_TABLE_LEAST)
+        self._table[int(key) % _TABLE_LEAST] = entry(key, 0)
+        self._blocks: list[Numbers] = []
+        """The edges in order, as action and target; the last block has `_filled` of them."""
+        self._filled = 0
 
-    def _meet(self, found: list[int]) -> bool:
-        new = [bit for bit in found if bit not in self.bits.met]
+    def _meet(self, row: Words) -> bool:
+        """Learn the moves at the bits of a row; return whether there are new ones."""
+        new = [bit for bit in bits_in(row) if bit not in self.bits.met]
         for bit in new:
             self.bits.meet(bit)
         return bool(new)
 
-    def _rehash(self, size: int) -> None:
-        self._table = np.full(size, _FREE, dtype=np.int32)
-        _insert_all.for_work(4 * self.known)(self._table, self._states, self.known)
-
     def _room(self, more: int) -> None:
-        """Make room for `more` further states, and for wider ones if new sites were met."""
+        """Make room for `more` further states and edges, and for wider states."""
         words = self.bits.words
         most = self.known + more
         if words > self._states.shape[1] or most > len(self._states):
-            rows = max(most, 2 * len(self._states)) if most > len(self._states) else most
-            states = np.zeros((max(rows, len(self._states)), words), dtype=np.uint64)
+            rows = len(self._states)
+            if most > rows:
+                rows = max(most, 2 * rows)
+            states = np.empty((rows, words), dtype=np.uint64)
             states[: self.known, : self._states.shape[1]] = self._states[: self.known]
-            wider = words > self._states.shape[1]
-            forbidden = np.zeros(len(states), dtype=np.bool_)
-            forbidden[: self.known] = self._forbidden[: self.known]
-            self._states, self._forbidden = states, forbidden
-            if wider:
-                self._rehash(len(self._table))
+            states[: self.known, self._states.shape[1] :] = 0
+            self._states = states
+            self._forbidden = _longer(self._forbidden, rows)
+            self._counts = _longer(self._counts, rows)
         if 2 * most > len(self._table):
-            self._rehash(1 << (2 * most).bit_length())
+            self._table = grown(self._table, 1 << (2 * most).bit_length())
+        if not self._blocks or len(self._blocks[-1]) < self._filled + more:
+            self._close()
+            self._blocks.append(np.empty((max(_BLOCK, more), 2), dtype=np.int32))
+
+    def _close(self) -> None:
+        """Cut the last block down to its edges."""
+        if self._blocks:
+            self._blocks[-1] = self._blocks[-1][: self._filled]
+        self._filled = 0
 
     def expand(self, stop: int) -> None:
         """Find the edges of the states from `done` up to `stop`, and the states they lead to."""
-        here = np.bitwise_or.reduce(self._states[self.done : stop], axis=0)
-        if self._meet(bits_in(here)):
-            self._room(0)
-            self._placing = self.bits.placing()
-        placing = self._placing
-        work = _STATE_STEPS * (stop - self.done) * self.bits.words
-        widest = _widest.for_work(work)(placing, self._states[self.done : stop])
-        room = np.empty((widest, 2), dtype=np.int32)
-        work *= widest
-        counts = np.zeros(stop - self.done, dtype=np.int32)
-        known = _Known(self._states, self._forbidden, self._table)
-        _count.for_work(work)(known, self.done, placing, room, counts)
-        edges = np.empty((int(counts.sum()), 3), dtype=np.int32)
-        self._room(len(edges))
+        if self._meet(np.bitwise_or.reduce(self._states[self.done : stop], axis=0)):
+            self._placing = placing(self.bits)
         before = self.known
-        known = _Known(self._states, self._forbidden, self._table)
-        expand = _expand.for_work(work + _STATE_STEPS * len(edges))
-        self.known = expand(known, before, self.done, placing, edges)
-        self._edges.append((counts, edges))
+        more = 0
+        while self.done < stop:
+            self._room(more)
+            expand = _expand.for_work(self._steps(stop))
+            known = _Known(self._states, self._forbidden, self._counts, self._table)
+            numbers = (self.done, stop, self.known)
+            found = expand(known, numbers, self._placing, self._blocks[-1], self._filled)
+            # Plain Python leaves some of them as numbers of numpy.
+            self.done, self.known, self._filled, more = map(int, found)
         system = self.bits.scene.system
         if not system.local:
             for number in range(before, self.known):
                 state = self.bits.decode(self._states[number])
                 self._forbidden[number] = not system.legal(state)
         self.allowed += self.known - before - int(self._forbidden[before : self.known].sum())
-        self.done = stop
+
+    def _steps(self, stop: int) -> int:
+        """Return roughly how many steps it takes to expand the states up to `stop`."""
+        starts = self._placing.mover_starts
+        modules = bits_in(self._states[self.done])
+        proposals = sum(int(starts[bit + 1] - starts[bit]) for bit in modules)
+        return _STATE_STEPS * (stop - self.done) * (self.bits.words + proposals)
 
     def explored(self) -> Explored:
         """Return what was found, without forbidden states and with each edge once."""
-        kept = ~self._forbidden[: self.known]
-        number = np.cumsum(kept, dtype=np.int64) - 1
-        counts = np.concatenate([np.empty(0, np.int32), *(found for found, _ in self._edges)])
-        edges = np.concatenate([np.empty((0, 3), np.int32), *(found for _, found in self._edges)])
-        sources = np.repeat(np.arange(len(counts)), counts)
-        up = (edges[:, 1] == 0) & kept[edges[:, 2]]
-        sources, edges = number[sources[up]], edges[up]
-        states = int(kept.sum())
-        starts = np.zeros(states + 1, dtype=np.int64)
-        np.cumsum(np.bincount(sources, minlength=states), out=starts[1:])
+        self._close()
+        edges = np.concatenate([np.empty((0, 2), np.int32), *self._blocks])
+        self._blocks.clear()
+        states, counts = self._states[: self.known], self._counts[: self.known]
+        forbidden = self._forbidden[: self.known]
+        if forbidden.any():
+            kept = ~forbidden
+            number = np.cumsum(kept, dtype=np.int32) - np.int32(1)
+            to_kept = kept[edges[:, 1]]
+            sources = np.repeat(np.arange(self.known), counts)[to_kept]
+            counts = np.bincount(sources, minlength=self.known)[kept].astype(np.int32)
+            edges = edges[to_kept]
+            edges[:, 1] = number[edges[:, 1]]
+            states = states[kept]
+        starts = np.zeros(len(states) + 1, dtype=np.int64)
+        np.cumsum(counts, out=starts[1:])
         return Explored(
             bits=self.bits,
-            states=self._states[: self.known][kept],
+            states=states,
             starts=starts,
             actions=edges[:, 0].copy(),
-            targets=number[edges[:, 2]].astype(np.int32),
+            targets=edges[:, 1].copy(),
             complete=self.done == self.known,
         )
 
 
+_Row = TypeVar("_Row", bound=np.generic)
+
+
+def _longer(row: NDArray[_Row], size: int) -> NDArray[_Row]:
+    """Return the row with zeros at its end."""
+    found = np.zeros(size, dtype=row.dtype)
+    found[: len(row)] = row
+    return found
+
+
 class _Known(NamedTuple):
-    """States, which of them are forbidden, and a hash table of their numbers."""
+    """States, which of them are forbidden, how many edges go up from each, and their table."""
 
     states: Words
     forbidden: NDArray[np.bool_]
-    table: Numbers
+    counts: Numbers
+    table: Table
 
 
 @compiled
-def _hash(state: Words) -> np.uint64:
-    found = np.uint64(0)
-    for word in range(state.shape[0]):
-        found = (found ^ state[word]) * np.uint64(0x9E3779B97F4A7C15)
-        found ^= found >> np.uint64(32)
-    return found
+def _expand(
+    known: _Known, numbers: tuple[int, int, int], placing: Placing, edges: Numbers, filled: int
+) -> tuple[int, int, int, int]:
+    """Fill in (action, target) by state and action, for the edges that leave a state at end 0.
 
-
-@compiled
-def _slot(table: Numbers, states: Words, state: Words) -> int:
-    """Return the slot of the table that holds the state, or the free slot where it belongs."""
-    last = len(table) - 1
-    slot = np.int64(_hash(state) & np.uint64(last))
-    while table[slot] != _FREE:
-        other = table[slot]
-        same = True
-        for word in range(state.shape[0]):
-            if states[other, word] != state[word]:
-                same = False
-                break
-        if same:
-            break
-        slot = (slot + 1) & last
-    return int(slot)
-
-
-@compiled
-def _insert_all(table: Numbers, states: Words, known: int) -> None:
-    for number in range(known):
-        table[_slot(table, states, states[number])] = number
-
-
-@compiled
-def _proposals(placing: Placing, state: Words) -> int:
-    """Return the number of actions that the modules of a state may propose, admissible or not."""
-    one = np.uint64(1)
-    found = 0
-    for word in range(state.shape[0]):
-        left = state[word]
-        bit = 64 * word
-        while left:
-            if left & one:
-                found += placing.mover_starts[bit + 1] - placing.mover_starts[bit]
-            left >>= one
-            bit += 1
-    return found
-
-
-@compiled
-def _widest(placing: Placing, states: Words) -> int:
-    """Return the greatest number of actions that the modules of one of the states may propose."""
-    most = 0
-    for number in range(len(states)):
-        most = max(most, _proposals(placing, states[number]))
-    return most
-
-
-@compiled
-def _count(known: _Known, first: int, placing: Placing, room: Numbers, counts: Numbers) -> None:
-    """Count the actions that are admissible at each of the states from `first` on."""
-    for place in range(len(counts)):
-        if not known.forbidden[first + place]:
-            counts[place] = admissible_at(placing, known.states[first + place], room)
-
-
-@compiled
-def _expand(known: _Known, size: int, first: int, placing: Placing, edges: Numbers) -> int:
-    """Fill in (action, end, target) by state and action; return the new number of known states."""
+    `numbers` are the first state, the end of the range of states, and how many are known. Return
+    the first state that was not expanded, the numbers of known states and of edges now, and how
+    much more room that state may need. Where there is less room than that, it is not begun.
+    """
     states, table = known.states, known.table
+    state, stop, size = numbers
     after = np.zeros(states.shape[1], dtype=np.uint64)
-    state = first
-    filled = 0
-    while filled < len(edges):
-        found = edges[filled:]
-        count = 0 if known.forbidden[state] else admissible_at(placing, states[state], found)
-        for place in range(count):
-            action = found[place, 0]
-            for word in range(len(after)):
-                turned = placing.masks[action, 3, word] ^ placing.masks[action, 4, word]
-                after[word] = states[state, word] ^ turned
-            slot = _slot(table, states, after)
-            if table[slot] == _FREE:
+    on = np.empty(64 * states.shape[1], dtype=np.int32)
+    found = np.empty((0, 2), dtype=np.int32)
+    while state < stop:
+        modules = on[: modules_of(states[state], on)]
+        most = proposals_of(placing, modules)
+        room = min(len(edges) - filled, len(states) - size, len(table) // 2 - size)
+        if most > room:
+            return state, size, filled, most
+        if most > len(found):
+            found = np.empty((most, 2), dtype=np.int32)
+        shown = (
+            0 if known.forbidden[state] else admissible_at(placing, states[state], modules, found)
+        )
+        here = hash_of(placing, modules)
+        first = filled
+        for place in range(shown):
+            action = int(found[place, 0])
+            turn(placing, states[state], action, after)
+            key = here ^ placing.turn_keys[action]
+            slot = slot_of(table, states, after, key)
+            if table[slot] == np.uint64(FREE):
                 states[size] = after
-                table[slot] = size
+                table[slot] = entry(key, size)
                 size += 1
-            found[place, 2] = table[slot]
-        filled += count
+            if found[place, 1] == 0:
+                edges[filled, 0], edges[filled, 1] = action, number_in(table[slot])
+                filled += 1
+        known.counts[state] = filled - first
         state += 1
-    return size
+    return state, size, filled, 0

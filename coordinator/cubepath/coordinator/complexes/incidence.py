@@ -31,29 +31,24 @@ class Incidence:
     """The faces of all cubes, where the k-cube i of the complex is the cell ``offset[k] + i``.
 
     offset: shape (dimension + 2,); the last entry is the number of cells. faces: one for each
-    direction and end of a cell, in this order and with repetition. sign: the sign of each face in
-    the boundary, of the same shape as faces.cell.
+    direction and end of a cell, in this order and with repetition.
     """
 
     offset: Numbers
     faces: Rows
-    sign: NDArray[np.int8]
 
 
 def incidence(complex_: CubicalComplex) -> Incidence:
-    """Return the cells and faces of the complex in one row; memory: 5 bytes for each face."""
+    """Return the cells and faces of the complex in one row; memory: 4 bytes for each face."""
     counts = complex_.f_vector
     offset = np.concatenate([[0], np.cumsum(counts, dtype=np.int64)]).astype(np.int64)
     per_cell = np.repeat(2 * np.arange(len(counts), dtype=np.int64), counts)
     start = np.concatenate([[0], np.cumsum(per_cell)]).astype(np.int64)
     face = np.empty(start[-1], np.int32)
-    sign = np.empty(start[-1], np.int8)
     for k in range(1, len(counts)):
         here = slice(start[offset[k]], start[offset[k + 1]])
         face[here] = complex_.faces[k].reshape(-1) + offset[k - 1]
-        one_cube = [1 if (j + e) % 2 else -1 for j in range(k) for e in (0, 1)]
-        sign[here] = np.tile(np.array(one_cube, np.int8), counts[k])
-    return Incidence(offset, Rows(start, face), sign)
+    return Incidence(offset, Rows(start, face))
 
 
 def cofaces(faces: Rows) -> Rows:

@@ -85,26 +85,52 @@ def state_complex(explored: Explored) -> StateComplex:
             f"{explored.scene.spec}: {totals.max()} cubes of one dimension, expected at most"
             f" {_CELLS_MAX}"
         )
-    dimensions = len(totals)
-    first = np.zeros((len(explored.states) + 1, dimensions), dtype=np.int64)
-    np.cumsum(counts, axis=0, out=first[1:])
-    offsets = np.zeros(dimensions + 1, dtype=np.int64)
-    np.cumsum(totals * np.arange(dimensions), out=offsets[1:])
-    layout, edges = _Layout(first, offsets), _edges(explored)
-    flat = np.empty(int(offsets[-1]), dtype=np.int32)
-    most = _most(explored)
-    _fill.for_work(_EDGE_STEPS * (len(flat) + len(edges.targets)))(edges, most, layout, flat)
+    sizes = totals.tolist()
+    cubes = _cubes(explored, sizes)
     faces = [np.empty((len(explored.states), 0, 2), dtype=np.int32)]
-    actions = [np.empty((len(explored.states), 0), dtype=np.int32)]
     bases = [np.arange(len(explored.states), dtype=np.int32)]
-    for k in range(1, dimensions):
-        actions.append(flat[offsets[k] : offsets[k + 1]].reshape(-1, k))
-        found = np.empty((int(totals[k]), k, 2), dtype=np.int32)
-        faces_of = _faces.for_work(_EDGE_STEPS * found.size)
-        faces_of(edges, layout, actions[k], actions[k - 1], found)
-        faces.append(found)
+    for k in range(1, len(sizes)):
         bases.append(np.repeat(bases[0], counts[:, k]))
-    return StateComplex(explored, CubicalComplex(tuple(faces)), tuple(bases), tuple(actions))
+        if k == 1:  # the edges themselves
+            found = np.stack([bases[1], explored.targets], axis=1).reshape(-1, 1, 2)
+        else:
+            found = np.empty((sizes[k], k, 2), dtype=np.int32)
+            faces_of = _faces.for_work(_EDGE_STEPS * found.size)
+            faces_of(cubes[k], cubes[k - 1], cubes[k - 2], faces[k - 1], found)
+        faces.append(found)
+    actions = tuple(each.actions for each in cubes)
+    return StateComplex(explored, CubicalComplex(tuple(faces)), tuple(bases), actions)
+
+
+class _Cubes(NamedTuple):
+    """The cubes of one dimension k, by base and then by their actions in order.
+
+    A cube's children are the cubes at the same base that have one more action, which is the last.
+    They stand together, since they all begin with the actions of that cube.
+    """
+
+    actions: Numbers
+    """Shape (cubes, k), ascending in each row."""
+    children: Numbers
+    """Where the children of each cube begin, shape (cubes + 1,)."""
+
+
+def _cubes(explored: Explored, sizes: list[int]) -> list[_Cubes]:
+    """Return the cubes of each dimension, given how many there are."""
+    offsets = np.cumsum([0, *(k * size for k, size in enumerate(sizes))], dtype=np.int64)
+    flat = np.empty(int(offsets[-1]), dtype=np.int32)
+    starts = np.cumsum([0, *(size + 1 for size in sizes)], dtype=np.int64)
+    children = np.zeros(int(starts[-1]), dtype=np.int32)
+    edges = _edges(explored)
+    fill = _fill.for_work(_EDGE_STEPS * (len(flat) + len(edges.targets)))
+    fill(edges, _most(explored), _Filled(flat, offsets, children, starts))
+    return [
+        _Cubes(
+            flat[offsets[k] : offsets[k + 1]].reshape(size, k),
+            children[starts[k] : starts[k + 1]],
+        )
+        for k, size in enumerate(sizes)
+    ]
 
 
 class _Edges(NamedTuple):
@@ -216,48 +242,51 @@ def _count(edges: _Edges, most: int, counts: Numbers) -> int:
     return highest
 
 
-class _Layout(NamedTuple):
-    """Where the cubes lie: those of dimension k over state s are first[s, k] to first[s + 1, k]."""
+class _Filled(NamedTuple):
+    """All actions and children: those of dimension k begin at offsets[k] and starts[k]."""
 
-    first: NDArray[np.int64]
+    actions: Numbers
     offsets: NDArray[np.int64]
-    """Where the actions of each dimension begin in one flat array."""
+    children: Numbers
+    starts: NDArray[np.int64]
 
 
 @compiled
-def _fill(edges: _Edges, most: int, layout: _Layout, flat: Numbers) -> None:
-    """Write the actions of every cube, by base and then by their numbers in order."""
+def _fill(edges: _Edges, most: int, filled: _Filled) -> None:
+    """Write the actions and children of every cube, by base and then by the actions in order."""
+    flat, offsets, children, starts = filled
     corners = np.zeros(1 << max(most, 0), dtype=np.int32)
-    free = np.zeros(layout.first.shape[1], dtype=np.int64)
+    # How many cubes there are so far; none have more actions than those of the highest dimension.
+    known = np.zeros(len(starts), dtype=np.int64)
     for state in range(len(edges.starts) - 1):
         first = edges.starts[state]
         corners[0] = state
-        free[:] = layout.first[state]
         agree = _agree(edges, state)
         chosen = np.zeros(len(agree), dtype=np.int32)
+        children[state] = known[1]
+        known[0] += 1
         depth = following(agree, chosen, 0, True)
         while depth:
             action = int(edges.actions[first + chosen[depth - 1]])
             is_cube = most == _LOCAL or _raise(edges, corners, depth - 1, action)
             if is_cube:
-                at = layout.offsets[depth] + free[depth] * depth
-                free[depth] += 1
+                at = offsets[depth] + known[depth] * depth
                 for other in range(depth):
                     flat[at + other] = edges.actions[first + chosen[other]]
+                children[starts[depth] + known[depth]] = known[depth + 1]
+                known[depth] += 1
             depth = following(agree, chosen, depth, is_cube)
+    for depth in range(len(starts) - 1):
+        children[starts[depth] + known[depth]] = known[depth + 1]
 
 
 @compiled
-def _find(cubes: Numbers, low: int, high: int, cube: Numbers) -> int:
-    """Return the row with this cube's actions, between `low` and `high`, in lexicographic order."""
+def _child(cubes: Numbers, low: int, high: int, action: int) -> int:
+    """Return which of the cubes from `low` to `high`, the children of one, has this last action."""
+    last = cubes.shape[1] - 1
     while high - low > 1:
         middle = (low + high) // 2
-        later = False
-        for direction in range(len(cube)):
-            if cubes[middle, direction] != cube[direction]:
-                later = cubes[middle, direction] > cube[direction]
-                break
-        if later:
+        if cubes[middle, last] > action:
             high = middle
         else:
             low = middle
@@ -265,18 +294,28 @@ def _find(cubes: Numbers, low: int, high: int, cube: Numbers) -> int:
 
 
 @compiled
-def _faces(edges: _Edges, layout: _Layout, cubes: Numbers, below: Numbers, faces: Numbers) -> None:
-    """Find the faces of all cubes of one dimension among the cubes of the one below."""
-    k = cubes.shape[1]
-    first = layout.first
-    rest = np.zeros(k - 1, dtype=np.int32)
-    for state in range(len(edges.starts) - 1):
-        for cube in range(first[state, k], first[state + 1, k]):
-            for direction in range(k):
-                rest[:direction] = cubes[cube, :direction]
-                rest[direction:] = cubes[cube, direction + 1 :]
-                across = edges.targets[_up(edges, state, cubes[cube, direction])]
+def _faces(
+    cubes: _Cubes, below: _Cubes, lowest: _Cubes, known: NDArray[np.int32], faces: Numbers
+) -> None:
+    """Fill in the faces of the cubes of dimension k, from those of dimension k - 1, `known`.
+
+    Every face is found as the child of a cube of dimension k - 2. Let a cube have the last action
+    a, and let its parent be the cube without a. A face of the cube in any direction but a is the
+    child, by a, of the parent's face in that direction. The face across a is the child, by the last
+    action b of the parent, of the following: leave out b, and then go across a.
+    """
+    k = cubes.actions.shape[1]
+    for parent in range(len(below.actions)):
+        for cube in range(below.children[parent], below.children[parent + 1]):
+            action = int(cubes.actions[cube, k - 1])
+            for direction in range(k - 1):
                 for end in range(2):
-                    base = across if end else state
-                    low, high = first[base, k - 1], first[base + 1, k - 1]
-                    faces[cube, direction, end] = _find(below, low, high, rest)
+                    least = known[parent, direction, end]
+                    low = int(lowest.children[least])
+                    high = int(lowest.children[least + 1])
+                    faces[cube, direction, end] = _child(below.actions, low, high, action)
+            faces[cube, k - 1, 0] = parent
+            least = known[faces[cube, k - 2, 0], k - 2, 1]
+            low, high = int(lowest.children[least]), int(lowest.children[least + 1])
+            before = int(cubes.actions[cube, k - 2])
+            faces[cube, k - 1, 1] = _child(below.actions, low, high, before)

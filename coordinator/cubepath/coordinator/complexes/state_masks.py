@@ -8,7 +8,6 @@ which they are met, which depends only on the scene.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,19 +20,6 @@ from cubepath.protocol.core.system import Scene
 
 Words = NDArray[np.uint64]
 Numbers = NDArray[np.int32]
-
-
-class Placing(NamedTuple):
-    """Masks of the actions, the modules that may apply them, and their guards."""
-
-    masks: Words
-    mover_starts: Numbers
-    """For each bit, where its rows of `movers` begin, shape (bits + 1,)."""
-    movers: Numbers
-    """The actions and ends that a module at a bit may apply, shape (any, 2)."""
-    guard_starts: Numbers
-    guards: Numbers
-    """Pairs of bits of each action, where the first needs the second, shape (any, 2)."""
 
 
 class Bits:
@@ -50,8 +36,12 @@ class Bits:
         self._bit = Ordinals[Site]()
         self._number: dict[Action, int | None] = {}
         self._masks: list[tuple[int, ...]] = []
-        self._guards: list[list[tuple[int, int]]] = []
-        self._movers: list[list[tuple[int, int]]] = []
+        self._rows = np.zeros((0, 5, 0), dtype=np.uint64)
+        """The first of these masks as they were last returned."""
+        self.guards: list[list[tuple[int, int]]] = []
+        """For each action pairs of bits, where the first needs the second."""
+        self.movers: list[list[tuple[int, int]]] = []
+        """For each bit the actions and ends that a module there may apply."""
         self._filed: set[tuple[int, int]] = set()
         self.start = self.encode(scene.start)
 
@@ -64,7 +54,7 @@ class Bits:
         found = self._bit[site]
         if found == len(self.sites):
             self.sites.append(site)
-            self._movers.append([])
+            self.movers.append([])
         return found
 
     def encode(self, sites: Iterable[Site]) -> int:
@@ -91,7 +81,7 @@ class Bits:
                 # Equal actions, listed under two names or with two movers, are one edge.
                 if (number, end) not in self._filed:
                     self._filed.add((number, end))
-                    self._movers[bit].append((number, end))
+                    self.movers[bit].append((number, end))
 
     def _number_of(self, action: Action) -> int | None:
         if action not in self._number:
@@ -117,7 +107,7 @@ class Bits:
                 *ends,
             )
         )
-        self._guards.append(
+        self.guards.append(
             [
                 (self._bit_of(a), self._bit_of(b))
                 for a, b in sorted(action.guards, key=site_text)
@@ -130,22 +120,18 @@ class Bits:
     def masks(self) -> Words:
         """Return all masks, shape (actions, 5, words): need, trace, support, end 0, end 1.
 
-        Need holds the sites of the support that must agree with an end.
+        Need holds the sites of the support that must agree with an end. The array is kept to be
+        added to, so nobody may write to it.
         """
-        size = 8 * self.words
-        data = b"".join(mask.to_bytes(size, "little") for masks in self._masks for mask in masks)
-        return np.frombuffer(data, dtype="<u8").reshape(-1, 5, self.words).copy()
-
-    def placing(self) -> Placing:
-        """Return everything known about sites and actions as arrays."""
-        return Placing(self.masks(), *_ranges(self._movers), *_ranges(self._guards))
-
-
-def _ranges(lists: list[list[tuple[int, int]]]) -> tuple[Numbers, Numbers]:
-    starts = np.zeros(len(lists) + 1, dtype=np.int32)
-    np.cumsum([len(found) for found in lists], out=starts[1:])
-    flat = [pair for found in lists for pair in found]
-    return starts, np.array(flat, dtype=np.int32).reshape(-1, 2)
+        words, known = self.words, self._rows
+        size = 8 * words
+        new = self._masks[len(known) :]
+        data = b"".join(mask.to_bytes(size, "little") for masks in new for mask in masks)
+        found = np.zeros((len(self._masks), 5, words), dtype=np.uint64)
+        found[: len(known), :, : known.shape[2]] = known
+        found[len(known) :] = np.frombuffer(data, dtype="<u8").reshape(-1, 5, words)
+        self._rows = found
+        return found
 
 
 def row_of(mask: int, words: int) -> Words:
@@ -168,48 +154,3 @@ def commutes(masks: Words, one: int, other: int) -> bool:
         if masks[other, 1, word] & masks[one, 2, word]:
             return False
     return True
-
-
-@compiled
-def shows(placing: Placing, state: Words, action: int, end: int) -> bool:
-    """Return whether the state shows this end of the action: `actions.end_at` on masks."""
-    masks = placing.masks
-    for word in range(masks.shape[2]):
-        if state[word] & masks[action, 0, word] != masks[action, 3 + end, word]:
-            return False
-    one = np.uint64(1)
-    for place in range(placing.guard_starts[action], placing.guard_starts[action + 1]):
-        a, b = placing.guards[place]
-        on = (state[a >> 6] >> np.uint64(a & 63)) & one
-        held = (state[b >> 6] >> np.uint64(b & 63)) & one
-        if on and not held:
-            return False
-    return True
-
-
-@compiled
-def admissible_at(placing: Placing, state: Words, found: Numbers) -> int:
-    """Write each (action, end) that the state shows to `found`, by action; return their number.
-
-    `found` has shape (any, 2 or more), with room for all.
-    """
-    one = np.uint64(1)
-    size = 0
-    for word in range(state.shape[0]):
-        left = state[word]
-        bit = 64 * word
-        while left:
-            if left & one:
-                for place in range(placing.mover_starts[bit], placing.mover_starts[bit + 1]):
-                    action, end = placing.movers[place]
-                    if not shows(placing, state, action, end):
-                        continue
-                    at = size
-                    while at and found[at - 1, 0] > action:
-                        found[at] = found[at - 1]
-                        at -= 1
-                    found[at, 0], found[at, 1] = action, end
-                    size += 1
-            left >>= one
-            bit += 1
-    return size

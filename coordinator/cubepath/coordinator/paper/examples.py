@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 
 from cubepath.coordinator.complexes.exploration import Explored, explore
@@ -39,6 +40,7 @@ SYSTEMS = (
 """A small scene of every local system."""
 
 
+@cache
 def small_systems() -> dict[str, Explored]:
     """Return a small scene of every local system, explored."""
     return {spec: explore(scene_from_spec(spec)) for spec in SYSTEMS}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from functools import cache
 from itertools import combinations, product
 from random import Random
 
@@ -34,10 +35,14 @@ def toggle(*sites: str) -> Action:
     return Action(sites, sites, [], sites, label="".join(sites))
 
 
+# A system finds its moves once, for many walks.
+_scene = cache(scene_from_spec)
+
+
 def walk(spec: str, moves: int, seed: int) -> tuple[State, list[Action]]:
     """Return the start of a scene and a random edge path from there."""
     random = Random(seed)  # noqa: S311 - to be the same every time
-    scene = scene_from_spec(spec)
+    scene = _scene(spec)
     state: State = scene.start_state
     path = []
     for _ in range(moves):

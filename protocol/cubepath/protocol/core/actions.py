@@ -14,6 +14,7 @@ from cubepath.protocol.core.sites import Site, in_order, site_text
 
 State = AbstractSet[Site]
 """A state is the set of the sites that are on."""
+_SETS = (frozenset, set)
 
 
 class Action:
@@ -172,7 +173,10 @@ def end_at(action: Action, state: State) -> int | None:
     The cost is that of the support, whatever the size of the state.
     """
     fixed = action.support - action.free if action.free else action.support
-    shown = frozenset([site for site in fixed if site in state])
+    if type(state) in _SETS:  # they intersect much faster, at the cost of the smaller one
+        shown = fixed.intersection(state)
+    else:
+        shown = frozenset([site for site in fixed if site in state])
     ends = action.ends
     index = 0 if shown == ends[0] else 1 if shown == ends[1] else None
     if index is None:

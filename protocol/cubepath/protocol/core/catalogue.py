@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from operator import add
 from typing import TypeAlias
 
 from cubepath.protocol.core.actions import Action, State, end_at
@@ -44,8 +45,7 @@ class Lattice:
 
     def shift(self, cell: Cell, by: Cell) -> Cell:
         """Return the cell translated by `by` (length `dimension`)."""
-        moved = tuple(cell[axis] + by[axis] for axis in range(self.dimension))
-        return moved + cell[self.dimension :]
+        return tuple(map(add, cell, by)) + cell[self.dimension :]
 
     def between(self, origin: Cell, cell: Cell) -> Cell | None:
         """Return the translation that takes `origin` to `cell`; None if there is none."""

@@ -7,7 +7,8 @@ A site is any JSON scalar or a tuple of sites: a lattice cell ``(q, r)``, a latt
 from __future__ import annotations
 
 from collections.abc import Hashable, Iterable
-from typing import Any
+from itertools import chain
+from typing import Any, cast
 
 import msgspec
 
@@ -63,7 +64,22 @@ def site_text(site: Site) -> str:
 
 def in_order(sites: Iterable[Site]) -> tuple[Site, ...]:
     """Return the sites in canonical order, which depends on their content alone."""
-    return tuple(sorted(sites, key=_order))
+    found: tuple[Any, ...] = tuple(sites)
+    if len(found) < 2:
+        return found
+    return tuple(sorted(found) if _alike(found) else sorted(found, key=_order))
+
+
+def _alike(sites: Iterable[Site]) -> bool:
+    """Return whether Python's own order of these sites is the canonical one.
+
+    It is if all are numbers, or all texts, or all tuples whose items are again alike.
+    """
+    kinds = set(map(type, sites))
+    while kinds == {tuple}:
+        sites = tuple(chain.from_iterable(cast("Iterable[tuple[Site, ...]]", sites)))
+        kinds = set(map(type, sites))
+    return kinds in ({int}, {str})
 
 
 def _order(site: Site) -> tuple[object, ...]:

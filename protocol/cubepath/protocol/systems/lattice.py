@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from functools import lru_cache, partial
+from itertools import product
 from typing import Any, ClassVar, Self
 
 import msgspec
 
-from cubepath.protocol.core.actions import Action, commute
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import (
     HEX_DIRECTIONS,
     HEXAGONS,
@@ -17,6 +18,7 @@ from cubepath.protocol.core.catalogue import (
     Catalogue,
     Cell,
     Generator,
+    Lattice,
     Move,
 )
 from cubepath.protocol.core.errors import ExcludedError, InputError
@@ -310,30 +312,24 @@ class _Neighbourhoods:
                     if by is not None:
                         heard.add(lattice.shift(other, by))
             self.listeners[orbit] = _cells(heard)
-            self.reach[orbit] = self._competitors(orbit, proposals, supports)
+            self.reach[orbit] = self._competitors(orbit, proposals)
 
     def _competitors(
-        self,
-        orbit: Cell,
-        proposals: Mapping[Cell, tuple[Move, ...]],
-        supports: Mapping[Cell, set[Site]],
+        self, orbit: Cell, proposals: Mapping[Cell, tuple[Move, ...]]
     ) -> tuple[Cell, ...]:
         lattice = self._catalogue.lattice
+        mine = _Reached(lattice, proposals[orbit])
         found: set[Site] = set()
-        for other, sites in supports.items():
-            shifts = {
-                lattice.between(lattice.check(theirs), lattice.check(mine))
-                for mine in supports[orbit]
-                for theirs in sites
-            } - {None}
-            for by in shifts:
-                cell = lattice.shift(other, by or ())
-                if cell != orbit and any(
-                    not commute(mine.action, theirs.action)
-                    for theirs in self._catalogue.proposals(cell)
-                    for mine in proposals[orbit]
-                ):
-                    found.add(cell)
+        # A move there commutes with one here unless one's trace meets the other's support; so what
+        # takes a site of the one to a site of the other takes a module to a place of competitors.
+        for other, moves in proposals.items():
+            theirs = _Reached(lattice, moves)
+            for ours, of_theirs in ((mine.traces, theirs.supports), (mine.supports, theirs.traces)):
+                for site, there in product(ours, of_theirs):
+                    by = lattice.between(there, site)
+                    if by is not None:
+                        found.add(lattice.shift(other, by))
+        found.discard(orbit)
         # A module that a move takes along must hear of it, even if it has no move of its own; and
         # reach is mutual.
         found |= {source for move in proposals[orbit] for source, _ in move.motion[1:]}
@@ -360,6 +356,15 @@ class _Neighbourhoods:
             return (*found, *[None] * (pad - len(found)))
 
         return at
+
+
+class _Reached:
+    """The cells of all traces and of all supports of some moves."""
+
+    def __init__(self, lattice: Lattice, moves: Iterable[Move]) -> None:
+        check = lattice.check
+        self.traces = {check(site) for move in moves for site in move.action.trace}
+        self.supports = {check(site) for move in moves for site in move.action.support}
 
 
 def _cells(sites: Iterable[Site]) -> tuple[Cell, ...]:
