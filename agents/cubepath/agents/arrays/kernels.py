@@ -379,7 +379,8 @@ def execute_all(
             if final[place] == code:
                 state.at_goal[environment] += 1
             stand = place * codes + (code if codes > 1 else 0)
-            fresh = fresh or stands.kind[stand] < 0
+            if stands.kind[stand] < 0:
+                fresh = True
     return fresh
 
 

@@ -114,7 +114,8 @@ def action_of_parts(
     found.support, found.trace, found.ends, found.label = support, trace, ends, label
     found.reads = support - trace
     found.free = found.guards = frozenset()
-    found._hash = hash((support, trace, ends, found.free, found.guards))  # noqa: SLF001 - its own
+    # A function beside the class, as `_rebuild` is: what is set here is the class's own.
+    object.__setattr__(found, "_hash", hash((support, trace, ends, found.free, found.guards)))
     return found
 
 
