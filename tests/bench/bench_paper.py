@@ -1,6 +1,6 @@
 """The paper's claims: processor time of each, and of the whole command beside its start.
 
-    python tests/bench/bench_paper.py [--repeat 3]
+    python tests/bench/bench_paper.py [--quick]
 
 Floor: a process that imports the same modules and numba, and computes nothing. Before that, how
 long it takes to derive who can obstruct whom on a lattice, as the catalogue grows, beside its peer:
@@ -89,8 +89,8 @@ def neighbourhoods(repeat: int) -> None:
 def main() -> None:
     """Print the tables."""
     options = argparse.ArgumentParser(description=__doc__)
-    options.add_argument("--repeat", type=int, default=3)
-    repeat = options.parse_args().repeat
+    options.add_argument("--quick", action="store_true", help="once each")
+    repeat = 1 if options.parse_args().quick else 3
     neighbourhoods(repeat)
     child(COMMAND)  # compiles
     start = median(child(START) for _ in range(repeat))

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from cubepath.agents.arrays import batch
 from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.kinds import UntabledError
 from cubepath.protocol.core.actions import Action
@@ -89,15 +90,26 @@ def test_modules_may_wander_as_far_as_they_like() -> None:
     ]
     system = LatticeSystem(Catalogue(SQUARES, tuple(slides)))
     scene = Scene("two", "", system, ((0, 0), (0, 1)), frozenset({(1, 1), (1, 2)}))
-    batch = Batch(scene)
-    batch.reset([0])
-    batch.observe()
+    found = Batch(scene)
+    found.reset([0])
+    found.observe()
     # Slots: along, back, up, down.
     for _ in range(700):
-        batch.step(np.array([[2, 3]]))
-    assert batch.sites() == [(-700, 0), (0, 701)]
-    batch.put(0, scene.start, 0, ())
-    together(scene, [1], 40, batch=batch)
+        found.step(np.array([[2, 3]]))
+    assert found.sites() == [(-700, 0), (0, 701)]
+    together(scene, [1], 40, batch=found)
+
+
+@pytest.mark.parametrize("spec", ["hex-open:n=9", "agv-labelled", "assembly:n=3"])
+def test_places_that_were_left_behind_are_forgotten(
+    spec: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A long run takes no more memory than where its modules are, and nobody can tell."""
+    monkeypatch.setattr(batch, "PLACES_MAX", 4)
+    monkeypatch.setattr(batch, "PLACES_EACH", 0)
+    scene = scene_from_spec(spec)
+    counted = together(scene, [1, 2], 25, note_length=1)
+    assert counted.batch.forgotten > 1
 
 
 CELLS = [(x, y) for x in range(3) for y in range(2)]

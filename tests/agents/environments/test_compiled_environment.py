@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pettingzoo.test import parallel_api_test
 
-from cubepath.agents.arrays import warming
+from cubepath.agents.arrays import batch, warming
 from cubepath.agents.environments import environment
 from cubepath.agents.environments.array_world import ArrayWorld
 from cubepath.agents.environments.environment import CubepathEnv, parallel_env
@@ -69,6 +69,14 @@ def test_everything_that_is_returned_is_the_same(spec: str, *, copy: bool) -> No
             assert one.state().tolist() == other.state().tolist()
             assert np.dtype(one.state().dtype) == other.state().dtype
             seen = found[0]
+
+
+def test_the_same_when_places_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Relative observations, and the moves of a round that is asked for later."""
+    monkeypatch.setattr(batch, "PLACES_MAX", 4)
+    monkeypatch.setattr(batch, "PLACES_EACH", 0)
+    test_relative_observations_are_the_same_to_the_last_bit("hex-open:n=4", copy=False)
+    test_everything_that_is_returned_is_the_same("hex:n=4", copy=True)
 
 
 @pytest.mark.parametrize("copy", [True, False])

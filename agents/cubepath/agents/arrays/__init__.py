@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
     from cubepath.agents.arrays.kinds import UntabledError
     from cubepath.agents.arrays.relative import RelativeArrays
+    from cubepath.agents.arrays.tables import Tables
     from cubepath.agents.arrays.warming import is_due
 else:
     __getattr__, __dir__ = lazy_face(
@@ -21,8 +22,18 @@ else:
             "kernels": "GRANTED ILLEGAL LOST",
             "kinds": "UntabledError",
             "relative": "RelativeArrays",
+            "tables": "Tables",
             "warming": "is_due",
         },
     )
 
-__all__ = ["GRANTED", "ILLEGAL", "LOST", "Batch", "RelativeArrays", "UntabledError", "is_due"]
+__all__ = [
+    "GRANTED",
+    "ILLEGAL",
+    "LOST",
+    "Batch",
+    "RelativeArrays",
+    "Tables",
+    "UntabledError",
+    "is_due",
+]

@@ -22,7 +22,7 @@ from cubepath.agents.arrays.kernels import (
     play_round,
 )
 from cubepath.agents.arrays.lattice_tables import LatticeTables
-from cubepath.agents.arrays.tables import Ints, Tables, codes_at_start
+from cubepath.agents.arrays.tables import Ints, Tables
 from cubepath.agents.local.observation import Note, observation_length
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
@@ -31,6 +31,10 @@ from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 _DIGITS = 64
 """Room for the digits of a round and of a module in what is hashed."""
 _BLOCK = 128
+PLACES_MAX = 1 << 16
+"""So many places may have numbers before those that were left behind are forgotten..."""
+PLACES_EACH = 64
+"""...or so many for each module of the batch."""
 
 
 def tables_of(scene: Scene, *, notes: bool) -> Tables:
@@ -54,9 +58,9 @@ class Batch:
         self.note_length = note_length
         self._tables = tables_of(scene, notes=note_length > 0)
         shape = environments, modules
-        start = self._tables.numbers(map(system.place_of, scene.start))
-        self._start = np.array(start, np.int32), np.array(codes_at_start(scene), np.int32)
-        self._tables.prepare(*self._start)
+        self.forgotten = 0
+        """How often places got new numbers; those that were asked for before hold no more."""
+        self._start = self._stand_at(scene.start)
         self._place, self._code = np.zeros((2, *shape), np.int32)
         self._bits = np.zeros((*shape, self._tables.words), np.uint64)
         self._at_goal, self.round = np.zeros((2, environments), np.int64)
@@ -106,13 +110,12 @@ class Batch:
             or len(scratch.movers) < motions
         ):
             self._items = most
-            items = np.zeros((4, modules * most), np.int32)
+            items = np.zeros((3, modules * most), np.int32)
             self._scratch = Scratch(
                 head=np.full(room, -1, np.int32),
                 claim=items[0],
                 code=items[1],
-                trace=items[2],
-                following=items[3],
+                following=items[2],
                 claimant=np.zeros(modules, np.int32),
                 move=np.zeros(modules, np.int32),
                 contested=np.zeros(modules, np.uint8),
@@ -131,6 +134,29 @@ class Batch:
             tuple(self._scratch or ()),
             tuple(self.observed),
         )
+
+    def _forget(self) -> None:
+        """Number only the places where modules are, and the goals, and what is around them."""
+        standing = [self.sites(environment) for environment in range(self.environments)]
+        self._tables = tables_of(self.scene, notes=self.note_length > 0)
+        self.forgotten += 1
+        self._shown = np.zeros((self.environments, 0), np.int32)
+        self._module = np.zeros((self.environments, 0), np.int32)
+        self._scratch = None
+        self._known = 0
+        self._start = self._stand_at(self.scene.start)
+        found = [self._stand_at(sites) for sites in standing]
+        self._follow()
+        for environment, (places, codes) in enumerate(found):
+            self._set(np.array([environment]), places, codes)
+
+    def _stand_at(self, sites: Sequence[Site]) -> tuple[Ints, Ints]:
+        """Return the places and codes of modules at these sites, with their stands worked out."""
+        system, tables = self.scene.system, self._tables
+        places = np.array(tables.numbers(map(system.place_of, sites)), np.int32)
+        codes = np.array([system.code_of(site) for site in sites], np.int32)
+        tables.prepare(places, codes)
+        return places, codes
 
     def _text(self) -> NDArray[np.uint8]:
         size = self._prefixes.shape[1] + _DIGITS
@@ -218,6 +244,8 @@ class Batch:
         )
         if fresh:
             tables.prepare(self._place.ravel(), self._code.ravel())
+            if tables.count > max(PLACES_MAX, PLACES_EACH * self._place.size):
+                self._forget()
             self._follow()
             self.observe()
         elif self.note_length:
@@ -243,12 +271,13 @@ class Batch:
         return [site(*pair) for pair in zip(places.tolist(), codes.tolist(), strict=True)]
 
     def standing(self, environment: int = 0) -> tuple[Ints, Ints]:
-        """Return where the modules of an environment stand, for `site`."""
+        """Return the numbers of the places of the modules of an environment, and what they show."""
         return self._place[environment].copy(), self._code[environment].copy()
 
-    def site(self, place: int, code: int) -> Site:
-        """Return the site of a module that stands as `standing` says."""
-        return self._tables.site(place, code)
+    @property
+    def tables(self) -> Tables:
+        """Return the tables that have the numbers of `standing`, now."""
+        return self._tables
 
     def stands(self) -> NDArray[np.intp]:
         """Return the number of the stand of each module, shape (environments, modules)."""
@@ -267,10 +296,7 @@ class Batch:
         self, environment: int, sites: Sequence[Site], round_number: int, said: Sequence[Note]
     ) -> None:
         """Put the modules of an environment at these sites after a round, with their last notes."""
-        system, tables = self.scene.system, self._tables
-        places = np.array(tables.numbers(map(system.place_of, sites)), np.int32)
-        codes = np.array([system.code_of(site) for site in sites], np.int32)
-        tables.prepare(places, codes)
+        places, codes = self._stand_at(sites)
         self._follow()
         self._set(np.array([environment]), places, codes)
         self.round[environment] = round_number

@@ -58,11 +58,10 @@ class Scratch(NamedTuple):
     """Memory for the claims of one environment."""
 
     head: Ints
-    """By place, the last item of a claim over it, -1 for none."""
+    """By place, the last site of a trace there, -1 for none."""
     claim: Ints
-    """By item, whose it is; the claims are numbered in the order of the modules."""
+    """By such site, whose it is; the claims are numbered in the order of the modules."""
     code: Ints
-    trace: Ints
     following: Ints
     claimant: Ints
     """By claim, the module."""
@@ -177,79 +176,106 @@ def hear_all(places: Places, state: State, notes: Ints) -> None:
 
 
 @compiled
-def file_claims(
+def file_traces(
     places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
 ) -> None:
-    """File the items of all claims by place, and mark the claims that conflict."""
+    """File all claims by the places of their traces."""
     sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
     place_of, code_of = state.place, state.code
-    claimant, moves, contested = scratch.claimant, scratch.move, scratch.contested
-    head, claims, codes = scratch.head, scratch.claim, scratch.code
-    traces, following = scratch.trace, scratch.following
+    claimant, moves = scratch.claimant, scratch.move
+    head, claims, codes, following = scratch.head, scratch.claim, scratch.code, scratch.following
     filed = 0
     for claim in range(count):
         module, move = claimant[claim], moves[claim]
         own = place_of[environment, module]
         for item in range(items_at[move], items_at[move + 1]):
-            ref, code, trace = items[item, 0], items[item, 1], items[item, 2]
+            if not items[item, 2]:
+                continue
+            ref, code = items[item, 0], items[item, 1]
             place = own if ref == 0 else sensed[own, ref - 1]
-            if code == OWN:
-                code = code_of[environment, module]
-            other = head[place]
-            while other >= 0:
-                if (
-                    claims[other] != claim
-                    and (trace or traces[other])
-                    and (code == ANY or codes[other] == ANY or code == codes[other])
-                ):
-                    contested[claim] = 1
-                    contested[claims[other]] = 1
-                other = following[other]
             claims[filed] = claim
-            codes[filed] = code
-            traces[filed] = trace
+            codes[filed] = code_of[environment, module] if code == OWN else code
             following[filed] = head[place]
             head[place] = filed
             filed += 1
 
 
 @compiled
-def grant_in_order(
+def find_rivals(
     places: Places,
     kinds: Kinds,
     state: State,
     environment: int,
-    order: NDArray[np.int64],
+    count: int,
     scratch: Scratch,
-) -> None:
-    """Grant the claims from last to first, each unless it conflicts with one that is granted."""
+    rivals: Ints,
+) -> int:
+    """Find the claims that conflict: a trace of one meets the support of the other.
+
+    Writes pairs of claims and returns how many there are; only the first are written if there is no
+    room for more.
+    """
     sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
     place_of, code_of = state.place, state.code
-    claimant, moves, granted = scratch.claimant, scratch.move, scratch.granted
-    head, claims, codes = scratch.head, scratch.claim, scratch.code
-    traces, following = scratch.trace, scratch.following
-    for at in range(len(order) - 1, -1, -1):
-        claim = order[at]
+    claimant, moves, contested = scratch.claimant, scratch.move, scratch.contested
+    head, claims, codes, following = scratch.head, scratch.claim, scratch.code, scratch.following
+    found = 0
+    for claim in range(count):
         module, move = claimant[claim], moves[claim]
         own = place_of[environment, module]
-        beaten = False
         for item in range(items_at[move], items_at[move + 1]):
-            ref, code, trace = items[item, 0], items[item, 1], items[item, 2]
+            ref = items[item, 0]
             other = head[own if ref == 0 else sensed[own, ref - 1]]
-            if code == OWN:
-                code = code_of[environment, module]
-            while other >= 0 and not beaten:
-                beaten = (
-                    granted[claims[other]] != 0
-                    and claims[other] != claim
-                    and (trace != 0 or traces[other] != 0)
-                    and (code == ANY or codes[other] == ANY or code == codes[other])
-                )
+            while other >= 0:
+                rival = claims[other]
+                if rival != claim:
+                    code = items[item, 1]
+                    if code == OWN:
+                        code = code_of[environment, module]
+                    if code == ANY or codes[other] == ANY or code == codes[other]:
+                        contested[claim] = contested[rival] = 1
+                        if found < len(rivals):
+                            rivals[found, 0], rivals[found, 1] = claim, rival
+                        found += 1
                 other = following[other]
-            if beaten:
-                break
+    return found
+
+
+@compiled
+def grant_in_order(order: NDArray[np.int64], rivals: Ints, count: int, scratch: Scratch) -> None:
+    """Grant the contested claims from last to first, unless a rival has been granted."""
+    granted = scratch.granted
+    first = np.full(count, -1, np.int64)
+    # Each pair is filed under both claims: entry e is pair e // 2, seen from its side e % 2.
+    following = np.zeros(2 * len(rivals), np.int64)
+    for entry in range(2 * len(rivals)):
+        claim = rivals[entry >> 1, entry & 1]
+        following[entry] = first[claim]
+        first[claim] = entry
+    for at in range(len(order) - 1, -1, -1):
+        claim = order[at]
+        beaten = False
+        entry = first[claim]
+        while entry >= 0 and not beaten:
+            beaten = granted[rivals[entry >> 1, 1 - (entry & 1)]] != 0
+            entry = following[entry]
         if not beaten:
             granted[claim] = 1
+
+
+@compiled
+def clear(
+    places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
+) -> None:
+    """Take the claims out of the file again."""
+    sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
+    head = scratch.head
+    for claim in range(count):
+        own, move = state.place[environment, scratch.claimant[claim]], scratch.move[claim]
+        for item in range(items_at[move], items_at[move + 1]):
+            if items[item, 2]:
+                ref = items[item, 0]
+                head[own if ref == 0 else sensed[own, ref - 1]] = -1
 
 
 @compiled
@@ -266,15 +292,22 @@ def arbitrate(
 
     The text to be hashed begins with `length` bytes of the seed.
     """
+    file_traces(places, kinds, state, environment, count, scratch)
     contested, granted, text = scratch.contested, scratch.granted, scratch.text
-    rivals = 0
+    rivals = np.zeros((4 * count, 2), np.int32)
+    pairs = find_rivals(places, kinds, state, environment, count, scratch, rivals)
+    if pairs > len(rivals):
+        rivals = np.zeros((pairs, 2), np.int32)
+        find_rivals(places, kinds, state, environment, count, scratch, rivals)
+    clear(places, kinds, state, environment, count, scratch)
+    waiting = 0
     for claim in range(count):
         granted[claim] = 1 - contested[claim]
-        rivals += contested[claim]
-    if rivals == 0:
+        waiting += contested[claim]
+    if waiting == 0:
         return
-    ranks = np.zeros(rivals, np.uint64)
-    chosen = np.zeros(rivals, np.int64)
+    ranks = np.zeros(waiting, np.uint64)
+    chosen = np.zeros(waiting, np.int64)
     digest, words = np.zeros(8, np.uint64), np.zeros(16, np.uint64)
     start = digits(state.round[environment], text, length)
     text[start] = _SLASH
@@ -287,7 +320,7 @@ def arbitrate(
             at += 1
     # Stable, so among equal ranks the greater module is last, and goes first.
     order = chosen[np.argsort(ranks, kind="mergesort")]
-    grant_in_order(places, kinds, state, environment, order, scratch)
+    grant_in_order(order, rivals[:pairs], count, scratch)
 
 
 @compiled
@@ -385,20 +418,6 @@ def execute_all(
 
 
 @compiled
-def clear(
-    places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
-) -> None:
-    """Take the claims out of the file again, before anybody has moved."""
-    sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
-    head = scratch.head
-    for claim in range(count):
-        own, move = state.place[environment, scratch.claimant[claim]], scratch.move[claim]
-        for item in range(items_at[move], items_at[move + 1]):
-            ref = items[item, 0]
-            head[own if ref == 0 else sensed[own, ref - 1]] = -1
-
-
-@compiled
 def step_all(
     places: Places,
     stands: Stands,
@@ -424,11 +443,9 @@ def step_all(
             continue
         state.round[environment] += 1
         count = claim_all(stands, kinds, codes, state, environment, actions, scratch, outcomes)
-        file_claims(places, kinds, state, environment, count, scratch)
         length = lengths[environment]
         scratch.text[:length] = prefixes[environment, :length]
         arbitrate(places, kinds, state, environment, count, length, scratch)
-        clear(places, kinds, state, environment, count, scratch)
         moved = execute_all(
             places, stands, kinds, codes, state, environment, count, scratch, outcomes
         )

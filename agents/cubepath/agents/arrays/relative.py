@@ -40,16 +40,21 @@ class RelativeArrays:
         self._counts = np.array([len(each) for each in goals], np.float64)[:, None]
         hops = [each.hops for each in distinct if each.hops is not None]
         self._hops = np.stack(hops) if hops else None
+        self._forgotten = batch.forgotten
+        self._stands = self._no_stands()
+        self.array: Floats = np.zeros(
+            (batch.environments, batch.modules, self.layout.length), np.float32
+        )
+
+    def _no_stands(self) -> tuple[Growing, ...]:
         kind = self.layout.parts["kind"]
-        self._stands = (
+        system = self._system
+        return (
             Growing(0, np.bool_),
             Growing(0, np.float64, system.dimension),
             Growing(0, np.float32, kind.stop - kind.start),
             Growing(0, np.intp),
             Growing(0, np.intp, system.move_slots),
-        )
-        self.array: Floats = np.zeros(
-            (batch.environments, batch.modules, self.layout.length), np.float32
         )
 
     def update(self) -> Floats:
@@ -79,6 +84,8 @@ class RelativeArrays:
         return found
 
     def _learn(self, stands: NDArray[np.intp]) -> None:
+        if self._forgotten != self._batch.forgotten:
+            self._forgotten, self._stands = self._batch.forgotten, self._no_stands()
         for each in self._stands:
             each.room(int(stands.max()) + 1)
         known = self._stands[0].array

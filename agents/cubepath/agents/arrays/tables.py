@@ -330,8 +330,3 @@ class Tables:
             self.places.goal[place] = entry
         both = np.array(entries or [(0, ANY)], np.int32)
         self.goals = Goals(both[:, 0].copy(), both[:, 1].copy(), following)
-
-
-def codes_at_start(scene: Scene) -> list[int]:
-    """Return what the modules show, by number; it changes only where sites have letters."""
-    return [scene.system.code_of(site) for site in scene.start]

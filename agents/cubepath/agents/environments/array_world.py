@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
 from cubepath.agents.arrays.relative import RelativeArrays
+from cubepath.agents.arrays.tables import Tables
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import Note, Observation
 from cubepath.protocol.core.sites import Site
@@ -117,8 +118,9 @@ class ArrayWorld:
                 self._told[0, module] = note
             told = self._speaks, self._told
         before = self.batch.standing()
+        tables = self.batch.tables
         outcomes = self.batch.step(actions[None], told=told)[0]
-        return ArrayRound(self.batch, self.round, actions, outcomes.copy(), before)
+        return ArrayRound(tables, self.round, actions, outcomes.copy(), before)
 
 
 class ArrayRound:
@@ -126,14 +128,14 @@ class ArrayRound:
 
     def __init__(
         self,
-        batch: Batch,
+        tables: Tables,
         number: int,
         actions: NDArray[np.int64],
         outcomes: NDArray[np.int8],
         before: tuple[NDArray[np.int32], NDArray[np.int32]],
     ) -> None:
         self.number = number
-        self._batch, self._actions, self._before = batch, actions, before
+        self._tables, self._actions, self._before = tables, actions, before
         self._outcomes = outcomes
 
     def illegal(self) -> NDArray[np.intp]:
@@ -142,11 +144,11 @@ class ArrayRound:
 
     def round(self) -> Round:
         """Return the round as the plain world gives it."""
-        batch, system = self._batch, self._batch.scene.system
+        tables, system = self._tables, self._tables.scene.system
         places, codes = self._before
         moves = {}
         for module in np.flatnonzero(self._outcomes == GRANTED).tolist():
-            site = batch.site(int(places[module]), int(codes[module]))
+            site = tables.site(int(places[module]), int(codes[module]))
             move = system.moves(site)[int(self._actions[module]) - 1]
             if move is None:
                 raise AssertionError(f"module_{module} made no move from {site!r}")

@@ -116,6 +116,7 @@ class _Playing:
             heard = seen.notes if batch.note_length else None
             self.actors.act(seen.observation, seen.mask, heard, actions, playing=playing)
             self.failed.update(self.actors.failed)
+            tables = batch.tables
             before = [batch.standing(run) for run in range(runs)] if self.keep_rounds else []
             told = (speaks & playing[:, None], self.actors.notes) if batch.note_length else None
             chosen = actions.astype(np.int64)
@@ -126,7 +127,7 @@ class _Playing:
                 for run in np.flatnonzero(playing).tolist():
                     number = int(batch.round[run])
                     kept[run].append(
-                        ArrayRound(batch, number, chosen[run], outcomes[run].copy(), before[run])
+                        ArrayRound(tables, number, chosen[run], outcomes[run].copy(), before[run])
                     )
             playing &= ~batch.reached & (batch.round < self.max_rounds)
             playing[list(self.actors.failed)] = False
