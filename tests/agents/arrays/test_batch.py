@@ -43,7 +43,7 @@ FAMILIES = (*SCENES, *CROWDED)
 @pytest.mark.parametrize("spec", FAMILIES)
 def test_every_step_is_that_of_the_plain_world(spec: str) -> None:
     """Sites, observations, masks, notes, moves and lost claims, in two environments at once."""
-    counted = together(scene_from_spec(spec), [3, 4], 25, note_length=2)
+    counted = together(scene_from_spec(spec), [3, 4], 12, note_length=2)
     assert counted.moves
 
 
@@ -160,7 +160,7 @@ def lattices(draw: st.DrawFn) -> Scene:
     return Scene("any", "", system, tuple(start), frozenset(goal), (tuple(goal),) * modules)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(scene=lattices(), seed=st.integers(0, 1 << 70))
 def test_any_catalogue_among_walls_and_obstacles(scene: Scene, seed: int) -> None:
     """Generators with free cells and guards, of modules that take others along."""
@@ -194,7 +194,7 @@ def lists(draw: st.DrawFn) -> Scene:
     return Scene("letters", "", system, start, None, goals)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(scene=lists(), seed=st.integers(0, 9))
 def test_any_list_of_moves_over_letters(scene: Scene, seed: int) -> None:
     """Places stay, and what they show changes."""

@@ -79,8 +79,9 @@ def test_the_same_when_places_are_forgotten(monkeypatch: pytest.MonkeyPatch) -> 
     test_everything_that_is_returned_is_the_same("hex:n=4", copy=True)
 
 
-@pytest.mark.parametrize("copy", [True, False])
-@pytest.mark.parametrize("spec", [*SCENES, "agv-labelled", "triangulation:n=7"])
+@pytest.mark.parametrize(
+    ("spec", "copy"), [*((spec, True) for spec in SCENES), ("agv-labelled", False)]
+)
 def test_relative_observations_are_the_same_to_the_last_bit(spec: str, *, copy: bool) -> None:
     """For every family, whether modules have goals of their own, common ones or none."""
     one = parallel_env(spec, observation="relative", world="plain")
@@ -88,7 +89,7 @@ def test_relative_observations_are_the_same_to_the_last_bit(spec: str, *, copy: 
     random = np.random.default_rng(0)
     seen, _ = one.reset(seed=1)
     same, _ = other.reset(seed=1)
-    for _ in range(12):
+    for _ in range(6):
         assert plain(seen) == plain(same)
         assert other.observation_space("module_0").contains(same["module_0"])
         actions = actions_of(one, seen, random)
@@ -173,6 +174,7 @@ print(plain, env.world.round)
 
 
 @pytest.mark.thorough
+@pytest.mark.timeout(600)
 def test_the_plain_world_serves_until_everything_is_compiled(tmp_path: Path) -> None:
     """Where nothing was compiled before, it plays on while a process of its own compiles."""
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
