@@ -214,7 +214,7 @@ def test_what_its_methods_raise_is_one_line(
     commands = Commands(tmp_path, {**installed, "PYTHONPATH": path})
     lines = [json.dumps({"generator": "flip", "at": place}) for place in (0, 4, 1, 2)]
     (tmp_path / "moves.jsonl").write_text("\n".join(lines) + "\n")
-    shorten = ("shorten", "moves.jsonl", "--system=late:n=6", "--improve=0.2")
+    shorten = ("shorten", "moves.jsonl", "--system=late:n=6", "--improve=5")
     said = commands(*shorten, code=2)
     assert said.startswith(f"cubepath: {told}")
     assert said.count("\n") == 1

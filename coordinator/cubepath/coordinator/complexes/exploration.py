@@ -120,7 +120,7 @@ class _Walk:
         self._placing = placing(self.bits)
         key = np.bitwise_xor.reduce(self._placing.keys[bits_in(start)], initial=np.uint64(0))
         self._table = empty_table(_TABLE_LEAST)
-        self._table[int(key) % _TABLE_LEAST] = entry(key, 0)
+        self._table[int(key) % _TABLE_LEAST] = entry.plain(key, 0)
         self._blocks: list[Numbers] = []
         """The edges in order, as action and target; the last block has `_filled` of them."""
         self._filled = 0
