@@ -71,7 +71,7 @@ class Driven:
         self.put: list[tuple[str, bytes]] = []
         """The last messages that were put."""
         self.names: list[str] = [f"process_{process}" for process in range(len(modules_of))]
-        self._random = Random(seed)  # noqa: S311 - not for secrets
+        self._seed = seed
         self._queue: deque[tuple[int, str, bytes]] = deque()
         self._listening: list[set[str]] = [set() for _ in self.nodes]
         self._observed: dict[int, Act] = {}
@@ -132,7 +132,9 @@ class Driven:
                     if isinstance(message, Observations):
                         for part in message.parts:
                             legal = [n for n, may in enumerate(part.action_mask) if may]
-                            action = self._random.choice(legal)
+                            # Of its own: whoever is heard first must not change what is drawn.
+                            own = Random(f"{self._seed}/{part.round}/{part.module}")  # noqa: S311
+                            action = own.choice(legal)
                             self._observed[part.module] = Act(part.round, part.module, action, [])
                 case Listen(keys=keys) if number != COORDINATOR:
                     self._listening[number] |= set(keys)

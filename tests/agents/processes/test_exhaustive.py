@@ -125,7 +125,7 @@ def test_two_rounds_come_to_the_same_in_every_order(name: str, processes: int) -
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("fault", ["loss", "double"])
+@pytest.mark.parametrize("fault", [pytest.param("loss", marks=pytest.mark.thorough), "double"])
 def test_two_processes_bear_any_one_fault(fault: Fault) -> None:
     """Any one message lost or doubled at any time; the thorough test below has every fault."""
     run = replace(STAR, processes=2, rounds=1)

@@ -107,7 +107,7 @@ def glued_squares(draw: st.DrawFn) -> CubicalComplex:
 
 
 @pytest.mark.slow
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(glued_squares())
 def test_squares_glued_side_to_side_are_a_closed_surface(space: CubicalComplex) -> None:
     """Its pieces, orientability and genus are those that its homology shows."""

@@ -160,7 +160,7 @@ def test_registers_and_exchanges_hold(system: str) -> None:
     assert [restless.run_of(seed).failure for seed in range(6)] == [None] * 6
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_broken_keeper_is_found_with_few_faults_left(tmp_path: Path) -> None:
     """What is left of a failing seed fails in the same way; its messages are drawn."""
     planted = Free(Asked("hex", "random", clock="free"), PLANTED["counts no reads"])
