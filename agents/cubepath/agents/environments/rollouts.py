@@ -59,7 +59,7 @@ def play_many(
     """
     scene = local_only(scene, "environment")
     if not seeds:
-        return _summed(scene, (), [], keep_rounds=keep_rounds)
+        return _summed((), [], keep_rounds=keep_rounds)
     actors = vector_actors_for(scene, rule, seeds=seeds, hesitate=hesitate)
     if actors is not None:
         try:
@@ -73,13 +73,10 @@ def play_many(
         play_in_python(scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
         for seed in seeds
     ]
-    return _summed(scene, tuple(seeds), runs, keep_rounds=keep_rounds)
+    return _summed(tuple(seeds), runs, keep_rounds=keep_rounds)
 
 
-def _summed(
-    scene: Scene, seeds: tuple[int, ...], runs: list[Played], *, keep_rounds: bool
-) -> PlayedMany:
-    del scene
+def _summed(seeds: tuple[int, ...], runs: list[Played], *, keep_rounds: bool) -> PlayedMany:
     return PlayedMany(
         seeds,
         np.array([len(run.rounds) for run in runs], np.int64),
