@@ -27,7 +27,7 @@ from cubepath.agents import parallel_env, vector_env
 
 FAMILIES = ("hex:n=", "hex-open:n=", "arm:n=", "agv:graph=grid64x64,n=")
 BATCHES = (("hex:n=10", 1000), ("agv:graph=grid16x16,n=100", 100))
-WIDE = ("hex-open:n=", "agv:graph=grid400x400,n=")
+WIDE = ("hex:n=", "agv:graph=grid400x400,n=")
 PEER = """
 import sys, time
 import numpy as np
