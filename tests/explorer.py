@@ -286,7 +286,7 @@ class Explorer:
                 self._added(other, nodes[other], node, messages, said)
                 for other, messages in enumerate(under_way)
             )
-            if world.fault:
+            if world.fault and "double" in self._faults:
                 put = self._with_history(put, said)
         if self._nodes[node].seats[reaction.state].ended:
             timers, under_way = _with(timers, node, None), _with(under_way, node, ())

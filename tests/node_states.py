@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Hashable
-from copy import deepcopy
 from dataclasses import dataclass
+from functools import cache
 from types import BuiltinFunctionType, CellType, FunctionType
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 import numpy as np
@@ -29,117 +29,197 @@ from cubepath.protocol.wire.nodes import End, Ignore, Keep, Listen, Node, Put, T
 _CONSTANT = (
     *(type(None), bool, int, float, str, bytes, frozenset, type),
     *(System, VehicleGraph, Roads, Judge, Refusals, msgspec.Struct, BuiltinFunctionType),
+    type(cache(len)),
 )
 """What never changes, or keeps only what it could compute again."""
 _OWN = ("cubepath", "node_states", "short_runs", "agents", "tests")
 """Where classes are whose objects are copied attribute by attribute."""
-_ALIKE = (System, VehicleGraph, Roads, Judge, Refusals, BuiltinFunctionType)
+_ALIKE = (System, VehicleGraph, Roads, Judge, Refusals, BuiltinFunctionType, type(cache(len)))
 """What is one and the same for all states of a node, or only tells of what had no effect."""
 
 
-def _is_cache(value: object) -> bool:
-    return callable(value) and hasattr(value, "cache_parameters")
-
-
-def _is_constant(value: object) -> bool:
-    """Return whether a value never changes, so that copies of a node may share it."""
-    if isinstance(value, _CONSTANT) or _is_cache(value):
-        return True
-    if isinstance(value, FunctionType):
-        return value.__closure__ is None
-    parameters = getattr(value, "__dataclass_params__", None)
-    return parameters is not None and parameters.frozen and type(value) is not InitialKnowledge
+_Known: TypeAlias = dict[int, Any]
+"""By the identity of what was met: its copy, or what was told of it."""
 
 
 def _attributes(value: object) -> dict[str, Any]:
     """Return the attributes of an object of the project."""
-    kind = type(value)
-    if kind.__module__.split(".")[0] not in _OWN:
-        raise TypeError(f"{kind.__module__}.{kind.__name__}: neither constant nor known to change")
-    slots = [name for each in kind.__mro__ for name in getattr(each, "__slots__", ())]
-    own = {name: getattr(value, name) for name in slots if hasattr(value, name)}
+    own = {name: getattr(value, name) for name in _slots(type(value)) if hasattr(value, name)}
     return own | getattr(value, "__dict__", {})
 
 
-def copied(value: Any, known: dict[int, Any]) -> Any:
+@cache
+def _slots(kind: type) -> tuple[str, ...]:
+    if kind.__module__.split(".")[0] not in _OWN:
+        raise TypeError(f"{kind.__module__}.{kind.__name__}: neither constant nor known to change")
+    return tuple(name for each in kind.__mro__ for name in getattr(each, "__slots__", ()))
+
+
+# Hundreds of thousands of states are copied and told, so what to do is asked once for each type.
+
+
+def copied(value: Any, known: _Known) -> Any:
     """Return a copy that shares nothing that changes; `known` has the copies so far by identity."""
-    if _is_constant(value):
-        return value
-    if id(value) not in known:
-        _copy(value, known)
-    return known[id(value)]
+    copy = _copier(type(value))
+    return value if copy is None else copy(value, known)
 
 
-def _copy(value: Any, known: dict[int, Any]) -> None:
-    """Enter a copy into `known`, before its parts are copied: they may refer to it."""
-    match value:
-        case tuple():
-            parts = [copied(each, known) for each in value]
-            make = getattr(type(value), "_make", tuple)  # of a named tuple
-            known[id(value)] = make(parts)
-        case np.random.Generator() | set():
-            known[id(value)] = deepcopy(value)
-        case dict():
-            table = known[id(value)] = {}
-            table.update((copied(key, known), copied(each, known)) for key, each in value.items())
-        case list() | deque():
-            sequence = known[id(value)] = type(value)()
-            sequence.extend(copied(each, known) for each in value)
-        case FunctionType():
-            _copy_closure(value, known)
-        case _:
-            found = known[id(value)] = object.__new__(type(value))
-            for name, each in _attributes(value).items():
-                object.__setattr__(found, name, copied(each, known))
+@cache
+def _copier(kind: type) -> Callable[[Any, _Known], Any] | None:
+    """Return what copies values of a type; None: they never change, so that copies share them."""
+    if _is_constant(kind):
+        return None
+    return next((copy for base, copy in _COPIERS.items() if issubclass(kind, base)), _copy_object)
 
 
-def _copy_closure(value: FunctionType, known: dict[int, Any]) -> None:
-    before = value.__closure__ or ()
-    cells = tuple(CellType() for _ in before)
-    known[id(value)] = FunctionType(
-        value.__code__, value.__globals__, value.__name__, value.__defaults__, cells
+@cache
+def _is_constant(kind: type) -> bool:
+    """Return whether values of a type never change."""
+    parameters = getattr(kind, "__dataclass_params__", None)
+    return issubclass(kind, _CONSTANT) or (
+        parameters is not None and parameters.frozen and kind is not InitialKnowledge
     )
-    for cell, other in zip(cells, before, strict=True):
-        cell.cell_contents = copied(other.cell_contents, known)
 
 
-def told(value: Any, known: dict[int, Hashable]) -> Hashable:
+def _copy_tuple(value: Any, known: _Known) -> Any:
+    found = known.get(id(value))
+    if found is None:
+        make = getattr(type(value), "_make", tuple)  # of a named tuple
+        found = known[id(value)] = make([copied(each, known) for each in value])
+    return found
+
+
+def _copy_dict(value: dict[Any, Any], known: _Known) -> Any:
+    found = known.get(id(value))
+    if found is None:
+        found = known[id(value)] = {}
+        for key, each in value.items():
+            found[copied(key, known)] = copied(each, known)
+    return found
+
+
+def _copy_sequence(value: Any, known: _Known) -> Any:
+    found = known.get(id(value))
+    if found is None:
+        found = known[id(value)] = type(value)()
+        found.extend([copied(each, known) for each in value])
+    return found
+
+
+def _copy_set(value: set[Any], known: _Known) -> Any:
+    found = known.get(id(value))
+    if found is None:
+        constant = all(_is_constant(type(each)) or type(each) is tuple for each in value)
+        assert constant, f"{value}: a set of what may change"
+        found = known[id(value)] = set(value)
+    return found
+
+
+def _copy_stream(value: np.random.Generator, known: _Known) -> Any:
+    found = known.get(id(value))
+    if found is None:
+        bits: Any = type(value.bit_generator)(0)
+        bits.state = value.bit_generator.state
+        found = known[id(value)] = np.random.Generator(bits)
+    return found
+
+
+def _copy_function(value: FunctionType, known: _Known) -> Any:
+    before = value.__closure__
+    if before is None:
+        return value
+    found = known.get(id(value))
+    if found is None:
+        cells = tuple(CellType() for _ in before)
+        found = known[id(value)] = FunctionType(
+            value.__code__, value.__globals__, value.__name__, value.__defaults__, cells
+        )
+        for cell, other in zip(cells, before, strict=True):
+            cell.cell_contents = copied(other.cell_contents, known)
+    return found
+
+
+def _copy_object(value: Any, known: _Known) -> Any:
+    found = known.get(id(value))
+    if found is None:
+        # It is known before its parts are copied: they may refer to it.
+        found = known[id(value)] = object.__new__(type(value))
+        for name, each in _attributes(value).items():
+            object.__setattr__(found, name, copied(each, known))
+    return found
+
+
+_COPIERS: dict[type, Callable[[Any, _Known], Any]] = {
+    tuple: _copy_tuple,
+    dict: _copy_dict,
+    list: _copy_sequence,
+    deque: _copy_sequence,
+    set: _copy_set,
+    np.random.Generator: _copy_stream,
+    FunctionType: _copy_function,
+}
+
+
+def told(value: Any, known: _Known) -> Hashable:
     """Return what a value holds, so that equal values are told alike; dictionaries are unordered.
 
     That the order in which entries came into a dictionary makes no difference is not shown by the
     explorer, except for what is said and kept: of states that differ in it alone it follows one.
     """
-    if isinstance(value, _ALIKE) or _is_cache(value):
-        return type(value).__name__
-    if isinstance(value, msgspec.Struct):
-        return encode(value)
-    if isinstance(value, Keep):
-        return value.data
-    if _is_constant(value) and not isinstance(value, FunctionType):
-        return value  # type: ignore[no-any-return]
-    if isinstance(value, np.random.Generator):
-        return told(value.bit_generator.state, known)
-    return _told_parts(value, known)
+    tell = _teller(type(value))
+    return value if tell is None else tell(value, known)  # type: ignore[no-any-return]
 
 
-def _told_parts(value: Any, known: dict[int, Hashable]) -> Hashable:
-    match value:
-        case tuple() | list() | deque():
-            return tuple([told(each, known) for each in value])
-        case dict():
-            return frozenset([(told(key, known), told(each, known)) for key, each in value.items()])
-        case set():
-            return frozenset(value)
-        case FunctionType():
-            cells = [told(cell.cell_contents, known) for cell in value.__closure__ or ()]
-            return (value.__qualname__, *cells)
-        case _ if id(value) not in known:
-            known[id(value)] = "itself"
-            parts = [(name, told(each, known)) for name, each in _attributes(value).items()]
-            known[id(value)] = (type(value).__name__, *parts)
-        case _:
-            pass
-    return known[id(value)]
+@cache
+def _teller(kind: type) -> Callable[[Any, _Known], Hashable] | None:
+    """Return what tells values of a type; None: they are told by themselves."""
+    for base, tell in _TELLERS.items():
+        if issubclass(kind, base):
+            return tell
+    if _is_constant(kind):
+        return None
+    return _tell_object
+
+
+def _tell_kind(value: Any, known: _Known) -> Hashable:
+    del known
+    return type(value).__name__
+
+
+def _tell_sequence(value: Any, known: _Known) -> Hashable:
+    return tuple([told(each, known) for each in value])
+
+
+def _tell_dict(value: dict[Any, Any], known: _Known) -> Hashable:
+    return frozenset([(told(key, known), told(each, known)) for key, each in value.items()])
+
+
+def _tell_function(value: FunctionType, known: _Known) -> Hashable:
+    cells = [told(cell.cell_contents, known) for cell in value.__closure__ or ()]
+    return (value.__qualname__, *cells)
+
+
+def _tell_object(value: Any, known: _Known) -> Hashable:
+    found = known.get(id(value))
+    if found is None:
+        known[id(value)] = "itself"
+        parts = [(name, told(each, known)) for name, each in _attributes(value).items()]
+        found = known[id(value)] = (type(value).__name__, *parts)
+    return found  # type: ignore[no-any-return]
+
+
+_TELLERS: dict[type, Callable[[Any, _Known], Hashable]] = {
+    **dict.fromkeys(_ALIKE, _tell_kind),
+    msgspec.Struct: lambda value, _: encode(value),
+    Keep: lambda value, _: value.data,
+    FunctionType: _tell_function,
+    np.random.Generator: lambda value, known: told(value.bit_generator.state, known),
+    tuple: _tell_sequence,
+    list: _tell_sequence,
+    deque: _tell_sequence,
+    dict: _tell_dict,
+    set: lambda value, _: frozenset(value),
+}
 
 
 @dataclass(frozen=True, slots=True)

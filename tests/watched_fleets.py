@@ -6,7 +6,7 @@ import contextlib
 import os
 import signal
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -65,6 +65,11 @@ class Watch:
         """Return whether any of these modules was the mover of a move."""
         moved = {each.module for each in self.heard if isinstance(each, Moved)}
         return not moved.isdisjoint(modules)
+
+    def moves_since(self, modules: Collection[int]) -> int:
+        """Return how many moves were heard of since the last whose mover is one of these."""
+        moves = [each for each in self.heard if isinstance(each, Moved)]
+        return next((n for n, each in enumerate(reversed(moves)) if each.module in modules), 0)
 
     def reached(self) -> bool:
         return self.gatherer.reached
