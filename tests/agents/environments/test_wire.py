@@ -8,7 +8,6 @@ import time
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from queue import SimpleQueue
-from typing import Any
 
 import numpy as np
 import pytest
@@ -31,6 +30,7 @@ from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.messages import Message, Report, decode, parts_of
 from cubepath.protocol.wire.sessions import open_client, subscribe
 from local_families import LOCAL_FAMILIES
+from marked import some
 
 Path = list[tuple[int, int, str, object]]
 
@@ -81,23 +81,22 @@ def wire_path(reports: list[Report]) -> Path:
     ]
 
 
-def some(names: list[str], few: tuple[str, ...]) -> list[Any]:
-    """Return parameters, of which a few are tried every time, and the others when there is time."""
-    return [
-        each if each in few else pytest.param(each, marks=pytest.mark.thorough) for each in names
-    ]
-
-
 SOME = some(SPECS, ("agv:graph=grid4x4,n=8",))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", SOME)
-def test_same_seed_same_path_over_twenty_seeds(spec: str) -> None:
-    """Random modules that hesitate: environment, 0 and 2 processes agree for 20 seeds."""
+@pytest.mark.parametrize(
+    ("spec", "seeds"),
+    [
+        ("agv:graph=grid4x4,n=8", 6),
+        *(pytest.param(spec, 20, marks=pytest.mark.thorough) for spec in SPECS),
+    ],
+)
+def test_same_seed_same_path_over_many_seeds(spec: str, seeds: int) -> None:
+    """Random modules that hesitate: environment, 0 and 2 processes agree for each seed."""
     scene = scene_from_spec(spec)
     rule = rule_named("random", scene.system)
-    played = [play(scene, rule, seed=s, hesitate=0.3, max_rounds=20) for s in range(20)]
+    played = [play(scene, rule, seed=s, hesitate=0.3, max_rounds=20) for s in range(seeds)]
     lost = 0
     for processes in (0, 2):
         for seed, reports in enumerate(
@@ -105,7 +104,7 @@ def test_same_seed_same_path_over_twenty_seeds(spec: str) -> None:
         ):
             assert wire_path(reports) == path_of(played[seed])
             lost += sum(report.claim == "lost" for report in reports)
-    assert len({repr(path_of(one)) for one in played}) == 20
+    assert len({repr(path_of(one)) for one in played}) == seeds
     assert lost > 0
 
 

@@ -23,7 +23,7 @@ def chains(draw: st.DrawFn) -> Scene:
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=10, derandomize=True)
+@settings(deadline=None, max_examples=4, derandomize=True)
 @given(chains(), paces())
 def test_every_chain_reaches_its_goal(scene: Scene, pace: Pace) -> None:
     """Under every scheduler, with late views, hesitation and modules that lose their memory."""

@@ -118,7 +118,7 @@ def test_each_gets_to_its_goal_where_no_vertex_cuts(
     check_promise(scene, seed, hesitate)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @settings(deadline=None, max_examples=300, derandomize=True)
 @given(without_cut_vertices(), st.integers(0, 99), st.sampled_from([0.0, 0.3, 0.7]))
 def test_each_gets_to_its_goal_in_many_more_instances(

@@ -126,7 +126,10 @@ def test_bad_input_is_one_line(
     assert why in refused("simulate", *options)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
+)
 def test_an_interrupt_ends_with_what_was_found(tmp_path: Path, number: signal.Signals) -> None:
     """Exit code 130, and the seeds so far are counted."""
     with subprocess.Popen(

@@ -160,7 +160,7 @@ def islands() -> Scene:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_living_reach_their_goals_where_the_dead_are_in_nobodys_way(
     fleets: list[FreeFleet], tmp_path: Path
 ) -> None:
@@ -251,7 +251,7 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
         run(Plan(resume=log, log=tmp_path / "third.mcap"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_keeper_that_stands_still_is_named(fleets: list[FreeFleet], tmp_path: Path) -> None:
     """It has not died, so nobody else says what the run waits for."""
     log = tmp_path / "run.mcap"
@@ -260,7 +260,7 @@ def test_a_keeper_that_stands_still_is_named(fleets: list[FreeFleet], tmp_path: 
     assert outcome.error == "nothing was committed for 5 s; keeper_0 did not answer"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_that_failed_can_be_taken_up(tmp_path: Path) -> None:
     """Nobody moved within the patience; until it is taken up its keepers' logs are kept."""
     log, more = tmp_path / "run.mcap", tmp_path / "more.mcap"

@@ -442,10 +442,13 @@ def ends_whole(tmp_path: Path, child: subprocess.Popen[str]) -> None:
 
 
 @pytest.mark.slow
-def test_a_router_that_dies_is_started_again_and_the_run_goes_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize("times", [(1,), pytest.param((1, 3), marks=pytest.mark.thorough)])
+def test_a_router_that_dies_is_started_again_and_the_run_goes_on(
+    tmp_path: Path, times: tuple[int, ...]
+) -> None:
     """What was on its way is lost and asked for again; the recording passes every check."""
     with started(tmp_path, "--processes", "2") as child:
-        for kills in (1, 3):
+        for kills in times:
             for _ in range(kills):  # the later ones hit a router that is starting
                 router = router_of(child.pid)
                 os.kill(router, signal.SIGKILL)
@@ -461,14 +464,17 @@ def test_a_router_that_dies_is_started_again_and_the_run_goes_on(tmp_path: Path)
 
 
 @pytest.mark.slow
-def test_a_process_that_is_paused_is_waited_for(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "who", ["host", *(pytest.param(each, marks=pytest.mark.thorough) for each in ("router", "own"))]
+)
+def test_a_process_that_is_paused_is_waited_for(tmp_path: Path, who: str) -> None:
     """A module process, the router or the coordinator stands still: the run goes on after that."""
     with started(tmp_path, "--processes", "2") as child:
-        for pid in (hosts_of(child.pid)[0], router_of(child.pid), child.pid):
-            os.kill(pid, signal.SIGSTOP)
-            time.sleep(1.5)  # longer than it takes to ask again
-            os.kill(pid, signal.SIGCONT)
-            goes_on(tmp_path, child)
+        pid = {"host": hosts_of(child.pid)[0], "router": router_of(child.pid)}.get(who, child.pid)
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(1.5)  # longer than it takes to ask again
+        os.kill(pid, signal.SIGCONT)
+        goes_on(tmp_path, child)
         ends_whole(tmp_path, child)
 
 
@@ -491,7 +497,7 @@ def test_who_is_paused_for_long_is_waited_for(tmp_path: Path, who: str, seconds:
         ends_whole(tmp_path, child)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_who_is_late_is_named_when_patience_is_over(tmp_path: Path) -> None:
     """The one that stands still and not those that wait for it; the recording is whole."""
     with started(tmp_path, "--processes", "3", "--patience", "4") as child:

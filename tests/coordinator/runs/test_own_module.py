@@ -170,7 +170,9 @@ def test_what_comes_twice_and_is_asked_again_changes_nothing(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("what", ["the router dies", "it stands still"])
+@pytest.mark.parametrize(
+    "what", [pytest.param("the router dies", marks=pytest.mark.thorough), "it stands still"]
+)
 def test_it_goes_on_after_what_goes_wrong(what: str, outcome: Outcome) -> None:
     """What was lost is asked for again, and the reports are the same."""
     told: list[Report] = []

@@ -30,6 +30,7 @@ from cubepath.protocol.path_files.schedules import schedule_from_jsonl
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Executed, Stopped
 from local_families import LOCAL_FAMILIES
+from marked import some
 from recordings import recorded
 from schedules import (
     CHAIN,
@@ -69,7 +70,7 @@ def assert_whole(recording: Recording) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("family", LOCAL_FAMILIES)
+@pytest.mark.parametrize("family", some(LOCAL_FAMILIES, ("hex", "agv-labelled", "assembly")))
 def test_a_schedule_ends_where_the_run_ended(family: str) -> None:
     """For every family: one cube a round, and each module ends where it ended."""
     runs = (recorded(family, "random", seed=s, hesitate=0.3, rounds=21) for s in range(5, 10))
@@ -455,7 +456,7 @@ def test_recordings_of_schedules_can_be_replayed_drawn_and_recovered(tmp_path: P
         assert_whole(read_recording(out))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_was_repaired_is_a_schedule_again() -> None:
     """The recording of a repaired run can be carried out in its scene, and stops nowhere."""
     first = original(*VEHICLES)

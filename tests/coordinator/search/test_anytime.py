@@ -125,7 +125,7 @@ for spec in ("words:presentation=free2", "arms", "agv:graph=grid4x4,n=4"):
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_hashes_of_strings_decide_nothing() -> None:
     """Two interpreters that hash differently find the same path."""
     said = [
@@ -210,7 +210,10 @@ def turned(action: Action) -> Action:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "iterations", "expected"),
-    [("grid8-12agents", 2000, 11), ("random-32-32-10-30agents", 50, 53)],
+    [
+        pytest.param("grid8-12agents", 2000, 11, marks=pytest.mark.thorough),
+        ("random-32-32-10-30agents", 50, 53),
+    ],
 )
 def test_vehicles_of_a_planner_are_improved_and_keep_their_goals(
     name: str, iterations: int, expected: int

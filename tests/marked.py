@@ -1,0 +1,15 @@
+"""Parameters of which a few are tried every time, and the others when there is time."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable
+from typing import Any
+
+import pytest
+
+
+def some(values: Iterable[Any], few: Container[Any]) -> list[Any]:
+    """Return parameters that are marked as thorough unless they are among the few."""
+    return [
+        each if each in few else pytest.param(each, marks=pytest.mark.thorough) for each in values
+    ]
