@@ -60,6 +60,10 @@ Core: TypeAlias = tuple[tuple[int, ...], tuple[tuple[int, ...], ...], tuple[floa
 """A global state without what is known of faults."""
 
 
+Step: TypeAlias = tuple[str, Letter | None, Global]
+"""What happens, of which message, and the state after it."""
+
+
 class Letters(NamedTuple):
     """What was put: by whom, on which key, which bytes."""
 
@@ -104,13 +108,15 @@ class Explorer:
         self._longer: dict[tuple[int, tuple[int, ...]], int] = {}
         self._doubles: dict[tuple[int, int, int], list[int]] = {}
         self._reactions: dict[tuple[int, int, int], tuple[Reaction, tuple[int, ...]]] = {}
+        self._new: dict[tuple[int, int, int, tuple[int, ...]], tuple[int, ...]] = {}
+        self._left: dict[tuple[int, int, tuple[int, ...]], tuple[int, ...]] = {}
         self._guessed: dict[Letter, set[int]] = {}
         self._not_guessed: set[Letter] = set()
 
     def explore(self) -> Explored:
         """Explore all; BrokenError with the way there if something does not hold."""
         while True:
-            self._guessed = {}
+            self._guessed, self._left = {}, {}
             found = Explored()
             self._walk(self._start(), found)
             try:
@@ -130,32 +136,35 @@ class Explorer:
 
     def _walk(self, start: Global, found: Explored) -> None:
         """Go through the states in depth; no way may come round to itself."""
-        open_, closed = {start}, set[Global]()
+        over: dict[Global, bool] = {start: False}  # whether all that follows was explored
         covered: dict[Core, set[int]] = {}
         ends: set[int] = set()
-        way: list[tuple[str, Global, Iterator[tuple[str, Global]]]] = []
-        way.append(("start", start, self._steps(start, ends)))
-        name = "start"
+        way: list[tuple[str, Letter | None, Global, Iterator[Step]]] = []
+        way.append(("start", None, start, self._steps(start, ends)))
+        name: str = "start"
+        letter: Letter | None = None
         try:
             while way:
-                step = next(way[-1][2], None)
+                step = next(way[-1][3], None)
                 if step is None:
-                    world = way.pop()[1]
-                    open_.discard(world)
-                    closed.add(world)
+                    over[way.pop()[2]] = True
+                    found.states += 1
                     continue
-                name, world = step
+                name, letter, world = step
                 found.transitions += 1
-                assert world not in open_, "it comes round to itself"
-                if world in closed or self._is_covered(world, covered):
-                    continue
-                open_.add(world)
-                way.append((name, world, self._steps(world, ends)))
-                found.longest = max(found.longest, len(way))
+                explored = over.get(world)
+                if explored is None:
+                    if self._is_covered(world, covered):
+                        over[world] = True
+                        continue
+                    over[world] = False
+                    way.append((name, letter, world, self._steps(world, ends)))
+                    found.longest = max(found.longest, len(way))
+                assert explored is not False, "it comes round to itself"
         except Exception as error:
-            told = "\n".join(each for each, *_ in way)
-            raise BrokenError(f"{type(error).__name__}: {error}\nafter\n{told}\n{name}") from error
-        found.states = len(closed)
+            told = "\n".join(self._told(*each[:2]) for each in way)
+            last = self._told(name, letter)
+            raise BrokenError(f"{type(error).__name__}: {error}\nafter\n{told}\n{last}") from error
         found.ends = [self._nodes[COORDINATOR].seats[state].node for state in sorted(ends)]
 
     def _is_covered(self, world: Global, covered: dict[Core, set[int]]) -> bool:
@@ -173,25 +182,18 @@ class Explorer:
 
     # What can happen.
 
-    def _steps(self, world: Global, ends: set[int]) -> Iterator[tuple[str, Global]]:
+    def _steps(self, world: Global, ends: set[int]) -> Iterator[Step]:
         """Yield what can happen in a state; faults come last, when the rest is explored."""
-        ignored = self._ignored(world)
-        if ignored is not None:
-            yield self._told("ignores", ignored), self._taken_out(world, ignored)
-            return
         letters = [
             Letter(node, message)
             for node, messages in enumerate(world.under_way)
             for message in dict.fromkeys(messages)
         ]
         for letter in letters:
-            yield (
-                self._told("takes", letter),
-                self._delivered(self._taken_out(world, letter), letter),
-            )
+            yield "takes", letter, self._delivered(self._taken_out(world, letter), letter)
         if world.late is not None:
             rest = world._replace(late=None)
-            yield self._told("takes late", world.late), self._delivered(rest, world.late)
+            yield "takes late", world.late, self._delivered(rest, world.late)
         if not letters:
             if self._seat(world, COORDINATOR).ended:
                 ends.add(world.nodes[COORDINATOR])
@@ -200,7 +202,7 @@ class Explorer:
         if world.fault:
             yield from self._with_fault(world, letters)
 
-    def _ticks(self, world: Global) -> Iterator[tuple[str, Global]]:
+    def _ticks(self, world: Global) -> Iterator[Step]:
         """Let the time pass to the next timer."""
         due = min((left for left in world.timers if left is not None), default=None)
         if due is None:
@@ -210,24 +212,24 @@ class Explorer:
         later = tuple(None if left is None else left - due for left in world.timers)
         for node, left in enumerate(later):
             if left == 0:
-                yield f"tick of node {node}", self._ticked(world._replace(timers=later), node)
+                yield f"tick of node {node}", None, self._ticked(world._replace(timers=later), node)
 
-    def _with_fault(self, world: Global, letters: list[Letter]) -> Iterator[tuple[str, Global]]:
+    def _with_fault(self, world: Global, letters: list[Letter]) -> Iterator[Step]:
         after = world._replace(fault=False, put=0)
         if sum(map(len, world.under_way)) == 1:
             (letter,) = letters
             rest = self._taken_out(after, letter)
             if "loss" in self._faults:
-                yield self._told("never takes", letter), rest
+                yield "never takes", letter, rest
             if "late" in self._faults:
-                yield self._told("does not yet take", letter), rest._replace(late=letter)
+                yield "does not yet take", letter, rest._replace(late=letter)
         for node, state in enumerate(world.nodes):
             if "double" in self._faults:
                 for message in self._doubles_for(node, state, world.put):
                     letter = Letter(node, message)
-                    yield self._told("takes a double", letter), self._delivered(after, letter)
+                    yield "takes a double", letter, self._delivered(after, letter)
             if "tick" in self._faults and world.timers[node] is not None:
-                yield f"early tick of node {node}", self._ticked(after, node)
+                yield f"early tick of node {node}", None, self._ticked(after, node)
 
     def _doubles_for(self, node: int, state: int, put: int) -> list[int]:
         """Return the messages put so far of which a double makes a difference to a node."""
@@ -278,32 +280,42 @@ class Explorer:
     ) -> Global:
         """Return the global state in which a node has reacted."""
         nodes = _with(world.nodes, node, reaction.state)
-        timers, under_way, put = world.timers, world.under_way, world.put
+        timers, put = world.timers, world.put
         if reaction.timer is not None:
             timers = _with(timers, node, reaction.timer.seconds)
-        if said:
-            under_way = tuple(
-                self._added(other, nodes[other], node, messages, said)
-                for other, messages in enumerate(under_way)
-            )
-            if world.fault and "double" in self._faults:
-                put = self._with_history(put, said)
+        if said and world.fault and "double" in self._faults:
+            put = self._with_history(put, said)
+        under_way: list[tuple[int, ...]] = []
+        for other, (state, messages) in enumerate(zip(nodes, world.under_way, strict=True)):
+            new = self._new_for(other, state, node, said) if said and other != node else ()
+            more = tuple(sorted((*messages, *new))) if new else messages
+            under_way.append(self._left_for(other, state, more) if more else more)
         if self._nodes[node].seats[reaction.state].ended:
-            timers, under_way = _with(timers, node, None), _with(under_way, node, ())
-        return Global(nodes, under_way, timers, put, world.late, world.fault)
+            timers = _with(timers, node, None)
+        return Global(nodes, tuple(under_way), timers, put, world.late, world.fault)
 
-    def _added(
-        self, other: int, state: int, node: int, messages: tuple[int, ...], said: tuple[int, ...]
-    ) -> tuple[int, ...]:
-        seat = self._nodes[other].seats[state]
-        if other == node or seat.ended:
-            return messages
-        new = [
-            number
-            for number in said
-            if any(_matches(key, self._messages[number].key) for key in seat.keys)
-        ]
-        return tuple(sorted((*messages, *new))) if new else messages
+    def _new_for(self, other: int, state: int, node: int, said: tuple[int, ...]) -> tuple[int, ...]:
+        """Return what comes to another node of what a node puts."""
+        found = self._new.get((other, state, node, said))
+        if found is None:
+            seat = self._nodes[other].seats[state]
+            found = self._new[other, state, node, said] = tuple(
+                number
+                for number in said
+                if any(_matches(key, self._messages[number].key) for key in seat.keys)
+            )
+        return found
+
+    def _left_for(self, node: int, state: int, messages: tuple[int, ...]) -> tuple[int, ...]:
+        """Return the messages without those that are ignored, and it is assumed later too."""
+        found = self._left.get((node, state, messages))
+        if found is None:
+            found = self._left[node, state, messages] = (
+                ()
+                if self._nodes[node].seats[state].ended
+                else tuple(each for each in messages if not self._is_ignored(node, state, each))
+            )
+        return found
 
     def _with_history(self, put: int, said: tuple[int, ...]) -> int:
         found = self._longer.get((put, said))
@@ -322,16 +334,12 @@ class Explorer:
 
     # What is ignored.
 
-    def _ignored(self, world: Global) -> Letter | None:
-        """Return a message under way that its receiver ignores, now and it is assumed later."""
-        for node, messages in enumerate(world.under_way):
-            for message in messages:
-                letter = Letter(node, message)
-                state = world.nodes[node]
-                if letter not in self._not_guessed and self._has_no_effect(letter, state):
-                    self._guessed.setdefault(letter, set()).add(state)
-                    return letter
-        return None
+    def _is_ignored(self, node: int, state: int, message: int) -> bool:
+        letter = Letter(node, message)
+        if letter in self._not_guessed or not self._has_no_effect(letter, state):
+            return False
+        self._guessed.setdefault(letter, set()).add(state)
+        return True
 
     def _has_no_effect(self, letter: Letter, state: int) -> bool:
         reaction = self._nodes[letter.node].after(state, self._messages[letter.message].put)
@@ -360,9 +368,10 @@ class Explorer:
     def _seat(self, world: Global, node: int) -> Seat:
         return self._nodes[node].seats[world.nodes[node]]
 
-    def _told(self, what: str, letter: Letter) -> str:
-        sender, key, data = self._messages[letter.message]
-        del key
+    def _told(self, what: str, letter: Letter | None) -> str:
+        if letter is None:
+            return what
+        sender, _, data = self._messages[letter.message]
         return f"node {letter.node} {what} from node {sender}: {data.decode()}"
 
 

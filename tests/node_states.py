@@ -42,9 +42,9 @@ _Known: TypeAlias = dict[int, Any]
 """By the identity of what was met: its copy, or what was told of it."""
 
 
-def _attributes(value: object) -> dict[str, Any]:
+def _attributes(value: Any) -> dict[str, Any]:
     """Return the attributes of an object of the project."""
-    own = {name: getattr(value, name) for name in _slots(type(value)) if hasattr(value, name)}
+    own = {name: getattr(value, name) for name in _slots(value.__class__) if hasattr(value, name)}
     return own | getattr(value, "__dict__", {})
 
 
@@ -60,7 +60,7 @@ def _slots(kind: type) -> tuple[str, ...]:
 
 def copied(value: Any, known: _Known) -> Any:
     """Return a copy that shares nothing that changes; `known` has the copies so far by identity."""
-    copy = _copier(type(value))
+    copy = _copier(value.__class__)
     return value if copy is None else copy(value, known)
 
 
@@ -109,7 +109,7 @@ def _copy_sequence(value: Any, known: _Known) -> Any:
 def _copy_set(value: set[Any], known: _Known) -> Any:
     found = known.get(id(value))
     if found is None:
-        constant = all(_is_constant(type(each)) or type(each) is tuple for each in value)
+        constant = all(_is_constant(each.__class__) or type(each) is tuple for each in value)
         assert constant, f"{value}: a set of what may change"
         found = known[id(value)] = set(value)
     return found
@@ -166,8 +166,8 @@ def told(value: Any, known: _Known) -> Hashable:
     That the order in which entries came into a dictionary makes no difference is not shown by the
     explorer, except for what is said and kept: of states that differ in it alone it follows one.
     """
-    tell = _teller(type(value))
-    return value if tell is None else tell(value, known)  # type: ignore[no-any-return]
+    tell = _teller(value.__class__)
+    return value if tell is None else tell(value, known)
 
 
 @cache
@@ -205,7 +205,7 @@ def _tell_object(value: Any, known: _Known) -> Hashable:
         known[id(value)] = "itself"
         parts = [(name, told(each, known)) for name, each in _attributes(value).items()]
         found = known[id(value)] = (type(value).__name__, *parts)
-    return found  # type: ignore[no-any-return]
+    return found
 
 
 _TELLERS: dict[type, Callable[[Any, _Known], Hashable]] = {
