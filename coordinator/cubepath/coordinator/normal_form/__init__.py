@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.normal_form.array_heap import NormalForm
     from cubepath.coordinator.normal_form.certificate import (
         certificate_of,
+        certificate_of_numbered,
         encodable_certificate,
         link,
     )
@@ -37,7 +38,7 @@ else:
         {
             "admissibility": "InadmissibleMove carried_out",
             "array_heap": "NormalForm",
-            "certificate": "certificate_of encodable_certificate link",
+            "certificate": "certificate_of certificate_of_numbered encodable_certificate link",
             "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
             "definitions": "end_state is_cube is_normal too_late",
             "heap": "Heap normal_cube_path",
@@ -54,6 +55,7 @@ __all__ = [
     "cancellations",
     "carried_out",
     "certificate_of",
+    "certificate_of_numbered",
     "cubes_of",
     "durations_of",
     "earliest",

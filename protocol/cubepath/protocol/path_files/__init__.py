@@ -60,7 +60,7 @@ if TYPE_CHECKING:
         schedule_from_jsonl,
         schedule_to_jsonl,
     )
-    from cubepath.protocol.path_files.supports import FREE, TRACE, Rows, Supports
+    from cubepath.protocol.path_files.supports import FIRST, FREE, TRACE, Rows, Supports
     from cubepath.protocol.path_files.timetables import (
         TimedLine,
         read_timetable,
@@ -85,12 +85,13 @@ else:
             ),
             "numbered": "IrregularError NumberedPath Progress number_moves read_path write_path",
             "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
-            "supports": "FREE TRACE Rows Supports",
+            "supports": "FIRST FREE TRACE Rows Supports",
             "timetables": "TimedLine read_timetable timetable_schema write_timetable",
         },
     )
 
 __all__ = [
+    "FIRST",
     "FREE",
     "TRACE",
     "Certificate",

@@ -147,13 +147,9 @@ class NumberedPath:
         """
         if (self.ends < 0).any():
             return None
-        on: dict[Site, bool] = {}
-        for move in np.sort(np.unique(self.numbers, return_index=True)[1]).tolist():
-            action = self.actions[int(self.numbers[move])]
-            before = action.ends[int(self.ends[move])]
-            for site in action.support:
-                on.setdefault(site, site in before)
-        return frozenset(site for site, is_on in on.items() if is_on)
+        # No later move of an action is the first with one of its sites.
+        moves = np.sort(np.unique(self.numbers, return_index=True)[1])
+        return self.supports.shown_first(self.numbers[moves], self.ends[moves])
 
 
 class IrregularError(CubepathError):

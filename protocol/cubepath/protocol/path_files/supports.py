@@ -71,6 +71,25 @@ class Supports:
         np.cumsum(chosen, out=before[1:])
         return before[starts], sites[chosen]
 
+    def entries(self, numbers: Numbers) -> Totals:
+        """Return the places of the entries of these actions, row by row."""
+        starts = self.rows.starts.astype(np.int64)
+        sizes = (starts[1:] - starts[:-1])[numbers]
+        skipped = np.cumsum(sizes) - sizes
+        found: Totals = np.arange(int(sizes.sum())) + np.repeat(starts[numbers] - skipped, sizes)
+        return found
+
+    def shown_first(self, numbers: Numbers, ends: Bytes) -> frozenset[Site]:
+        """Return the sites that are on where the first of these actions with the site shows it.
+
+        Each action shows one of its local states, 0 or 1, which are its `ends`.
+        """
+        places = self.entries(numbers)
+        met, first = np.unique(self.rows.sites[places], return_index=True)
+        shown = np.repeat(ends, np.diff(self.rows.starts)[numbers])[first]
+        on = (self.rows.says[places[first]] >> shown) & FIRST
+        return frozenset([self.sites[site] for site in met[on > 0].tolist()])
+
 
 def supports_of(actions: Iterable[Action], stated: Sequence[bool]) -> Supports:
     """Return the supports of distinct actions."""
