@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.protocol.compiled import compiled
@@ -23,7 +24,7 @@ from cubepath.protocol.core.actions import Action, State, commute
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.path_files.supports import FIRST, TRACE, Rows, Supports
+from cubepath.protocol.path_files.supports import TRACE, Rows, Supports
 
 _PIECE = 4096
 """Pairs that are made at a time."""
@@ -94,7 +95,7 @@ def certificate_of_numbered(
         cancelled=[pair for some in parts.pairs() for pair in some],
         cubes=[*parts.cubes()],
         chain=parts.chain(path.numbers, path.supports),
-        end=None if start is None else list(in_order(_numbered_end(path, start))),
+        end=None if start is None else list(in_order(end_of(path, start))),
     )
 
 
@@ -194,15 +195,6 @@ def _descend(
         for index in range(starts[number], starts[number + 1]):
             marks[sites[index]] = 2 * cube + (1 if says[index] & TRACE else 0)
     return True
-
-
-def _numbered_end(path: NumberedPath, start: State) -> set[Site]:
-    """Return what `_end` does, from the rows of the actions: what changes oddly often changes."""
-    rows, sites = path.supports.rows, path.supports.sites
-    odd = np.bincount(path.numbers, minlength=len(rows.starts) - 1) & 1
-    changes = ((rows.says ^ rows.says >> 1) & FIRST) * np.repeat(odd, np.diff(rows.starts))
-    times = np.bincount(rows.sites, weights=changes, minlength=len(sites)).astype(np.int64)
-    return set(start) ^ {sites[site] for site in np.flatnonzero(times & 1).tolist()}
 
 
 def _end(path: Iterable[Action], start: State) -> set[Site]:

@@ -71,8 +71,7 @@ def check_numbered(
             return dict.fromkeys(names[:-1])
         if start is not None and _ends_as_it_says(certificate, path, start):
             return dict.fromkeys(names)
-    actions = [path.actions[number] for number in path.numbers.tolist()]
-    return check_certificate(certificate, actions, start)
+    return check_certificate(certificate, path.each_action, start)
 
 
 def _ends_as_it_says(certificate: Certificate, path: NumberedPath, start: frozenset[Site]) -> bool:

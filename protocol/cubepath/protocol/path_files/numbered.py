@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, overload
 
 import msgspec
 import numpy as np
@@ -51,6 +51,30 @@ _KEPT = 1 << 20
 _encode = msgspec.json.Encoder().encode
 
 
+class _EachAction(Sequence[Action]):
+    """The action of each move of a path, taken from the table when it is asked for."""
+
+    def __init__(self, table: Sequence[Action], numbers: NDArray[np.int32]) -> None:
+        """Take the table of actions, and for each move its place there."""
+        self._table = table
+        self._numbers = numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> Action: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Action]: ...
+    def __getitem__(self, index: int | slice) -> Action | list[Action]:
+        if isinstance(index, slice):
+            return [self._table[number] for number in self._numbers[index].tolist()]
+        return self._table[int(self._numbers[index])]
+
+    def __iter__(self) -> Iterator[Action]:
+        return (self._table[number] for number in self._numbers.tolist())
+
+
 @dataclass(frozen=True, eq=False)
 class NumberedPath:
     """A path of moves whose actions are numbers.
@@ -76,6 +100,11 @@ class NumberedPath:
     def supports(self) -> Supports:
         """What the actions do to sites, as arrays."""
         return supports_of(self.actions, self.stated) if self.table is None else self.table
+
+    @property
+    def each_action(self) -> Sequence[Action]:
+        """The action of each move, in order."""
+        return _EachAction(self.actions, self.numbers)
 
     def name(self, move: int) -> MoveName:
         """Return the name of a move."""
