@@ -1,6 +1,6 @@
 """A path as numbers: each distinct action once, and for every move the number of its action.
 
-This is how a path of a million moves is read and written. A line by generator that was seen before
+This is how a path of a million moves is read. A line by generator that was seen before
 costs one lookup in a dict. Self-contained lines are read straight into arrays, see
 `cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
 
@@ -14,7 +14,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
-from pathlib import Path
 from typing import BinaryIO, overload
 
 import msgspec
@@ -26,7 +25,6 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
@@ -35,8 +33,6 @@ from cubepath.protocol.path_files.moves import (
     MoveName,
     NumberedId,
     PathMove,
-    contents_line,
-    known_of_named,
     placement_in,
 )
 from cubepath.protocol.path_files.supports import Supports, TabledActions, supports_of
@@ -241,53 +237,6 @@ def _numbered(moves: Iterable[PathMove], progress: Progress | None) -> NumberedP
     if set(map(type, names)) <= {GeneratorPlacement}:
         return kept.path(None)
     return kept.path(names)
-
-
-def write_path(target: Path, path: NumberedPath) -> None:
-    """Write a moves file that `read_path` reads back; it is complete afterwards, or unchanged.
-
-    Every action is encoded once for each of its two directions. Raises InputError like
-    `cubepath.protocol.path_files.moves.write_moves`.
-    """
-    with written_whole(target) as stream:
-        for portion in _lines(path):
-            stream.write(b"".join(portion))
-
-
-def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
-    tails: dict[tuple[int, int], bytes] = {}
-    pairs = zip(path.numbers.tolist(), path.ends.tolist(), strict=True)
-    names = path.names
-    move = 0
-    while some := list(islice(pairs, PORTION)):
-        portion: list[bytes] = []
-        for key in some:
-            tail = tails.get(key)
-            if tail is None:
-                tail = tails[key] = _tail(path, *key)
-            name = path.action_names[key[0]] if names is None else names[move]
-            if isinstance(name, GeneratorPlacement):
-                portion.append(tail)
-            else:
-                portion.append(b'{"id":' + _encode(name) + tail)
-            move += 1
-        yield portion
-
-
-def _tail(path: NumberedPath, number: int, end: int) -> bytes:
-    """Return the line of a move by its generator, or the part of its line after the id."""
-    action, name = path.actions[number], path.action_names[number]
-    if isinstance(name, GeneratorPlacement):
-        return _encode(name) + b"\n"
-    support, trace = (known_of_named(name, part) for part in (action.support, action.trace))
-    if not path.stated[number]:
-        line = contents_line(0, support, trace, None)
-    else:
-        if action.free or action.guards:
-            raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
-        before, after = action.ends[end], action.ends[1 - end]
-        line = contents_line(0, support, trace, (before, after))
-    return _encode(line).removeprefix(b'{"id":0') + b"\n"
 
 
 @dataclass(slots=True)

@@ -63,6 +63,12 @@ class Supports:
         """The rank of each site in canonical order."""
         return ranks(self.sites)
 
+    @cached_property
+    def places_in_order(self) -> Totals:
+        """The places of all entries, row by row, those of a row in the canonical order of sites."""
+        rows = np.repeat(np.arange(len(self.rows.starts) - 1), np.diff(self.rows.starts))
+        return np.lexsort((self.order[self.rows.sites], rows))
+
     def part(self, bits: int, value: int) -> tuple[Numbers, Numbers]:
         """Return starts and sites of those entries whose `bits` have this value."""
         starts, sites, says = self.rows[:3]
