@@ -45,7 +45,14 @@ def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
         for key in some:
             tail = tails[key]
             if tail is None:
-                tail = tails[key] = written.tail(key // 3, key % 3 - 1, move)
+                first = key - key % 3
+                tails[first : first + 3] = written.tails(first // 3)
+                tail = tails[key]
+            if tail is None:
+                raise InputError(
+                    f"move {move + 1}: nothing says from which of its two local states it goes,"
+                    " expected that, as a line has it"
+                )
             if generated[key // 3]:
                 portion.append(tail)
             else:
@@ -68,29 +75,27 @@ class _Tails:
             if len(sites) or part not in {"free", "guard"}
         }
 
-    def tail(self, number: int, end: int, move: int) -> bytes:
-        """Return the line, or the end of it, of an action from its local state 0 or 1.
+    def tails(self, number: int) -> list[bytes | None]:
+        """Return the lines, or the ends of them, of an action: from no known local state, 0 and 1.
 
-        InputError if it has no such line; `move` is the first with this line, from 0.
+        None where it has no line; InputError if it has none at all.
         """
         path, name = self._path, self._path.action_names[number]
         if isinstance(name, GeneratorPlacement):
-            return _encode(name) + b"\n"
+            return [_encode(name) + b"\n"] * 3
         support, trace = self._list("support", number), self._list("trace", number)
         found = b',"support":[%b],"trace":[%b]' % (support, trace)
         if not path.stated[number]:
-            return found + b"}\n"
+            return [found + b"}\n"] * 3
         if any(part in self._parts and self._list(part, number) for part in ("free", "guard")):
             raise InputError(
                 f"{path.actions[number]!r} has free sites or guards, expected it by its generator"
             )
-        if end < 0:
-            raise InputError(
-                f"move {move + 1}: nothing says from which of its two local states it goes,"
-                " expected that, as a line has it"
-            )
         states = self._list("before", number), self._list("after", number)
-        return found + b',"before":[%b],"after":[%b]}\n' % (states[::-1] if end else states)
+        there, back = (
+            found + b',"before":[%b],"after":[%b]}\n' % each for each in (states, states[::-1])
+        )
+        return [None, there, back]
 
     def _list(self, part: str, number: int) -> bytes:
         starts, sites = self._parts[part]
