@@ -19,9 +19,10 @@ from altered_certificates import GOOD, PATH, TAMPERINGS, WRONG, Tampering
 from cubepath.coordinator.normal_form.certificate import certificate_of, certificate_of_numbered
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.verification import array_proof
-from cubepath.coordinator.verification.array_proof import proves
+from cubepath.coordinator.verification.array_proof import carry_out, proves
 from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.coordinator.verification.proof import check_proof
+from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import PathMove
@@ -123,6 +124,48 @@ def test_a_walk_is_certified_and_checked_as_by_its_actions(
         found = replace(found, end=data.draw(st.sampled_from(ends)))
         begin = data.draw(st.sampled_from([start, None, frozenset({"away"})]))
         assert check_numbered(found, known, begin) == check_certificate(found, path, begin)
+
+
+@both_ways
+@settings(max_examples=60)
+@given(data=st.data(), random=st.randoms(use_true_random=False))
+def test_moves_are_carried_out_as_actions_are(
+    steps: int, data: st.DataObject, random: Random
+) -> None:
+    """From the start of a walk with a few sites the other way: as far, and to the same state."""
+    spec = data.draw(st.sampled_from(SCENES))
+    path = data.draw(walks(spec, min_size=1, max_size=6))
+    known = numbered(path)
+    supports = known.supports
+    state = set(scene(spec).start_state)
+    for site in random.sample(supports.sites, data.draw(st.integers(0, 2))):
+        state ^= {site}
+    begin = np.array([site in state for site in supports.sites], dtype=np.int8)
+    fits = True
+    for action in path:
+        fits = fits and why_not(action, state) is None
+        if fits:
+            make(action, state)
+    with plain_steps(steps):
+        assert carry_out(known.numbers, supports.rows, begin) is fits
+    if fits:
+        assert begin.tolist() == [site in state for site in supports.sites]
+
+
+@both_ways
+@pytest.mark.parametrize("on", range(8))
+def test_free_sites_and_guards_are_heeded(steps: int, on: int) -> None:
+    """Of every state of three sites: a free one may be on or off, with its neighbour if guarded."""
+    step = Action([0, 1, 2], [0], [], [0], free=[1, 2], guards=[(1, 2)])
+    known = numbered([step, step])
+    sites = known.supports.sites
+    state = {site for site in (0, 1, 2) if on >> site & 1}
+    begin = np.array([site in state for site in sites], dtype=np.int8)
+    before = begin.tolist()
+    with plain_steps(steps):
+        fits = carry_out(known.numbers, known.supports.rows, begin)
+        assert fits is (why_not(step, state) is None)
+    assert begin.tolist() == before
 
 
 @both_ways

@@ -159,7 +159,8 @@ def _cancels(rows: Rows, numbers: Numbers, earlier: Numbers, columns: _Columns) 
     used = len(top)
     for move in range(len(numbers)):
         number, first = numbers[move], earlier[move]
-        if first >= 0 and (first > move or numbers[first] != number):
+        # A pair the wrong way round finds nothing of its other move on top of any site.
+        if first >= 0 and numbers[first] != number:
             return False
         for index in range(starts[number], starts[number + 1]):
             site = sites[index]
