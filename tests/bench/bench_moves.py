@@ -11,6 +11,11 @@ lines, which builds an action for each distinct contents. The growth exponent is
 time over log moves against the row before; linear is 1. *cells* names a site as ``[x, y]``,
 *names* as a text and *shelves* as a text beside a list in a list: nothing depends on the kind of
 site. *made* is how many actions were built as objects. Nothing is asserted.
+
+The second table has what else is done with a path that was read: its certificate built and checked
+(*certify*, as `shorten --certificate` does), checked once more (*check*, as `verify --of`; the peer
+is the reference over actions, which are built for it beforehand), bounds, cubes and moves as
+`.npz`, that read again (*load*), and moves as lines.
 """
 
 from __future__ import annotations
@@ -26,10 +31,16 @@ import msgspec
 from bench_shorten import exponent, seconds
 from large_fleets import Cell, steps, wandering, write_lines, write_log, write_map
 
+from cubepath.coordinator.shortening.explain import certified_path
 from cubepath.coordinator.shortening.normal_path import shorten
+from cubepath.coordinator.shortening.optimality import beyond, task_of
+from cubepath.coordinator.shortening.path_input import read_input
+from cubepath.coordinator.verification.certificate import check_certificate, check_numbered
 from cubepath.protocol.compiled import allowance
 from cubepath.protocol.path_files.moves import read_moves, write_cubes
+from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
 from cubepath.protocol.path_files.numbered import number_moves
+from cubepath.protocol.path_files.path_lines import write_path
 from cubepath.protocol.path_files.supports import TabledActions
 from cubepath.protocol.plans.formats import PlanHints
 
@@ -78,6 +89,36 @@ def row(kind: str, file: Path, moves: int, before: tuple[int, float] | None) -> 
     return now
 
 
+def uses(file: Path, moves: int, before: tuple[int, float] | None) -> tuple[int, float]:
+    """Print the row of what else is done with the path of a file."""
+    found = shorten(file)
+    path, start = found.path, found.given.start
+    table, binary = path.actions, file.with_suffix(".npz")
+    proof = certified_path(found)
+    jobs: list[Callable[[], object]] = [
+        partial(certified_path, found),
+        partial(check_numbered, proof, path, start),
+        lambda: beyond(task_of(found), found),
+        partial(write_cubes_npz, file.with_suffix(".cubes.npz"), path, found.left),
+        partial(write_moves_npz, binary, path),
+        partial(read_input, binary),
+        partial(write_path, file.with_suffix(".again"), path),
+    ]
+    took = [seconds(job, 3) for job in jobs]
+    made = table.made if isinstance(table, TabledActions) else len(table)
+    peer = None
+    if moves <= _PEER_MAX:
+        plain = list(path.each_action)
+        peer = seconds(partial(check_certificate, proof, plain, start), 1)
+    now = moves, took[0]
+    print(
+        f"{moves:>14}  {'  '.join(f'{each:7.2f}' for each in took)}"
+        f"  {'-' if peer is None else f'{peer / took[1]:.1f}':>6}"
+        f"  {exponent(now, before):>6}  {made:>5}"
+    )
+    return now
+
+
 def main() -> None:
     """Print a table for the files of moves, and a line for each plan."""
     allowance.left = 0  # what is measured is compiled code, for small sizes too
@@ -97,6 +138,15 @@ def main() -> None:
                 file = folder / "moves.jsonl"
                 write_lines(file, steps(starts, rounds), partial(text, site))
                 before = row(kind, file, moves, before)
+        print(
+            "\n         moves  certify    check   bounds  cub.npz     .npz     load    lines"
+            "  peer x  growth   made"
+        )
+        before = None
+        for (moves, _), (starts, rounds) in zip(sizes, fleets, strict=True):
+            file = folder / "moves.jsonl"
+            write_lines(file, steps(starts, rounds), partial(text, list))
+            before = uses(file, moves, before)
         print("\n    plan     moves   read s  us/move  growth")
         before = None
         for (moves, side), (starts, rounds) in zip(sizes, fleets, strict=True):

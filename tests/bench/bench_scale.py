@@ -36,7 +36,8 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.path_files.npz import write_cubes_npz, write_moves_npz
-from cubepath.protocol.path_files.numbered import NumberedPath, number_moves, write_path
+from cubepath.protocol.path_files.numbered import NumberedPath, number_moves
+from cubepath.protocol.path_files.path_lines import write_path
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)

@@ -11,7 +11,11 @@ import pytest
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.shortening.explain import certified_path
+from cubepath.coordinator.shortening.normal_path import shorten
+from cubepath.coordinator.verification.certificate import check_numbered
 from cubepath.protocol.path_files.certificates import companion, read_certificate, write_certificate
+from cubepath.protocol.path_files.supports import TabledActions
 from cubepath.protocol.path_files.timetables import read_timetable
 
 SCENARIO = Path(__file__).parents[2] / "data" / "agv" / "grid8-12agents.json"
@@ -45,6 +49,20 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def write(path: Path, lines: list[Any]) -> None:
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+
+
+def test_a_certificate_needs_no_action(folder: Path) -> None:
+    """Of self-contained moves it is built, written, read and checked without one of them."""
+    found = shorten(folder / "told.jsonl")
+    table = found.path.actions
+    assert isinstance(table, TabledActions)
+    write_certificate(folder / "proof.json", certified_path(found))
+    proof = read_certificate(folder / "proof.json")
+    assert proof.end == ["door"]
+    assert not any(check_numbered(proof, found.path, found.given.start).values())
+    assert table.made == 0
+    assert any(check_numbered(proof, found.path, frozenset({"lane"})).values())
+    assert table.made == 2
 
 
 Output = pytest.CaptureFixture[str]

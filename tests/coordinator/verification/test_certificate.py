@@ -17,6 +17,7 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
+from cubepath.protocol.path_files.numbered import number_moves
 from cubepath.protocol.wire.messages import Certified
 from recordings import all_edited, first
 from strategies import edge
@@ -110,7 +111,7 @@ def test_of_a_shared_id_the_number_says_which_move_is_meant(shared: str | int) -
     assert certificate.cubes == [[1], [2], [3]]
 
     def told(*names: CubeName) -> str | None:
-        return compare_cubes(certificate, path, [[name] for name in names])
+        return compare_cubes(certificate, number_moves(path), [[name] for name in names])
 
     second, third = NumberedId(shared, 2), NumberedId(shared, 3)
     assert told("go", second, third) is None
@@ -126,8 +127,11 @@ def test_a_move_by_its_generator_has_no_id_to_number() -> None:
     """A cubes file that names it as a numbered id names another move."""
     path = [PathMove(edge(1, 2), GeneratorPlacement("edge", [1, 2]))]
     certificate = certificate_of([move.action for move in path])
-    assert compare_cubes(certificate, path, [[GeneratorPlacement("edge", [1, 2])]]) is None
-    told = compare_cubes(certificate, path, [[NumberedId("edge", 1)]])
+    assert (
+        compare_cubes(certificate, number_moves(path), [[GeneratorPlacement("edge", [1, 2])]])
+        is None
+    )
+    told = compare_cubes(certificate, number_moves(path), [[NumberedId("edge", 1)]])
     assert told == "cube 1 has other moves than the certificate"
 
 

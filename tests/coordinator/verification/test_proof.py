@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import pytest
 
+from cubepath.coordinator.verification.array_proof import proves
 from cubepath.coordinator.verification.proof import check_proof
+from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.path_files.numbered import number_moves
 from strategies import toggle
 
 LETTERS = {
@@ -14,17 +18,23 @@ LETTERS = {
     "r": toggle("a", reads=["s"]),
     "q": toggle("b", reads=["s"]),
     "x": toggle("c", reads=["s", "t"]),
+    "v": toggle("s", reads=["far"]),
     "f": toggle("far"),
 }
-"""Writers of s, of both s and t, and of t; readers of s, the last one of t too; one apart."""
+"""Writers of s, of both s and t, and of t; readers of s, the last one of t too; one that writes s
+and reads what the one apart writes."""
 
 Pairs = list[tuple[int, int]]
 Cubes = list[list[int]]
 
 
 def refusals(path: str, pairs: Pairs, cubes: Cubes, chain: list[int]) -> dict[str, str]:
-    """Return the checks that fail, with what they say."""
-    found = check_proof([LETTERS[letter] for letter in path], pairs, cubes, chain)
+    """Return the checks that fail, with what they say; over arrays it is told whether any does."""
+    word = [LETTERS[letter] for letter in path]
+    found = check_proof(word, pairs, cubes, chain)
+    known = number_moves(PathMove(action, move) for move, action in enumerate(word))
+    certificate = Certificate(len(path), pairs, cubes, chain)
+    assert proves(certificate, known.numbers, known.supports) is not any(found.values())
     return {name: why for name, why in found.items() if why is not None}
 
 
@@ -85,6 +95,7 @@ def test_a_certificate_that_proves_is_accepted(
         ("fwrw", [(2, 4)], [[1, 3]], [3], "cancelled: moves 2 and 4 are a pair, but move 3 is"),
         ("rwwr", [(1, 4)], [[2], [3]], [2, 3], "cancelled: moves 1 and 4 are a pair, but move 2"),
         ("wf", [(1, 2)], [], [], "cancelled: moves 1 and 2 are a pair, but they are not equal"),
+        ("wv", [(1, 2)], [], [], "cancelled: moves 1 and 2 are a pair, but they are not equal"),
         ("ww", [(2, 1)], [], [], "cancelled: moves 2 and 1 are a pair, but the later one"),
         ("rw", [], [[1, 2]], [2], "schedule: move 2 does not commute with move 1 before it, but"),
         ("wr", [], [[1, 2]], [2], "schedule: move 2 does not commute with move 1 before it, but"),
@@ -104,6 +115,7 @@ def test_a_certificate_that_proves_is_accepted(
             [1, 2],
             "schedule: move 3 does not commute with move 2 before it, but is in cube 2, and that",
         ),
+        ("rqw", [], [[2], [1, 3]], [2, 3], "schedule: move 3 does not commute with move 1 before"),
         # Nor is it what a move comes too early for; that is not gone, and in no lower cube.
         ("frw", [], [[1, 2, 3]], [3], "schedule: move 3 does not commute with move 2 before it"),
         ("wwrw", [(1, 2)], [[3, 4]], [3], "schedule: move 4 does not commute with move 3 before"),
@@ -118,6 +130,8 @@ def test_a_certificate_that_proves_is_accepted(
         ("wrr", [], [[1], [2], [3]], [1, 2, 3], "reduced: moves 2 and 3 remain, but are equal"),
         ("rqr", [], [[1, 2], [3]], [1, 3], "reduced: moves 1 and 3 remain, but are equal"),
         ("xwtwtx", [(2, 4), (3, 5)], [[1], [6]], [1, 6], "reduced: moves 1 and 6 remain, but"),
+        ("wrww", [], [[1], [2], [3], [4]], [1, 2, 3, 4], "reduced: moves 3 and 4 remain, but are"),
+        ("rq", [], [[1], [2]], [1, 2], "chain: moves 1 and 2 are neighbours in the chain, but"),
         ("wf", [], [[1, 2]], [], "chain: the chain has 0 moves, and there are 1 cubes"),
         ("wrrw", [(2, 3)], [[1], [4]], [1, 2], "chain: move 2 is in the chain, but in no cube"),
         ("wf", [], [[1], [2]], [1, 2], "chain: moves 1 and 2 are neighbours in the chain, but"),

@@ -142,6 +142,17 @@ def everything(found: NumberedPath | str) -> Any:
     )
 
 
+def obvious_start(found: NumberedPath) -> frozenset[Site] | None:
+    """Return what is on at the start, move by move: the first move with a site says it."""
+    on: dict[Site, bool] = {}
+    for move in found.moves():
+        if move.before is None:
+            return None
+        for site in move.action.support:
+            on.setdefault(site, site in move.before)
+    return frozenset(site for site in on if on[site])
+
+
 def saved(folder: Path, text: bytes) -> Path:
     path = folder / "m.jsonl"
     path.write_bytes(text)
@@ -171,7 +182,9 @@ def test_what_means_the_same_is_the_same_however_it_is_written(
         found = quickly(path)
     if isinstance(found, NumberedPath):
         assert isinstance(found.actions, TabledActions)
+        start = found.told_start()
         assert found.actions.made == 0
+        assert start == obvious_start(found)
     assert everything(found) == everything(plainly(path))
 
 

@@ -31,8 +31,8 @@ from cubepath.protocol.path_files.numbered import (
     NumberedPath,
     number_moves,
     read_path,
-    write_path,
 )
+from cubepath.protocol.path_files.path_lines import write_path
 from strategies import SCENES, lists_of, scene, walk
 
 CROSSING = "agv:graph=grid3x2,n=2"

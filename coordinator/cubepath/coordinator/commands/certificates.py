@@ -207,7 +207,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
     """Check a certificate against its path, as ``cubepath verify LOG --of INPUT`` does."""
     from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
     from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
-        check_certificate,
+        check_numbered,
         compare_cubes,
     )
     from cubepath.protocol.path_files.certificates import (  # noqa: PLC0415
@@ -229,18 +229,18 @@ def verify_certificate(options: argparse.Namespace) -> int:
     with progress_bar(None, "verify", " moves") as bar:
         certificate = read_certificate(source)
         path = read_input(options.of, options.system, hints(options), bar.update)
-        found = check_certificate(certificate, path.actions, path.start)
+        found = check_numbered(certificate, path.numbered, path.start)
         if cubes_file is not None:
             cubes = _cubes(cubes_file)
             if found["form"] is None:
-                found["cubes"] = compare_cubes(certificate, path.moves, cubes)
+                found["cubes"] = compare_cubes(certificate, path.numbered, cubes)
     left = certificate.moves - 2 * len(certificate.cancelled)
     document = {
         "ok": not any(found.values()),
         "checks": [
             {"name": name, "ok": why is None, "detail": why or ""} for name, why in found.items()
         ],
-        "moves": len(path.actions),
+        "moves": len(path.numbered.numbers),
         "reduced_moves": left,
         "cubes": len(certificate.cubes),
     }

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
+    from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out, end_of
     from cubepath.coordinator.normal_form.array_heap import NormalForm
     from cubepath.coordinator.normal_form.certificate import (
         certificate_of,
+        certificate_of_numbered,
         encodable_certificate,
         link,
     )
@@ -35,9 +36,9 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "admissibility": "InadmissibleMove carried_out",
+            "admissibility": "InadmissibleMove carried_out end_of",
             "array_heap": "NormalForm",
-            "certificate": "certificate_of encodable_certificate link",
+            "certificate": "certificate_of certificate_of_numbered encodable_certificate link",
             "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
             "definitions": "end_state is_cube is_normal too_late",
             "heap": "Heap normal_cube_path",
@@ -54,10 +55,12 @@ __all__ = [
     "cancellations",
     "carried_out",
     "certificate_of",
+    "certificate_of_numbered",
     "cubes_of",
     "durations_of",
     "earliest",
     "encodable_certificate",
+    "end_of",
     "end_state",
     "is_cube",
     "is_normal",

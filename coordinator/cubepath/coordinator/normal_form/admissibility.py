@@ -18,7 +18,7 @@ from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.path_files.numbered import NumberedPath
-from cubepath.protocol.path_files.supports import FREE, TRACE, Rows
+from cubepath.protocol.path_files.supports import FIRST, FREE, TRACE, Rows
 
 Bytes = NDArray[np.int8]
 
@@ -55,6 +55,20 @@ def carried_out(path: NumberedPath, start: State | None) -> NumberedPath | Inadm
             found, frozenset(site for number, site in enumerate(sites) if state[number] & 1)
         )
     return replace(path, ends=ends, table=supports)
+
+
+def end_of(path: NumberedPath, start: State) -> frozenset[Site]:
+    """Return the state at the end of a path that is admissible from `start` on.
+
+    Every move changes the sites where its two local states differ; what is changed an odd number of
+    times is changed.
+    """
+    rows, sites = path.supports.rows, path.supports.sites
+    odd = np.bincount(path.numbers, minlength=len(rows.starts) - 1) & 1
+    changes = (rows.says ^ rows.says >> 1) & FIRST & np.repeat(odd, np.diff(rows.starts))
+    times = np.bincount(rows.sites[changes > 0], minlength=len(sites))
+    changed = [sites[site] for site in np.flatnonzero(times & 1).tolist()]
+    return frozenset(start).symmetric_difference(changed)
 
 
 @compiled

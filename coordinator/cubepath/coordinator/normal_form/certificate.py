@@ -14,12 +14,17 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
+from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
+from cubepath.protocol.compiled import compiled
 from cubepath.protocol.core.actions import Action, State, commute
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.path_files.supports import TRACE, Rows, Supports
 
 _PIECE = 4096
 """Pairs that are made at a time."""
@@ -77,6 +82,23 @@ def encodable_certificate(
     )
 
 
+def certificate_of_numbered(
+    path: NumberedPath, found: NormalForm, *, start: State | None = None
+) -> Certificate:
+    """Return the certificate of a path in numbers, of which `found` says what becomes of each move.
+
+    It is what `certificate_of` returns for the actions of the path, none of which is built.
+    """
+    parts = _Parts(found)
+    return Certificate(
+        moves=len(path.numbers),
+        cancelled=[pair for some in parts.pairs() for pair in some],
+        cubes=[*parts.cubes()],
+        chain=parts.chain(path.numbers, path.supports),
+        end=None if start is None else list(in_order(end_of(path, start))),
+    )
+
+
 def _joined(pieces: Iterable[list[Any]]) -> msgspec.Raw:
     """Return the JSON text of one list, given in pieces that are not empty."""
     text = bytearray()
@@ -112,6 +134,19 @@ class _Parts:
             some = (each[begin : begin + _PIECE].tolist() for each in (self._earlier, self._later))
             yield list(zip(*some, strict=True))
 
+    def chain(self, numbers: NDArray[np.int32], supports: Supports) -> list[int]:
+        """Return what `_chain` does, from the rows of the actions."""
+        rows = supports.rows
+        found = np.zeros(len(self._ends) - 1, dtype=np.int64)
+        marks = np.zeros(len(supports.sites), dtype=np.int64)
+        pieces = numbers[self._order - 1]
+        steps = int(np.diff(rows.starts)[pieces].sum())
+        descend = _descend.for_work(2 * steps, by_entries=True)
+        if not descend(rows, pieces, self._ends, marks, found):
+            raise AssertionError("a piece of the heap lies on nothing")
+        chain: list[int] = self._order[found].tolist()
+        return chain
+
 
 def _chain(path: Sequence[Action], parts: _Parts) -> list[int]:
     """Return the first move of the last cube, and down from there the first that blocks each move.
@@ -127,6 +162,39 @@ def _chain(path: Sequence[Action], parts: _Parts) -> list[int]:
         action = path[found[-1] - 1]
         found.append(next(move for move in cube if not commute(path[move - 1], action)))
     return found[::-1]
+
+
+@compiled
+def _descend(
+    rows: Rows,
+    pieces: NDArray[np.int32],
+    ends: NDArray[np.int64],
+    marks: NDArray[np.int64],
+    found: NDArray[np.int64],
+) -> bool:
+    """Write the chain of `_chain` into `found`, as places in `pieces`; return whether there is one.
+
+    Cube i, from 0, has the actions ``pieces[ends[i]:ends[i + 1]]``; `marks` has a 0 for each site.
+    """
+    starts, sites, says = rows.starts, rows.sites, rows.says
+    for cube in range(len(found) - 1, -1, -1):
+        blocks = cube == len(found) - 1
+        for place in range(ends[cube], ends[cube + 1]):
+            number = pieces[place]
+            for index in range(starts[number], starts[number + 1]):
+                # What the move above does at this site: nothing, or read it, or write it.
+                mark = marks[sites[index]] - 2 * (cube + 1)
+                if mark == 1 or (mark == 0 and says[index] & TRACE != 0):
+                    blocks = True
+            if blocks:
+                found[cube] = place
+                break
+        if not blocks:
+            return False
+        number = pieces[found[cube]]
+        for index in range(starts[number], starts[number + 1]):
+            marks[sites[index]] = 2 * cube + (1 if says[index] & TRACE else 0)
+    return True
 
 
 def _end(path: Iterable[Action], start: State) -> set[Site]:

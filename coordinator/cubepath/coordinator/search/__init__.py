@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.search.anytime import CubePath, Improved, improve
     from cubepath.coordinator.search.budget import Budget, Stage
     from cubepath.coordinator.search.endless import wandering
-    from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
+    from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
     from cubepath.coordinator.search.space_time_routes import prepare
@@ -25,7 +25,7 @@ else:
             "anytime": "CubePath Improved improve",
             "budget": "Budget Stage",
             "endless": "wandering",
-            "exact": "MAX_STATES Optimum optimum",
+            "exact": "MAX_STATES Optimum optimum too_wide",
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
             "space_time_routes": "prepare",
@@ -47,5 +47,6 @@ __all__ = [
     "only_class",
     "optimum",
     "prepare",
+    "too_wide",
     "wandering",
 ]

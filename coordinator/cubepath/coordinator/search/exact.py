@@ -11,8 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cubepath.coordinator.search.budget import SpentError
 from cubepath.coordinator.search.transitions import Transitions
+from cubepath.protocol.path_files.supports import TRACE, Supports
 
 MAX_STATES = 100_000
 """The default bound on the number of states."""
@@ -81,6 +85,28 @@ def optimum(
             break
         depth += 1
     return Optimum(depth + 1, None, len(sides[0]) + len(sides[1]))
+
+
+def too_wide(cube: NDArray[np.int32], supports: Supports, max_states: int) -> bool:
+    """Return whether `optimum` is sure to give up before its first round, without asking it.
+
+    `cube` holds actions, rows of `supports`, that commute and are admissible at the start; no other
+    actions exist than these rows.
+
+    Proof. `optimum` takes commuting moves at the start until no more commutes with them, so each of
+    `cube` is taken, or does not commute with one that is: writes what that one needs, or needs what
+    it writes. As moves of a cube write disjoint sites, at a site that an action reads it meets one
+    of them at most, and at a site that it writes those that need the site. If no action meets more
+    than `most` in all its sites, then at least ``len(cube) / most`` moves are taken. It gives up if
+    these have more subsets than there is room for.
+    """
+    (starts, sites, says), places = supports.rows[:3], supports.entries(cube)
+    writes = says[places] & TRACE != 0
+    needed = np.bincount(sites[places], minlength=len(supports.sites))
+    written = np.bincount(sites[places[writes]], minlength=len(supports.sites))
+    meets = np.where(says & TRACE != 0, needed[sites], written[sites])
+    most = int(np.add.reduceat(meets, starts[:-1]).max())
+    return -(-len(cube) // most) > max_states.bit_length()
 
 
 _NOT_MET = -1

@@ -14,10 +14,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from cubepath.coordinator.search.budget import Budget
+from cubepath.coordinator.search.listed_moves import listed_moves
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import System
+from cubepath.protocol.path_files.numbered import NumberedPath
 
 
 class _Row(NamedTuple):
@@ -47,11 +49,11 @@ class Transitions:
     def __init__(
         self,
         system: System | None,
-        listed: Iterable[Action] = (),
+        listed: Iterable[Action] | NumberedPath = (),
         *,
         budget: Budget | None = None,
     ) -> None:
-        """Take the moves of `system`, or without one the `listed` actions.
+        """Take the moves of `system`, or without one the `listed` actions, or those of a path.
 
         Searches spend the budget. A SpentError leaves everything that is known here consistent.
         """
@@ -70,19 +72,9 @@ class Transitions:
         self._rows: list[list[_Row]] = []
         # Sites at which nothing moves, so they need not be looked at.
         self._still = 0
+        self._listed = listed_moves(listed)
         # Moves that no occupied site proposes, which only a list can have.
-        self._anywhere: list[_Row] = []
-        self._listed: dict[Site, list[tuple[Action, int]]] = {}
-        for action in dict.fromkeys(listed):
-            self._list(action)
-
-    def _list(self, action: Action) -> None:
-        for end in (0, 1):
-            on = action.ends[end]
-            if on:
-                self._listed.setdefault(in_order(on)[0], []).append((action, end))
-            else:
-                self._anywhere.append(self._row(action, end))
+        self._anywhere = [self._row(action, end) for action, end in self._listed.anywhere]
 
     def bit(self, site: Site) -> int:
         """Return the number of the bit of a site."""
@@ -146,9 +138,7 @@ class Transitions:
         site = self.sites[bit]
         self._met |= 1 << bit
         if self.system is None:
-            self._rows[bit] += [
-                self._row(action, end) for action, end in self._listed.get(site, ())
-            ]
+            self._rows[bit] += [self._row(action, end) for action, end in self._listed.at(site)]
         else:
             ask = self._discover or self.system.moves_at
             for move in ask(site):

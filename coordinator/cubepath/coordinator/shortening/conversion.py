@@ -19,7 +19,8 @@ from cubepath.protocol.path_files.npz import (
     read_cubes_npz,
     write_moves_npz,
 )
-from cubepath.protocol.path_files.numbered import Progress, write_path
+from cubepath.protocol.path_files.numbered import Progress
+from cubepath.protocol.path_files.path_lines import write_path
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 
 

@@ -10,18 +10,19 @@ Room: coordinator; touches only the clock, to know when to stop.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
+from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search.anytime import CubePath, Improved, improve
 from cubepath.coordinator.search.budget import Budget, Stage
-from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum
+from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.space_time_routes import prepare
@@ -36,6 +37,7 @@ from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.path_files.moves import CubeName
 
 State = frozenset[Site]
+NamedPath = tuple[tuple[CubeName, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -43,21 +45,23 @@ class Task:
     """The task that a path solves: its start and end, and the system whose moves it may use.
 
     Without a system the moves are those of `path`. With `labelled_goals` the vehicles of a graph
-    have no labels, but each must end where the path takes it.
+    have no labels, but each must end where the path takes it. `end` is the state at the end, if it
+    is known already.
     """
 
-    path: tuple[Action, ...]
+    path: Sequence[Action]
     start: State
     system: System | None
     labelled_goals: bool = False
+    end: State | None = None
 
     @cached_property
     def goal(self) -> State:
         """The state at the end."""
-        return end_state(self.path, self.start)
+        return end_state(self.path, self.start) if self.end is None else self.end
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Beyond:
     """What is known beyond the class of a path; the keys that ``shorten --json`` adds.
 
@@ -65,7 +69,8 @@ class Beyond:
     `lower_bound` holds for every path of these moves between the same ends, by the argument `why`.
     `optimal` says whether the reported path (the improved one, or else the normal cube path) has as
     few cubes as any; None if that is not known. `only_class` says whether there is only one class,
-    None if that is not known. `spent` says what each stage took.
+    None if that is not known. `spent` says what each stage took. `cube_path` is the reported path,
+    and `named` the names of its moves.
     """
 
     improved: int | None
@@ -73,9 +78,19 @@ class Beyond:
     optimal: bool | None
     only_class: bool | None
     why: str
-    cube_path: CubePath
-    named: tuple[tuple[CubeName, ...], ...]
-    spent: tuple[Stage, ...] = ()
+    spent: tuple[Stage, ...]
+    _cube_path: Callable[[], CubePath] = field(repr=False, compare=False)
+    _named: Callable[[], NamedPath] = field(repr=False, compare=False)
+
+    @cached_property
+    def cube_path(self) -> CubePath:
+        """The cubes of the reported path, as actions."""
+        return self._cube_path()
+
+    @cached_property
+    def named(self) -> NamedPath:
+        """The names of these actions, none if the path was not given with names."""
+        return self._named()
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""
@@ -109,12 +124,12 @@ def task_of(found: Shortened) -> Task:
 def _of_moves_alone(given: PathInput) -> Task:
     """Return the task of self-contained moves: no moves exist but those that occur."""
     if given.start is None:
-        name = next(move.name for move in given.moves if move.before is None)
+        name = given.numbered.name(int(np.flatnonzero(given.numbered.ends < 0)[0]))
         raise InputError(
             f'{given.source}: move {name!r} has no "before" and "after": expected both, or'
             " --system SYSTEM, to look beyond the class"
         )
-    return Task(given.actions, given.start, None)
+    return Task(given.actions, given.start, None, end=end_of(given.numbered, given.start))
 
 
 def beyond(
@@ -148,17 +163,17 @@ def beyond(
     look.search_all(take=asked)
     if asked:
         look.improve(iterations=iterations, seed=seed, watch=watch)
-        if look.best is not look.normal:
-            _check(task, look.best)
+        if look.better is not None:
+            _check(task, look.better)
     return Beyond(
-        improved=len(look.best) if asked else None,
+        improved=look.cubes if asked else None,
         lower_bound=look.bound.cubes,
-        optimal=True if len(look.best) == look.bound.cubes else False if look.shorter else None,
+        optimal=True if look.cubes == look.bound.cubes else False if look.shorter else None,
         only_class=look.only,
         why=look.bound.why,
-        cube_path=look.best,
-        named=() if found is None else _named(task, found, look.best),
         spent=tuple(look.stages),
+        _cube_path=lambda: look.best,
+        _named=lambda: () if found is None else _named(task, found, look.better),
     )
 
 
@@ -191,15 +206,37 @@ class _Look:
         self._tick = tick
         self._system, self._start, self._goal = _as_labelled(task)
         self._small = maskable(self._system)
-        self._steps = Transitions(self._system, task.path if self._system is None else ())
+        self._found = found
         self._stopped = False
         self.stages: list[Stage] = []
-        self.normal = normal_cube_path(task.path) if found is None else found.cube_path
-        self.best = self.normal
+        self.better: CubePath | None = None
+        """The best path, if it is not the normal cube path."""
         self.bound = Bound(0, "no move")
         self.only: bool | None = None
         self.shorter = False
         """Whether a shorter path is known to exist that was not asked for."""
+
+    @cached_property
+    def _steps(self) -> Transitions:
+        if self._system is not None:
+            return Transitions(self._system)
+        return Transitions(None, self._task.path if self._found is None else self._found.path)
+
+    @cached_property
+    def _normal(self) -> CubePath:
+        return normal_cube_path(self._task.path) if self._found is None else self._found.cube_path
+
+    @property
+    def best(self) -> CubePath:
+        """The best path so far."""
+        return self._normal if self.better is None else self.better
+
+    @property
+    def cubes(self) -> int:
+        """The number of cubes of the best path so far, whose actions may not have been built."""
+        if self.better is None and self._found is not None:
+            return self._found.cubes
+        return len(self.best)
 
     def _stage(
         self, name: str, job: Callable[[Stage, Budget], None], steps: int | None = None
@@ -241,23 +278,23 @@ class _Look:
             self.only = only_class(self._steps, self._start)
             stage.steps = budget.steps
 
-        if self._system is not None and self.best and self._small:
+        if self._system is not None and self.cubes and self._small:
             self._stage("classes", job)
         if self.only:
-            self.bound = Bound(len(self.best), "the only class")
+            self.bound = Bound(self.cubes, "the only class")
 
     def bound_from_below(self) -> None:
         """Bound the cubes of every path between the ends."""
 
         def job(stage: Stage, budget: Budget) -> None:
             found = lower_bound(
-                self._system, self._start, self._goal, within=len(self.best), budget=budget
+                self._system, self._start, self._goal, within=self.cubes, budget=budget
             )
             stage.steps = budget.steps
-            if found.cubes > len(self.best):
+            if found.cubes > self.cubes:
                 raise CheckError(
                     f"the system claims that no path has fewer than {found.cubes} cubes"
-                    f" ({found.why}), but one of {len(self.best)} is known"
+                    f" ({found.why}), but one of {self.cubes} is known"
                 )
             self._raise_bound(found)
 
@@ -266,13 +303,15 @@ class _Look:
 
     def search_all(self, *, take: bool) -> None:
         """Search the states around both ends; with `take`, an optimum becomes the best path."""
-        most = len(self.best) - 1
+        most = self.cubes - 1
 
         def job(stage: Stage, budget: Budget) -> None:
-            steps = self._steps
-            steps.budget = budget
-            ends = steps.encode(self._start), steps.encode(self._goal)
-            exact = optimum(steps, *ends, max_states=self._max_states, most=most)
+            if self._is_wide():
+                exact = Optimum(1, None, 2)
+            else:
+                self._steps.budget = budget
+                ends = self._steps.encode(self._start), self._steps.encode(self._goal)
+                exact = optimum(self._steps, *ends, max_states=self._max_states, most=most)
             stage.steps = exact.states
             # Stopped neither by the budget nor because all shorter paths are excluded.
             if exact.cubes is None and exact.at_least <= most and not budget.spent:
@@ -282,10 +321,21 @@ class _Look:
                 self.bound = Bound(len(exact.cubes), "exhaustive search")
                 self.shorter = not take
                 if take:
-                    self.best = _of_optimum(self._task, steps, exact)
+                    self.better = _of_optimum(self._task, self._steps, exact)
 
         if self._small and not self._stopped and self.bound.cubes <= most:
             self._stage("optimum", job, _SETS_A_STATE * self._max_states)
+
+    def _is_wide(self) -> bool:
+        """Return whether the exhaustive search would not begin, as far as that is told by arrays.
+
+        Then the moves that occur, which may be many, need not be listed.
+        """
+        found = self._found
+        if self._system is not None or found is None or self._start == self._goal:
+            return False
+        first = found.path.numbers[found.left.moves[: int(found.left.starts[1])]]
+        return too_wide(first, found.path.supports, self._max_states)
 
     def improve(
         self,
@@ -296,7 +346,7 @@ class _Look:
     ) -> None:
         """Search for a better path in the remaining time."""
         task = self._task
-        kept = [self.best]
+        kept: list[CubePath] = []
 
         def keep(better: Improved) -> None:
             kept.append(better.cube_path)
@@ -323,16 +373,17 @@ class _Look:
                 normal=self.best,
                 transitions=None if task.labelled_goals else self._steps,
             )
-            if len(kept[-1]) > self.bound.cubes:
+            if len(kept[-1] if kept else self.best) > self.bound.cubes:
                 stage.ended = "time" if self._whole.spent else "limit"
 
-        if not self._stopped and self.bound.cubes < len(self.best):
+        if not self._stopped and self.bound.cubes < self.cubes:
             if task.system is not None and task.system.graph is not None:
                 # Once for an installation; the search gets its time all the same.
                 self._stage("compile", lambda _stage, _budget: prepare())
                 self._whole.extend(self.stages[-1].seconds)
             self._stage("search", job)
-        self.best = min(kept, key=lambda path: (len(path), sum(map(len, path))))
+        if kept:
+            self.better = min(kept, key=lambda path: (len(path), sum(map(len, path))))
 
 
 def _as_labelled(task: Task) -> tuple[System | None, State, State]:
@@ -385,8 +436,9 @@ def _check(task: Task, cubes: CubePath) -> None:
             raise CheckError("the improved path takes a vehicle to another's end")
 
 
-def _named(task: Task, found: Shortened, cubes: CubePath) -> tuple[tuple[CubeName, ...], ...]:
-    if cubes == found.cube_path:
+def _named(task: Task, found: Shortened, cubes: CubePath | None) -> NamedPath:
+    """Return the names of the moves of a better path, or without one of the normal cube path."""
+    if cubes is None:
         return found.named
     known: dict[Action, CubeName] = {
         action: name

@@ -7,7 +7,7 @@ part of a command takes what is read here, and none goes back to the file.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -81,11 +81,10 @@ class PathInput:
             return self.numbered.told_start()
         return self.given_scene.start_state
 
-    @cached_property
-    def actions(self) -> tuple[Action, ...]:
-        """The action of each move, in order."""
-        table = self.numbered.actions
-        return tuple([table[number] for number in self.numbered.numbers.tolist()])
+    @property
+    def actions(self) -> Sequence[Action]:
+        """The action of each move, in order; of self-contained moves it is built when asked for."""
+        return self.numbered.each_action
 
     @cached_property
     def moves(self) -> tuple[PathMove, ...]:

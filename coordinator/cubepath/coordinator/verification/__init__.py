@@ -11,7 +11,11 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.verification.certificate import check_certificate, compare_cubes
+    from cubepath.coordinator.verification.certificate import (
+        check_certificate,
+        check_numbered,
+        compare_cubes,
+    )
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
     from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
@@ -25,7 +29,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "certificate": "check_certificate compare_cubes",
+            "certificate": "check_certificate check_numbered compare_cubes",
             "choices": "Arrays Moment Observing",
             "equality": "difference",
             "findings": "Check Progress Verification",
@@ -50,6 +54,7 @@ __all__ = [
     "Transcript",
     "Verification",
     "check_certificate",
+    "check_numbered",
     "check_proof",
     "compare_cubes",
     "difference",

@@ -8,8 +8,12 @@ nothing that builds certificates or shortens.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from typing import TypeAlias
 
+import numpy as np
+
+from cubepath.coordinator.verification.array_proof import carry_out, proves
 from cubepath.coordinator.verification.proof import check_proof
 from cubepath.coordinator.verification.rounds import make, why_not
 from cubepath.coordinator.verification.transcript import Fail, Transcript, site_in
@@ -19,7 +23,8 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.path_files.certificates import Certificate
-from cubepath.protocol.path_files.moves import CubeName, NumberedId, PathMove
+from cubepath.protocol.path_files.moves import CubeName, MoveName, NumberedId
+from cubepath.protocol.path_files.numbered import NumberedPath
 
 CHECKS = {
     "form": "each move of the path is in one cancelled pair or in one cube",
@@ -51,6 +56,40 @@ def check_certificate(
     if len(found) > 1 and (start is not None or certificate.end is not None):
         found["end"] = _end(certificate, path, start)
     return found
+
+
+def check_numbered(
+    certificate: Certificate, path: NumberedPath, start: frozenset[Site] | None = None
+) -> Found:
+    """Return what `check_certificate` returns for the actions of a path.
+
+    They are built only if a check fails, to say why; until then all is decided on arrays.
+    """
+    if certificate.moves == len(path.numbers) and proves(certificate, path.numbers, path.supports):
+        names = ["form", "cancelled", "schedule", "reduced", "chain", "end"]
+        if start is None and certificate.end is None:
+            return dict.fromkeys(names[:-1])
+        if start is not None and _ends_as_it_says(certificate, path, start):
+            return dict.fromkeys(names)
+    return check_certificate(certificate, path.each_action, start)
+
+
+def _ends_as_it_says(certificate: Certificate, path: NumberedPath, start: frozenset[Site]) -> bool:
+    """Return whether the check `end` holds; only for a certificate whose `form` holds."""
+    rows, sites = path.supports.rows, path.supports.sites
+    after_path = np.array([site in start for site in sites], dtype=np.int8)
+    after_cubes = after_path.copy()
+    order = np.fromiter(chain.from_iterable(certificate.cubes), dtype=np.int64) - 1
+    if not carry_out(path.numbers, rows, after_path):
+        return False
+    if not carry_out(path.numbers[order], rows, after_cubes):
+        return False
+    if (after_path != after_cubes).any():
+        return False
+    state = set(start)
+    for site, on in zip(sites, after_path.tolist(), strict=True):
+        (state.add if on else state.discard)(site)
+    return _told_end(certificate.end, state) is None
 
 
 def _end(
@@ -94,14 +133,14 @@ def _stray(sites: set[Site]) -> str:
 
 
 def compare_cubes(
-    certificate: Certificate, moves: Sequence[PathMove], cubes: Sequence[Sequence[CubeName]]
+    certificate: Certificate, path: NumberedPath, cubes: Sequence[Sequence[CubeName]]
 ) -> str | None:
     """Return where the cubes of a cubes file differ from those of the certificate, None if nowhere.
 
     Moves are compared by their names; an id shared by moves with different contents is ambiguous
     without the number of the move. Only for a certificate whose `form` holds.
     """
-    shared = _shared_ids(moves[move - 1] for cube in certificate.cubes for move in cube)
+    shared = _shared_ids(path, certificate.cubes)
     for number, (ours, theirs) in enumerate(zip(certificate.cubes, cubes, strict=False), 1):
         unclear = [name for name in theirs if isinstance(name, str | int) and name in shared]
         if unclear:
@@ -110,7 +149,7 @@ def compare_cubes(
                 f" {site_text(unclear[0])}, expected [id, number of the move]"
             )
         numbered = {name.move for name in theirs if isinstance(name, NumberedId)}
-        names = sorted(_name(_written(moves, move, numbered)) for move in ours)
+        names = sorted(_name(_written(path.name(move - 1), move, numbered)) for move in ours)
         if names != sorted(map(_name, theirs)):
             return f"cube {number} has other moves than the certificate"
     if len(cubes) != len(certificate.cubes):
@@ -118,19 +157,22 @@ def compare_cubes(
     return None
 
 
-def _shared_ids(moves: Iterable[PathMove]) -> set[str | int]:
-    """Return the ids that are shared by moves with different contents."""
-    first: dict[str | int, Action] = {}
-    return {
-        move.name
-        for move in moves
-        if isinstance(move.name, str | int)
-        and first.setdefault(move.name, move.action) != move.action
-    }
+def _shared_ids(path: NumberedPath, cubes: Iterable[Iterable[int]]) -> set[str | int]:
+    """Return the ids that are shared by moves of these cubes with different contents."""
+    first: dict[str | int, int] = {}
+    shared: set[str | int] = set()
+    numbers = path.numbers.tolist()
+    for move in chain.from_iterable(cubes):
+        name = path.name(move - 1)
+        if (
+            isinstance(name, str | int)
+            and first.setdefault(name, numbers[move - 1]) != numbers[move - 1]
+        ):
+            shared.add(name)
+    return shared
 
 
-def _written(moves: Sequence[PathMove], move: int, numbered: set[int]) -> CubeName:
-    name = moves[move - 1].name
+def _written(name: MoveName, move: int, numbered: set[int]) -> CubeName:
     if isinstance(name, str | int) and move in numbered:
         return NumberedId(name, move)
     return name

@@ -51,8 +51,8 @@ if TYPE_CHECKING:
         Progress,
         number_moves,
         read_path,
-        write_path,
     )
+    from cubepath.protocol.path_files.path_lines import write_path
     from cubepath.protocol.path_files.schedules import (
         Cubes,
         OwnMoves,
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
         schedule_from_jsonl,
         schedule_to_jsonl,
     )
-    from cubepath.protocol.path_files.supports import FREE, TRACE, Rows, Supports
+    from cubepath.protocol.path_files.supports import FIRST, FREE, TRACE, Rows, Supports
     from cubepath.protocol.path_files.timetables import (
         TimedLine,
         read_timetable,
@@ -83,14 +83,16 @@ else:
                 "NumberedCubes holds_cubes is_npz read_cubes_npz read_moves_npz write_cubes_npz "
                 "write_moves_npz"
             ),
-            "numbered": "IrregularError NumberedPath Progress number_moves read_path write_path",
+            "numbered": "IrregularError NumberedPath Progress number_moves read_path",
+            "path_lines": "write_path",
             "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
-            "supports": "FREE TRACE Rows Supports",
+            "supports": "FIRST FREE TRACE Rows Supports",
             "timetables": "TimedLine read_timetable timetable_schema write_timetable",
         },
     )
 
 __all__ = [
+    "FIRST",
     "FREE",
     "TRACE",
     "Certificate",

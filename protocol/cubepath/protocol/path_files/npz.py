@@ -25,11 +25,12 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.core.names import GeneratorPlacement, Json
-from cubepath.protocol.core.ordinals import Ordinals
 from cubepath.protocol.core.output_files import written_whole
-from cubepath.protocol.core.sites import Site, in_order, site_from_json
-from cubepath.protocol.path_files.moves import CubeName, MoveName, known_of_named, named_action
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.path_files.action_tables import Listed, actions_of, table_of
+from cubepath.protocol.path_files.moves import CubeName, MoveName, named_action
 from cubepath.protocol.path_files.numbered import NumberedPath
+from cubepath.protocol.path_files.supports import TabledActions
 
 _MAGIC = b"PK\x03\x04"
 _MOVES = "cubepath-moves-1"
@@ -68,6 +69,7 @@ def write_cubes_npz(target: Path, path: NumberedPath, cubes: NumberedCubes) -> N
         # In a cube a move is not always made from the same local state as in the path.
         np.full(len(cubes.moves), -1, dtype=np.int8),
         None if path.names is None else [path.names[move] for move in cubes.moves.tolist()],
+        path.supports,
     )
     places = {"cube_starts": cubes.starts, "places": cubes.moves}
     _write(target, {**_path_arrays(_CUBES, left), **places})
@@ -112,36 +114,16 @@ def holds_cubes(source: Source) -> bool:
 
 
 def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
-    sites = Ordinals[Site]()
-    # Sites are numbered in the order of the supports, which hold the sites of all other parts.
-    parts: dict[str, list[list[int]]] = {
-        part: [] for part in ("support", "trace", "before", "after", "free", "guard")
-    }
-    for action, name, stated in zip(path.actions, path.action_names, path.stated, strict=True):
-        support, trace = action.support, action.trace
-        if not stated:
-            support, trace = (known_of_named(name, each) for each in (support, trace))
-        before, after = action.ends if stated else ((), ())
-        guards = [site for pair in in_order(action.guards) for site in _pair(pair)]
-        for part, found in (
-            ("support", support),
-            ("trace", trace),
-            ("before", before),
-            ("after", after),
-            ("free", action.free),
-        ):
-            parts[part].append([sites[site] for site in in_order(found)])
-        parts["guard"].append([sites[site] for site in guards])
+    table = table_of(path.supports, path.action_names)
     arrays: dict[str, NDArray[Any]] = {
         "format": np.array(form),
-        "sites": _json(list(sites)),
+        "sites": _json(table.sites),
         "names": _json(path.action_names),
     }
-    for part, rows in parts.items():
-        if part in {"free", "guard"} and not any(rows):
+    for part, (starts, sites) in table.parts.items():
+        if part in {"free", "guard"} and not len(sites):
             continue
-        arrays[f"{part}_starts"] = np.cumsum([0, *map(len, rows)], dtype=np.int32)
-        arrays[f"{part}_sites"] = np.array([site for row in rows for site in row], np.int32)
+        arrays[f"{part}_starts"], arrays[f"{part}_sites"] = starts, sites
     if not all(path.stated):
         arrays["stated"] = np.array(path.stated, dtype=np.bool_)
     arrays["moves"] = path.numbers
@@ -153,12 +135,6 @@ def _path_arrays(form: str, path: NumberedPath) -> dict[str, NDArray[Any]]:
     ):
         arrays["move_names"] = _json(path.names)
     return arrays
-
-
-def _pair(pair: Site) -> Sequence[Site]:
-    if not isinstance(pair, tuple):
-        raise InputError(f"a guard {pair!r}, expected a pair of sites")
-    return pair
 
 
 def _json(value: object) -> NDArray[np.uint8]:
@@ -210,26 +186,47 @@ def _path(arrays: Arrays) -> NumberedPath:
     names = _decoded(arrays, "names", _names)
     count = len(names)
     stated = _flags(arrays, count)
-    rows = {
-        part: _rows(arrays, part, sites, count, optional=part in {"free", "guard"})
+    lists = {
+        part: _lists(arrays, part, len(sites), count, optional=part in {"free", "guard"})
         for part in ("support", "trace", "before", "after", "free", "guard")
     }
-    actions = [
-        _action(number, names[number], stated[number], {part: rows[part][number] for part in rows})
-        for number in range(count)
-    ]
-    if len(set(actions)) != count:
-        raise InputError("actions: two are equal, expected each once")
+    bare = not any(len(lists[part][1]) for part in ("free", "guard"))
+    tabled = actions_of(sites, lists, names, stated) if bare else None
+    actions, turned = _one_by_one(sites, lists, names, stated) if tabled is None else tabled
     numbers = _integers(arrays, "moves", 0, count)
     ends = np.full(len(numbers), -1, dtype=np.int8)
     if "ends" in arrays:
         ends = _integers(arrays, "ends", -1, 2, size=len(numbers)).astype(np.int8)
+        # The file counts from `before`; an action has its local states in an order of its own.
+        ends = np.where(ends >= 0, ends ^ turned[numbers], ends)
     given = None
     if "move_names" in arrays:
         given = _decoded(arrays, "move_names", _names)
         if len(given) != len(numbers):
             raise InputError(f"move_names: found {len(given)}, expected {len(numbers)}")
-    return NumberedPath(actions, names, stated, numbers.astype(np.int32), ends, given)
+    table = actions.supports if isinstance(actions, TabledActions) else None
+    return NumberedPath(actions, names, stated, numbers.astype(np.int32), ends, given, table)
+
+
+def _one_by_one(
+    sites: Sequence[Site],
+    lists: Mapping[str, Listed],
+    names: Sequence[MoveName],
+    stated: Sequence[bool],
+) -> tuple[Sequence[Action], NDArray[np.bool_]]:
+    """Return the actions, and for each whether its `before` is its second local state."""
+    rows = {part: _rows(sites, found) for part, found in lists.items()}
+    actions = [
+        _action(number, name, stated[number], {part: rows[part][number] for part in rows})
+        for number, name in enumerate(names)
+    ]
+    if len(set(actions)) != len(actions):
+        raise InputError("actions: two are equal, expected each once")
+    turned = [
+        told and action.ends[0] != frozenset(before)
+        for action, told, before in zip(actions, stated, rows["before"], strict=True)
+    ]
+    return actions, np.array(turned, dtype=np.bool_)
 
 
 def _action(number: int, name: MoveName, stated: bool, parts: dict[str, list[Site]]) -> Action:  # noqa: FBT001 - a flag of the file
@@ -268,15 +265,17 @@ def _flags(arrays: Arrays, count: int) -> list[bool]:
     return [bool(each) for each in found]
 
 
-def _rows(
-    arrays: Arrays, part: str, sites: Sequence[Site], count: int, *, optional: bool
-) -> list[list[Site]]:
+def _lists(arrays: Arrays, part: str, sites: int, count: int, *, optional: bool) -> Listed:
     if optional and f"{part}_starts" not in arrays:
-        return [[] for _ in range(count)]
-    numbers = _integers(arrays, f"{part}_sites", 0, len(sites))
-    starts = _starts(arrays, f"{part}_starts", len(numbers), size=count + 1).tolist()
+        return np.zeros(count + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    numbers = _integers(arrays, f"{part}_sites", 0, sites)
+    return _starts(arrays, f"{part}_starts", len(numbers), size=count + 1), numbers
+
+
+def _rows(sites: Sequence[Site], lists: Listed) -> list[list[Site]]:
+    starts, numbers = lists
     found = [sites[number] for number in numbers.tolist()]
-    return [found[begin:end] for begin, end in pairwise(starts)]
+    return [found[begin:end] for begin, end in pairwise(starts.tolist())]
 
 
 def _starts(

@@ -1,6 +1,6 @@
 """A path as numbers: each distinct action once, and for every move the number of its action.
 
-This is how a path of a million moves is read and written. A line by generator that was seen before
+This is how a path of a million moves is read. A line by generator that was seen before
 costs one lookup in a dict. Self-contained lines are read straight into arrays, see
 `cubepath.protocol.path_files.contents`; each action of theirs is built when it is asked for.
 
@@ -14,8 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
-from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, overload
 
 import msgspec
 import numpy as np
@@ -26,7 +25,6 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import BYTE_ORDER_MARK, InputFile, Source, opened
 from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.contents import Contents, OddError, read_contents
@@ -35,8 +33,6 @@ from cubepath.protocol.path_files.moves import (
     MoveName,
     NumberedId,
     PathMove,
-    contents_line,
-    known_of_named,
     placement_in,
 )
 from cubepath.protocol.path_files.supports import Supports, TabledActions, supports_of
@@ -49,6 +45,30 @@ PORTION = 1000
 
 _KEPT = 1 << 20
 _encode = msgspec.json.Encoder().encode
+
+
+class _EachAction(Sequence[Action]):
+    """The action of each move of a path, taken from the table when it is asked for."""
+
+    def __init__(self, table: Sequence[Action], numbers: NDArray[np.int32]) -> None:
+        """Take the table of actions, and for each move its place there."""
+        self._table = table
+        self._numbers = numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    @overload
+    def __getitem__(self, index: int) -> Action: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Action]: ...
+    def __getitem__(self, index: int | slice) -> Action | list[Action]:
+        if isinstance(index, slice):
+            return [self._table[number] for number in self._numbers[index].tolist()]
+        return self._table[int(self._numbers[index])]
+
+    def __iter__(self) -> Iterator[Action]:
+        return (self._table[number] for number in self._numbers.tolist())
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +96,11 @@ class NumberedPath:
     def supports(self) -> Supports:
         """What the actions do to sites, as arrays."""
         return supports_of(self.actions, self.stated) if self.table is None else self.table
+
+    @property
+    def each_action(self) -> Sequence[Action]:
+        """The action of each move, in order."""
+        return _EachAction(self.actions, self.numbers)
 
     def name(self, move: int) -> MoveName:
         """Return the name of a move."""
@@ -147,13 +172,9 @@ class NumberedPath:
         """
         if (self.ends < 0).any():
             return None
-        on: dict[Site, bool] = {}
-        for move in np.sort(np.unique(self.numbers, return_index=True)[1]).tolist():
-            action = self.actions[int(self.numbers[move])]
-            before = action.ends[int(self.ends[move])]
-            for site in action.support:
-                on.setdefault(site, site in before)
-        return frozenset(site for site, is_on in on.items() if is_on)
+        # No later move of an action is the first with one of its sites.
+        moves = np.sort(np.unique(self.numbers, return_index=True)[1])
+        return self.supports.shown_first(self.numbers[moves], self.ends[moves])
 
 
 class IrregularError(CubepathError):
@@ -216,53 +237,6 @@ def _numbered(moves: Iterable[PathMove], progress: Progress | None) -> NumberedP
     if set(map(type, names)) <= {GeneratorPlacement}:
         return kept.path(None)
     return kept.path(names)
-
-
-def write_path(target: Path, path: NumberedPath) -> None:
-    """Write a moves file that `read_path` reads back; it is complete afterwards, or unchanged.
-
-    Every action is encoded once for each of its two directions. Raises InputError like
-    `cubepath.protocol.path_files.moves.write_moves`.
-    """
-    with written_whole(target) as stream:
-        for portion in _lines(path):
-            stream.write(b"".join(portion))
-
-
-def _lines(path: NumberedPath) -> Iterator[list[bytes]]:
-    tails: dict[tuple[int, int], bytes] = {}
-    pairs = zip(path.numbers.tolist(), path.ends.tolist(), strict=True)
-    names = path.names
-    move = 0
-    while some := list(islice(pairs, PORTION)):
-        portion: list[bytes] = []
-        for key in some:
-            tail = tails.get(key)
-            if tail is None:
-                tail = tails[key] = _tail(path, *key)
-            name = path.action_names[key[0]] if names is None else names[move]
-            if isinstance(name, GeneratorPlacement):
-                portion.append(tail)
-            else:
-                portion.append(b'{"id":' + _encode(name) + tail)
-            move += 1
-        yield portion
-
-
-def _tail(path: NumberedPath, number: int, end: int) -> bytes:
-    """Return the line of a move by its generator, or the part of its line after the id."""
-    action, name = path.actions[number], path.action_names[number]
-    if isinstance(name, GeneratorPlacement):
-        return _encode(name) + b"\n"
-    support, trace = (known_of_named(name, part) for part in (action.support, action.trace))
-    if not path.stated[number]:
-        line = contents_line(0, support, trace, None)
-    else:
-        if action.free or action.guards:
-            raise InputError(f"{action!r} has free sites or guards, expected it by its generator")
-        before, after = action.ends[end], action.ends[1 - end]
-        line = contents_line(0, support, trace, (before, after))
-    return _encode(line).removeprefix(b'{"id":0') + b"\n"
 
 
 @dataclass(slots=True)

@@ -63,6 +63,12 @@ class Supports:
         """The rank of each site in canonical order."""
         return ranks(self.sites)
 
+    @cached_property
+    def places_in_order(self) -> Totals:
+        """The places of all entries, row by row, those of a row in the canonical order of sites."""
+        rows = np.repeat(np.arange(len(self.rows.starts) - 1), np.diff(self.rows.starts))
+        return np.lexsort((self.order[self.rows.sites], rows))
+
     def part(self, bits: int, value: int) -> tuple[Numbers, Numbers]:
         """Return starts and sites of those entries whose `bits` have this value."""
         starts, sites, says = self.rows[:3]
@@ -70,6 +76,25 @@ class Supports:
         before = np.zeros(len(sites) + 1, dtype=np.int32)
         np.cumsum(chosen, out=before[1:])
         return before[starts], sites[chosen]
+
+    def entries(self, numbers: Numbers) -> Totals:
+        """Return the places of the entries of these actions, row by row."""
+        starts = self.rows.starts.astype(np.int64)
+        sizes = (starts[1:] - starts[:-1])[numbers]
+        skipped = np.cumsum(sizes) - sizes
+        found: Totals = np.arange(int(sizes.sum())) + np.repeat(starts[numbers] - skipped, sizes)
+        return found
+
+    def shown_first(self, numbers: Numbers, ends: Bytes) -> frozenset[Site]:
+        """Return the sites that are on where the first of these actions with the site shows it.
+
+        Each action shows one of its local states, 0 or 1, which are its `ends`.
+        """
+        places = self.entries(numbers)
+        met, first = np.unique(self.rows.sites[places], return_index=True)
+        shown = np.repeat(ends, np.diff(self.rows.starts)[numbers])[first]
+        on = (self.rows.says[places[first]] >> shown) & FIRST
+        return frozenset([self.sites[site] for site in met[on > 0].tolist()])
 
 
 def supports_of(actions: Iterable[Action], stated: Sequence[bool]) -> Supports:
