@@ -5,11 +5,13 @@ thorough is slow too, so that ``-m 'not slow'`` leaves it out.
 
 Hundreds of tests start processes. Where Python is told to keep no bytecode, each of these would
 compile all of cubepath anew, which takes as long as all else that it does; so they are not told.
+Nor do they inherit that an interrupt is ignored, as it is where tests run in the background.
 """
 
 from __future__ import annotations
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -17,6 +19,9 @@ from hypothesis import HealthCheck, settings
 os.environ["CUBEPATH_PROGRESS"] = "0"
 
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile(
     "cubepath", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
