@@ -34,11 +34,18 @@ print(json.dumps(sorted(seen)))
 """
 
 
-def carried_out(work: str, how: str, folder: Path, *arguments: str) -> tuple[Any, bool, list[Path]]:
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder for what is compiled, in which there was nothing before these tests."""
+    return tmp_path_factory.mktemp("kept")
+
+
+def carried_out(
+    work: str, how: str, folder: Path, cache: Path, *arguments: str
+) -> tuple[Any, bool, list[Path]]:
     """Do the work in a new process: its answer, whether numba is loaded, what is in its caches."""
-    here, cache = folder / how, folder / f"cache-{how}"
-    for each in (here, cache):
-        each.mkdir()
+    here = folder / how
+    here.mkdir()
     done = subprocess.run(
         [sys.executable, "-c", IN_PROCESS.format(work=work), how, *arguments],
         cwd=here,
@@ -69,12 +76,13 @@ COMMANDS = [
 @pytest.mark.thorough
 @pytest.mark.parametrize("command", COMMANDS, ids=lambda command: command[0])
 def test_compiled_code_gives_the_same_as_a_small_command(
-    command: tuple[str, ...], tmp_path: Path
+    command: tuple[str, ...], tmp_path: Path, kept: Path
 ) -> None:
     """Which loads no numba, and answers alike where it does."""
-    plain, loaded, _ = carried_out(COMMAND, "plain", tmp_path, *command)
+    (tmp_path / "cache").mkdir()
+    plain, loaded, _ = carried_out(COMMAND, "plain", tmp_path, tmp_path / "cache", *command)
     assert not loaded
-    compiled, loaded, cached = carried_out(COMMAND, "compiled", tmp_path, *command)
+    compiled, loaded, cached = carried_out(COMMAND, "compiled", tmp_path, kept, *command)
     assert loaded
     assert any(path.suffix == ".nbi" for path in cached)
     assert plain["moves"] > 0
@@ -94,14 +102,15 @@ def test_compiled_code_gives_the_same_as_a_small_command(
 )
 def test_small_work_compiles_nothing(work: str, arguments: tuple[str, ...], tmp_path: Path) -> None:
     """It loads no numba and leaves nothing in any cache."""
-    _, loaded, cached = carried_out(work, "plain", tmp_path, *arguments)
+    (tmp_path / "cache").mkdir()
+    _, loaded, cached = carried_out(work, "plain", tmp_path, tmp_path / "cache", *arguments)
     assert not loaded
     assert cached == []
 
 
 @pytest.mark.slow
 @pytest.mark.thorough
-def test_a_large_path_is_shortened_by_compiled_code(tmp_path: Path) -> None:
+def test_a_large_path_is_shortened_by_compiled_code(tmp_path: Path, kept: Path) -> None:
     """A hundred thousand moves are too many for plain Python: compiled, and kept for later."""
     lines = [
         json.dumps({"id": f"{place}", "support": [place, place + 1], "trace": [place, place + 1]})
@@ -109,7 +118,7 @@ def test_a_large_path_is_shortened_by_compiled_code(tmp_path: Path) -> None:
     ]
     (tmp_path / "long.jsonl").write_text(("\n".join(lines) + "\n") * 10_001)
     answer, loaded, cached = carried_out(
-        COMMAND, "plain", tmp_path, "shorten", "../long.jsonl", "--json"
+        COMMAND, "plain", tmp_path, kept, "shorten", "../long.jsonl", "--json"
     )
     assert answer["moves"] == 100_010
     assert loaded

@@ -140,7 +140,7 @@ def test_a_single_value_that_was_changed_is_found(spec: str) -> None:
 @pytest.mark.parametrize("spec", ["agv:graph=grid6x3,n=3", "hex:n=3"])
 def test_every_single_value_that_was_changed_is_found(spec: str, number: int) -> None:
     """A quarter of all values each."""
-    recording = free_recorded(spec, moves=6, keepers=2, restarts=1)
+    recording = free_recorded(spec, moves=4, keepers=2, restarts=1)
     assert set(is_found(recording, number, 4)) <= NOT_PROVED
 
 
