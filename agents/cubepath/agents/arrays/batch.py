@@ -11,17 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.kernels import (
-    SILENT,
-    STAYED,
-    Observed,
-    Scratch,
-    State,
-    hear_all,
-    observe_all,
-    play_round,
-)
 from cubepath.agents.arrays.lattice_tables import LatticeTables
+from cubepath.agents.arrays.observing import hear_all, observe_all
+from cubepath.agents.arrays.rounds import play_round
+from cubepath.agents.arrays.state import SILENT, STAYED, Observed, Scratch, State
 from cubepath.agents.arrays.tables import Ints, Tables
 from cubepath.agents.local.observation import Note, observation_length
 from cubepath.protocol.core.errors import InputError
@@ -47,7 +40,7 @@ class Batch:
     """Environments of one scene that are stepped together; each has its own seed and round.
 
     `observed` are the arrays that `observe` and `step` write, the same objects each time: what the
-    kernels document. They are for reading: nothing is read back from them.
+    `Observed` documents. They are for reading: nothing is read back from them.
     """
 
     def __init__(self, scene: Scene, environments: int = 1, *, note_length: int = 0) -> None:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.arrays import kernels, lattice_tables
+from cubepath.agents.arrays import lattice_tables, observing, rounds
 from cubepath.agents.arrays.batch import Batch
 from cubepath.protocol.compiled import Compiled, allowance
 
@@ -73,9 +73,9 @@ def is_due(agents: int) -> bool:
 
 def _kernels() -> tuple[Compiled[..., Any], ...]:
     return (
-        kernels.play_round,
-        kernels.observe_all,
-        kernels.hear_all,
+        rounds.play_round,
+        observing.observe_all,
+        observing.hear_all,
         lattice_tables.number_cells,
         lattice_tables.rehash,
         lattice_tables.work_out,
