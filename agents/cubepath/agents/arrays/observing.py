@@ -12,7 +12,7 @@ import numpy as np
 from cubepath.agents.arrays.kinds import ANY
 from cubepath.agents.arrays.state import SILENT, Observed, State
 from cubepath.agents.arrays.tables import Bits, Goals, Ints, Kinds, Places, Stands
-from cubepath.protocol.compiled import compiled
+from cubepath.protocol.compiled import inner
 
 _FREE, _CLOSED = 0, 3
 
@@ -20,7 +20,7 @@ _FREE, _CLOSED = 0, 3
 # passed on costs an atomic count of references for each array in it.
 
 
-@compiled
+@inner
 def guards_hold(
     guards_at: Ints, guards: Ints, move: int, bits: Bits, environment: int, module: int
 ) -> bool:
@@ -35,7 +35,7 @@ def guards_hold(
     return True
 
 
-@compiled
+@inner
 def observe_all(
     places: Places,
     goals: Goals,
@@ -100,7 +100,7 @@ def observe_all(
                 mask[environment, module, slot + 1] = legal
 
 
-@compiled
+@inner
 def hear_all(places: Places, state: State, notes: Ints) -> None:
     """Write the notes that all modules hear: from the second round on, the last of each module."""
     environments, modules = state.place.shape

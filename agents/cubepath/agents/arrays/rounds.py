@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.kinds import ANY, OWN
-from cubepath.agents.arrays.observing import guards_hold, observe_all
-from cubepath.agents.arrays.settling import arbitrate
+from cubepath.agents.arrays.observing import guards_hold, hear_all, observe_all
+from cubepath.agents.arrays.settling import settle
 from cubepath.agents.arrays.state import (
     GRANTED,
     ILLEGAL,
@@ -24,10 +24,10 @@ from cubepath.agents.arrays.state import (
     State,
 )
 from cubepath.agents.arrays.tables import Goals, Ints, Kinds, Places, Stands
-from cubepath.protocol.compiled import compiled
+from cubepath.protocol.compiled import compiled, inner
 
 
-@compiled
+@inner
 def claim_all(
     stands: Stands,
     kinds: Kinds,
@@ -61,12 +61,11 @@ def claim_all(
         if legal and guards_hold(guards_at, guards, move, bits, environment, module):
             scratch.claimant[count] = module
             scratch.move[count] = move
-            scratch.contested[count] = 0
             count += 1
     return count
 
 
-@compiled
+@inner
 def execute_all(
     places: Places,
     stands: Stands,
@@ -87,7 +86,7 @@ def execute_all(
     fresh = False
     for claim in range(count):
         module, move = scratch.claimant[claim], scratch.move[claim]
-        if not scratch.granted[claim]:
+        if scratch.granted[claim] != 1:
             outcomes[environment, module] = LOST
             continue
         outcomes[environment, module] = GRANTED
@@ -122,84 +121,50 @@ def execute_all(
 
 
 @compiled
-def step_all(
-    places: Places,
-    stands: Stands,
-    kinds: Kinds,
+def play_round(
+    place_arrays: Any,
+    goal_arrays: Any,
+    knower: Ints,
+    stand_arrays: Any,
+    kind_arrays: Any,
     codes: int,
-    state: State,
+    state_arrays: Any,
     actions: NDArray[np.int64],
     prefixes: NDArray[np.uint8],
-    lengths: Ints,
+    lengths: NDArray[np.int64],
     live: NDArray[np.uint8],
-    scratch: Scratch,
+    scratch_arrays: Any,
     outcomes: NDArray[np.int8],
+    observed_arrays: Any,
+    only_observe: bool,  # noqa: FBT001 - compiled functions are called with positions
 ) -> bool:
     """Play one round in every live environment; return whether a module came to a new stand.
 
-    The probes must be those of the present state. `prefixes` are the seeds as text, with a slash,
-    of which `lengths` bytes count.
+    If none did, what all modules observe is written too; with `only_observe` nothing else. The
+    probes must be those of the present state. `prefixes` are the seeds as text, with a slash, of
+    which `lengths` bytes count. The tuples come as plain ones: those take a third of the time to be
+    handed over.
     """
+    places, stands, kinds = Places(*place_arrays), Stands(*stand_arrays), Kinds(*kind_arrays)
+    state, scratch = State(*state_arrays), Scratch(*scratch_arrays)
     fresh = False
-    for environment in range(len(actions)):
+    for environment in range(0 if only_observe else len(actions)):
         if not live[environment]:
-            outcomes[environment] = STAYED
+            for module in range(actions.shape[1]):
+                outcomes[environment, module] = STAYED
             continue
         state.round[environment] += 1
         count = claim_all(stands, kinds, codes, state, environment, actions, scratch, outcomes)
         length = lengths[environment]
-        scratch.text[:length] = prefixes[environment, :length]
-        arbitrate(places, kinds, state, environment, count, length, scratch)
-        moved = execute_all(
-            places, stands, kinds, codes, state, environment, count, scratch, outcomes
-        )
-        fresh = fresh or moved
-    return fresh
-
-
-@compiled
-def play_round(
-    places: Any,
-    goals: Any,
-    knower: Ints,
-    stands: Any,
-    kinds: Any,
-    codes: int,
-    state: Any,
-    actions: NDArray[np.int64],
-    prefixes: NDArray[np.uint8],
-    lengths: Ints,
-    live: NDArray[np.uint8],
-    scratch: Any,
-    outcomes: NDArray[np.int8],
-    observed: Any,
-) -> bool:
-    """Step, and observe unless a module came to a new stand; return whether one did.
-
-    The tuples come as plain ones: those take a third of the time to be handed over.
-    """
-    fresh = step_all(
-        Places(*places),
-        Stands(*stands),
-        Kinds(*kinds),
-        codes,
-        State(*state),
-        actions,
-        prefixes,
-        lengths,
-        live,
-        Scratch(*scratch),
-        outcomes,
-    )
+        for at in range(length):
+            scratch.text[at] = prefixes[environment, at]
+        settle(places, kinds, state, environment, count, length, scratch)
+        if execute_all(places, stands, kinds, codes, state, environment, count, scratch, outcomes):
+            fresh = True
     if not fresh:
-        observe_all(
-            Places(*places),
-            Goals(*goals),
-            knower,
-            Stands(*stands),
-            Kinds(*kinds),
-            codes,
-            State(*state),
-            Observed(*observed),
-        )
+        observed = Observed(*observed_arrays)
+        goals = Goals(*goal_arrays)
+        observe_all(places, goals, knower, stands, kinds, codes, state, observed)
+        if state.said.shape[2] > 0:
+            hear_all(places, state, observed.notes)
     return fresh

@@ -7,18 +7,18 @@ once: two that conflict are compared by rank, and what does not conflict is gran
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cubepath.agents.arrays.kinds import ANY, OWN
-from cubepath.agents.arrays.ranks import digits, rank
+from cubepath.agents.arrays.ranks import digits, rank_claims
 from cubepath.agents.arrays.state import Scratch, State
 from cubepath.agents.arrays.tables import Ints, Kinds, Places
-from cubepath.protocol.compiled import compiled
+from cubepath.protocol.compiled import inner
 
 _SLASH = 47
+_OPEN, _WON, _BEATEN = 0, 1, 2
 
 
-@compiled
+@inner
 def file_traces(
     places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
 ) -> None:
@@ -43,7 +43,7 @@ def file_traces(
             filed += 1
 
 
-@compiled
+@inner
 def find_rivals(
     places: Places,
     kinds: Kinds,
@@ -55,13 +55,15 @@ def find_rivals(
 ) -> int:
     """Find the claims that conflict: a trace of one meets the support of the other.
 
-    Writes pairs of claims and returns how many there are; only the first are written if there is no
-    room for more.
+    Writes and chains pairs of claims, as `Scratch` has them, and returns how many there are. Only
+    the first are written if there is no room for more; then it has to be called again.
     """
     sensed, items_at, items = places.sensed, kinds.items_at, kinds.items
     place_of, code_of = state.place, state.code
-    claimant, moves, contested = scratch.claimant, scratch.move, scratch.contested
+    claimant, moves, first = scratch.claimant, scratch.move, scratch.first
     head, claims, codes, following = scratch.head, scratch.claim, scratch.code, scratch.following
+    for claim in range(count):
+        first[claim] = -1
     found = 0
     for claim in range(count):
         module, move = claimant[claim], moves[claim]
@@ -76,37 +78,16 @@ def find_rivals(
                     if code == OWN:
                         code = code_of[environment, module]
                     if code == ANY or codes[other] == ANY or code == codes[other]:
-                        contested[claim] = contested[rival] = 1
                         if found < len(rivals):
                             rivals[found, 0], rivals[found, 1] = claim, rival
+                            rivals[found, 2], rivals[found, 3] = first[claim], first[rival]
+                            first[claim], first[rival] = 2 * found, 2 * found + 1
                         found += 1
                 other = following[other]
     return found
 
 
-@compiled
-def grant_in_order(order: NDArray[np.int64], rivals: Ints, count: int, scratch: Scratch) -> None:
-    """Grant the contested claims from last to first, unless a rival has been granted."""
-    granted = scratch.granted
-    first = np.full(count, -1, np.int64)
-    # Each pair is filed under both claims: entry e is pair e // 2, seen from its side e % 2.
-    following = np.zeros(2 * len(rivals), np.int64)
-    for entry in range(2 * len(rivals)):
-        claim = rivals[entry >> 1, entry & 1]
-        following[entry] = first[claim]
-        first[claim] = entry
-    for at in range(len(order) - 1, -1, -1):
-        claim = order[at]
-        beaten = False
-        entry = first[claim]
-        while entry >= 0 and not beaten:
-            beaten = granted[rivals[entry >> 1, 1 - (entry & 1)]] != 0
-            entry = following[entry]
-        if not beaten:
-            granted[claim] = 1
-
-
-@compiled
+@inner
 def clear(
     places: Places, kinds: Kinds, state: State, environment: int, count: int, scratch: Scratch
 ) -> None:
@@ -121,8 +102,57 @@ def clear(
                 head[own if ref == 0 else sensed[own, ref - 1]] = -1
 
 
-@compiled
-def arbitrate(
+@inner
+def set_aside(count: int, scratch: Scratch) -> int:
+    """List the claims that have rivals, and grant all others; return how many have."""
+    waiting = 0
+    for claim in range(count):
+        if scratch.first[claim] >= 0:
+            scratch.granted[claim] = _OPEN
+            scratch.waiting[waiting] = claim
+            waiting += 1
+        else:
+            scratch.granted[claim] = _WON
+    return waiting
+
+
+@inner
+def grant_by_rank(waiting: int, rivals: Ints, scratch: Scratch) -> None:
+    """Grant each of the waiting claims unless a rival that outranks it is granted.
+
+    A claim whose verdict depends on an open one that outranks it is put aside on the stack until
+    that is decided; ranks grow along the stack, so it never holds a claim twice.
+    """
+    granted, first, ranks, stack = scratch.granted, scratch.first, scratch.rank, scratch.stack
+    for at in range(waiting):
+        stack[0] = scratch.waiting[at]
+        depth = 1 if granted[stack[0]] == _OPEN else 0
+        while depth > 0:
+            claim = stack[depth - 1]
+            verdict = _WON
+            while first[claim] >= 0:
+                pair, side = first[claim] >> 1, first[claim] & 1
+                rival = rivals[pair, 1 - side]
+                # Whoever has a granted rival is beaten: had it the greater rank, that would not be.
+                if granted[rival] == _WON:
+                    verdict = _BEATEN
+                    break
+                if granted[rival] == _OPEN and (
+                    ranks[rival] > ranks[claim] or (ranks[rival] == ranks[claim] and rival > claim)
+                ):
+                    verdict = _OPEN
+                    stack[depth] = rival
+                    break
+                first[claim] = rivals[pair, 2 + side]
+            if verdict == _OPEN:
+                depth += 1
+            else:
+                granted[claim] = verdict
+                depth -= 1
+
+
+@inner
+def settle(
     places: Places,
     kinds: Kinds,
     state: State,
@@ -136,31 +166,25 @@ def arbitrate(
     The text to be hashed begins with `length` bytes of the seed.
     """
     file_traces(places, kinds, state, environment, count, scratch)
-    contested, granted, text = scratch.contested, scratch.granted, scratch.text
-    rivals = np.zeros((4 * count, 2), np.int32)
-    pairs = find_rivals(places, kinds, state, environment, count, scratch, rivals)
-    if pairs > len(rivals):
-        rivals = np.zeros((pairs, 2), np.int32)
-        find_rivals(places, kinds, state, environment, count, scratch, rivals)
+    rivals = scratch.rivals
+    while True:
+        pairs = find_rivals(places, kinds, state, environment, count, scratch, rivals)
+        if pairs <= len(rivals):
+            break
+        rivals = np.empty((pairs, 4), np.int32)
     clear(places, kinds, state, environment, count, scratch)
-    waiting = 0
-    for claim in range(count):
-        granted[claim] = 1 - contested[claim]
-        waiting += contested[claim]
-    if waiting == 0:
-        return
-    ranks = np.zeros(waiting, np.uint64)
-    chosen = np.zeros(waiting, np.int64)
-    digest, words = np.zeros(8, np.uint64), np.zeros(16, np.uint64)
-    start = digits(state.round[environment], text, length)
-    text[start] = _SLASH
-    at = 0
-    for claim in range(count):
-        if contested[claim]:
-            end = digits(scratch.claimant[claim], text, start + 1)
-            ranks[at] = rank(text, end, digest, words)
-            chosen[at] = claim
-            at += 1
-    # Stable, so among equal ranks the greater module is last, and goes first.
-    order = chosen[np.argsort(ranks, kind="mergesort")]
-    grant_in_order(order, rivals[:pairs], count, scratch)
+    waiting = set_aside(count, scratch)
+    if waiting > 0:
+        text = scratch.text
+        start = digits(state.round[environment], text, length)
+        text[start] = _SLASH
+        rank_claims(
+            text,
+            start + 1,
+            scratch.claimant,
+            scratch.waiting,
+            waiting,
+            scratch.hashing,
+            scratch.rank,
+        )
+        grant_by_rank(waiting, rivals, scratch)

@@ -61,7 +61,17 @@ class Scratch(NamedTuple):
     """By claim, the module."""
     move: Ints
     """By claim, the number of its move among all kinds."""
-    contested: NDArray[np.uint8]
+    first: Ints
+    """By claim, the first entry with a rival, -1 for none: entry 2 p + s is pair p from side s."""
     granted: NDArray[np.uint8]
+    """By claim: 0 while it is open, 1 if it is granted."""
+    waiting: Ints
+    """The claims with rivals."""
+    stack: Ints
+    rivals: Ints
+    """Shape (pairs, 4): two claims, and for each of them its next entry."""
+    rank: Bits
+    """By claim, if it has rivals."""
+    hashing: Bits
     text: NDArray[np.uint8]
     movers: Ints
