@@ -36,6 +36,17 @@ def guards_hold(
 
 
 @inner
+def is_goal(knower: Ints, code: Ints, following: Ints, entry: int, who: int, found: int) -> bool:
+    """Return whether a place that shows `found`, with this entry, is a goal of somebody."""
+    flag = False
+    while entry >= 0:
+        if knower[entry] == who:
+            flag |= code[entry] == ANY or code[entry] == found
+        entry = following[entry]
+    return flag
+
+
+@inner
 def observe_all(
     places: Places,
     goals: Goals,
@@ -66,20 +77,23 @@ def observe_all(
                 out[environment, module, at] = encoded[stand, at]
             for word in range(words):
                 bits[environment, module, word] = 0
-            for slot in range(-1, slots):  # -1: the own place, of which only the flag is written
-                near = place if slot < 0 else sensed[place, slot]
-                found, entry, flag = shown[environment, near], goal[near], 0
-                while entry >= 0:
-                    if goal_knower[entry] == who:
-                        flag |= goal_code[entry] == ANY or goal_code[entry] == found
-                    entry = following[entry]
-                at = size + 1 + 2 * slot
-                out[environment, module, at + 1] = flag
-                if slot < 0:
-                    continue
-                out[environment, module, at] = found
-                if codes == 1 and found != _FREE and found != _CLOSED:
-                    bits[environment, module, slot >> 6] |= one << np.uint64(slot & 63)
+            out[environment, module, size] = is_goal(
+                goal_knower, goal_code, following, goal[place], who, shown[environment, place]
+            )
+            for word in range((slots + 63) >> 6):
+                probed = np.uint64(0)
+                for slot in range(64 * word, min(slots, 64 * word + 64)):
+                    near = sensed[place, slot]
+                    found = shown[environment, near]
+                    out[environment, module, size + 1 + 2 * slot] = found
+                    out[environment, module, size + 2 + 2 * slot] = is_goal(
+                        goal_knower, goal_code, following, goal[near], who, found
+                    )
+                    probed |= np.uint64((found != _FREE) & (found != _CLOSED)) << np.uint64(
+                        slot & 63
+                    )
+                if codes == 1 and word < words:
+                    bits[environment, module, word] = probed
             if codes > 1:
                 first = kinds.probes_at[kind]
                 for probe in range(first, kinds.probes_at[kind + 1]):
