@@ -7,6 +7,8 @@ step.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from cubepath.agents.arrays.kinds import ANY
@@ -36,7 +38,7 @@ def guards_hold(
 
 
 @inner
-def is_goal(knower: Ints, code: Ints, following: Ints, entry: int, who: int, found: int) -> bool:
+def is_goal(knower: Ints, code: Ints, following: Ints, entry: Any, who: int, found: int) -> bool:
     """Return whether a place that shows `found`, with this entry, is a goal of somebody."""
     flag = False
     while entry >= 0:

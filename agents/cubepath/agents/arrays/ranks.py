@@ -76,7 +76,7 @@ def mix(
 
 
 @inner
-def absorb(words: Words, lanes: int) -> None:
+def absorb(words: Any, lanes: int) -> None:
     """Take the block of each lane into its state."""
     for lane in range(lanes):
         for row in range(8):
