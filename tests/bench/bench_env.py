@@ -13,21 +13,27 @@ from __future__ import annotations
 
 import argparse
 import gc
+import math
 import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
 from cubepath.agents import parallel_env, vector_env
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.systems.lattice import LatticeSystem
 
 FAMILIES = ("hex:n=", "hex-open:n=", "arm:n=", "agv:graph=grid64x64,n=")
+LOOSE, ROW = "loose hexagons, n=", 5
 BATCHES = (("hex:n=10", 1000), ("agv:graph=grid16x16,n=100", 100))
-WIDE = ("hex:n=", "agv:graph=grid400x400,n=")
+WIDE = ("hex:n=", LOOSE, "agv:graph=grid400x400,n=")
 PEER = """
 import sys, time
 import numpy as np
@@ -65,9 +71,32 @@ class Bare:
         )
 
 
+@lru_cache(maxsize=1)
+def scene_of(spec: str) -> Scene:
+    """Return a scene by its name; the loose ones are of this file.
+
+    They are hexagons that may part, in short rows far from one another in a plane without end, so
+    many of them can move, and the scene does not grow with the square of the modules.
+    """
+    if not spec.startswith(LOOSE):
+        return scene_from_spec(spec)
+    size = int(spec.removeprefix(LOOSE))
+    catalogue = scene_from_spec("hex-open:n=1").system.catalogue
+    if catalogue is None:
+        raise AssertionError("hex-open is a system of a catalogue")
+    width = 1 + math.isqrt(size // ROW)
+    start = []
+    for number in range(size):
+        row, place = divmod(number, ROW)
+        start.append((2 * ROW * (row % width) + place, ROW * (row // width)))
+    goals = tuple((x, y + 1) for x, y in start)
+    system = LatticeSystem(catalogue)
+    return Scene(spec, "", system, tuple(start), frozenset(goals), (goals,) * size)
+
+
 def drawn(spec: str, count: int, steps: int) -> tuple[list[np.ndarray[Any, Any]], float]:
     """Return random legal actions for so many steps, and the share of agents that moved in one."""
-    env = vector_env(spec, num_envs=count, max_cycles=10**9, copy=False)
+    env = vector_env(scene_of(spec), num_envs=count, max_cycles=10**9, copy=False)
     seen, _ = env.reset(seed=0)
     random = np.random.default_rng(0)
     size = env.scene.system.site_size
@@ -98,9 +127,10 @@ def rate(make: Callable[[], Callable[[Any], Any]], actions: list[Any], agents: i
 
 def dicts(spec: str, **options: Any) -> Callable[[], Callable[[Any], Any]]:
     """Return how to make an environment and get its `step`."""
+    scene = scene_of(spec)
 
     def make() -> Callable[[Any], Any]:
-        env = parallel_env(spec, max_cycles=10**9, **options)
+        env = parallel_env(scene, max_cycles=10**9, **options)
         env.reset(seed=0)
         return env.step
 
@@ -110,8 +140,10 @@ def dicts(spec: str, **options: Any) -> Callable[[], Callable[[Any], Any]]:
 def arrays(spec: str, count: int) -> Callable[[], Callable[[Any], Any]]:
     """Return how to make a vector environment and get its `step`."""
 
+    scene = scene_of(spec)
+
     def make() -> Callable[[Any], Any]:
-        env = vector_env(spec, num_envs=count, max_cycles=10**9, copy=False)
+        env = vector_env(scene, num_envs=count, max_cycles=10**9, copy=False)
         env.reset(seed=0)
         return env.step
 
@@ -121,7 +153,7 @@ def arrays(spec: str, count: int) -> Callable[[], Callable[[Any], Any]]:
 def single(spec: str, modules: int, steps: int) -> Iterator[str]:
     """Yield the figures of one environment, in millions of agent-steps a second."""
     actions, moved = drawn(spec, 1, steps)
-    env = parallel_env(spec)
+    env = parallel_env(scene_of(spec))
     names = env.possible_agents
     named = [dict(zip(names, each[0].tolist(), strict=True)) for each in actions]
     bare = Bare(env)

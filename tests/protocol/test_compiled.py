@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from cubepath.protocol.compiled import inner
+
 CODE = """
 import resource, signal, sys
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -55,9 +57,9 @@ def scaled(number: int) -> int:
     return 10 * number
 """,
     "middle": """
-from cubepath.protocol.compiled import compiled
+from cubepath.protocol.compiled import inner
 from room.inner import scaled
-@compiled
+@inner
 def middle(number: int) -> int:
     return scaled(number) + 1
 """,
@@ -171,7 +173,7 @@ def installation(folder: Path, kind: str) -> Installation:
 def test_a_change_reaches_the_compiled_functions_of_other_modules(
     tmp_path: Path, place: str
 ) -> None:
-    """What calls a changed function by way of a third module is compiled again, and kept again."""
+    """What calls it by way of an inner function of a third module is compiled and kept again."""
     room = installation(tmp_path, place)
     assert room.call("outer") == (71, False)
     room.change("10 * number", "20 * number")
@@ -179,6 +181,19 @@ def test_a_change_reaches_the_compiled_functions_of_other_modules(
     assert room.call("outer") == (141, True)
     assert room.kept is not None
     assert list(room.kept.rglob("outer.call-*.nbc"))
+    assert not list(room.kept.rglob("middle.*"))
+
+
+def test_an_inner_function_is_for_compiled_code() -> None:
+    """A call from Python is refused, unless it is to run in plain Python."""
+
+    @inner
+    def twice(number: int) -> int:
+        return 2 * number
+
+    with pytest.raises(TypeError, match="twice can be called by compiled functions only"):
+        twice(3)
+    assert twice.plain(3) == 6
 
 
 @pytest.mark.slow

@@ -125,9 +125,10 @@ def _view(argument: Any) -> Any:
 class Compiled(Generic[_Arguments, _Result]):
     """A function that is compiled on its first call, or loaded if it was compiled before."""
 
-    def __init__(self, function: Callable[_Arguments, _Result]) -> None:
-        """Record the function and the current version of its file; see `compiled`."""
+    def __init__(self, function: Callable[_Arguments, _Result], *, for_python: bool = True) -> None:
+        """Record the function and the current version of its file; see `compiled` and `inner`."""
         update_wrapper(self, function)
+        self._for_python = for_python
         self._function = cast("FunctionType", function)
         self._dispatcher: Any = None
         self._in_python: FunctionType | None = None
@@ -137,7 +138,9 @@ class Compiled(Generic[_Arguments, _Result]):
             known.pop(module, None)
 
     def __call__(self, *arguments: _Arguments.args, **named: _Arguments.kwargs) -> _Result:
-        """Call the compiled function."""
+        """Call the compiled function; TypeError for an `inner` one."""
+        if not self._for_python:
+            raise TypeError(f"{self._function.__name__} can be called by compiled functions only")
         return cast("_Result", (self._dispatcher or self.dispatcher)(*arguments, **named))
 
     def for_work(self, steps: int, *, by_entries: bool = False) -> Callable[_Arguments, _Result]:
@@ -198,6 +201,10 @@ class Compiled(Generic[_Arguments, _Result]):
         if self._dispatcher is None:
             from numba import njit  # noqa: PLC0415 - takes longer than most work in plain Python
 
+            if not self._for_python:
+                within: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+                self._dispatcher = njit(**within)(self._function)
+                return self._dispatcher
             try:
                 found: Any = njit(cache=True)(self._function)
             except RuntimeError:  # numba found no folder to write to
@@ -254,3 +261,13 @@ def compiled(function: Callable[_Arguments, _Result]) -> Compiled[_Arguments, _R
     or not ours, the function is still compiled, anew in every process.
     """
     return Compiled(function)
+
+
+def inner(function: Callable[_Arguments, _Result]) -> Compiled[_Arguments, _Result]:
+    """Return the function compiled for others that are compiled to call, with its signature kept.
+
+    As `compiled`, but without what takes arguments over from Python, which for a function of many
+    arrays takes the compiler as long as the function itself; and it is kept on disk as a part of
+    those that call it, not on its own. A call from Python raises TypeError; `plain` works.
+    """
+    return Compiled(function, for_python=False)

@@ -213,6 +213,23 @@ def test_more_neighbours_than_bits_in_a_word() -> None:
     assert together(Scene("row", "", system, ((0, 0), (50, 50))), [0], 20).moves
 
 
+def test_what_is_sensed_and_not_read_has_no_room_among_the_bits() -> None:
+    """A hundred cells of the support are free: one word is for those that are read, and it ends."""
+    row = tuple((x, 0) for x in range(100))
+    step = Generator("step", row, row[:2], row[:1], row[1:2], ((row[0], row[1]),), row[2:])
+    system = LatticeSystem(Catalogue(SQUARES, (step,)))
+    scene = Scene("row", "", system, ((90, 0), (0, 0)))
+    found = Batch(scene)
+    assert system.sensed((0, 0)).index((90, 0)) > 64 * found.tables.words
+    # The bits, with a word behind them that is nobody's.
+    guarded = np.full((1, 3, found.tables.words), 7, np.uint64)
+    found._bits = guarded[:, :2]
+    found._follow()
+    together(scene, [0], 10, batch=found)
+    assert found._bits.base is guarded
+    assert guarded[0, 2].tolist() == [7] * found.tables.words
+
+
 def test_cells_of_an_orbit_without_moves() -> None:
     """A module there senses nothing and can only stay, or be in the way."""
     along = Generator(

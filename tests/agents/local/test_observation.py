@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -204,6 +205,24 @@ def test_modules_that_are_told_the_same_goals_share_one_set() -> None:
     assert len(set(goal_sets(vehicles))) == 5
     nothing = replace(vehicles, goals=())
     assert goal_sets(nothing) == (frozenset(),) * 5
+
+
+def test_goals_that_modules_share_are_gone_through_once() -> None:
+    """Not once for each module, which would take quadratic time."""
+
+    class Counted(tuple[Site, ...]):
+        __slots__ = ()
+        taken: ClassVar[list[int]] = []
+
+        def __iter__(self) -> Iterator[Site]:
+            self.taken.append(1)
+            return super().__iter__()
+
+    scene = scene_from_spec("hex:n=5")
+    scene = replace(scene, goals=(Counted(scene.goals[0]),) * 5)
+    Counted.taken.clear()
+    assert len(set(goal_sets(scene))) == 1
+    assert len(Counted.taken) == 1
 
 
 def test_goals_are_places_or_sites() -> None:

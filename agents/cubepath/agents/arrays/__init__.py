@@ -9,9 +9,9 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.arrays.batch import Batch
-    from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
     from cubepath.agents.arrays.kinds import UntabledError
     from cubepath.agents.arrays.relative import RelativeArrays
+    from cubepath.agents.arrays.state import GRANTED, ILLEGAL, LOST
     from cubepath.agents.arrays.tables import Tables
     from cubepath.agents.arrays.warming import is_due
 else:
@@ -19,9 +19,9 @@ else:
         __name__,
         {
             "batch": "Batch",
-            "kernels": "GRANTED ILLEGAL LOST",
             "kinds": "UntabledError",
             "relative": "RelativeArrays",
+            "state": "GRANTED ILLEGAL LOST",
             "tables": "Tables",
             "warming": "is_due",
         },

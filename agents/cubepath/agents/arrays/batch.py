@@ -11,17 +11,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.arrays.kernels import (
-    SILENT,
-    STAYED,
-    Observed,
-    Scratch,
-    State,
-    hear_all,
-    observe_all,
-    play_round,
-)
 from cubepath.agents.arrays.lattice_tables import LatticeTables
+from cubepath.agents.arrays.ranks import HASHING_WORDS
+from cubepath.agents.arrays.rounds import play_round
+from cubepath.agents.arrays.state import SILENT, STAYED, Observed, Scratch, State
 from cubepath.agents.arrays.tables import Ints, Tables
 from cubepath.agents.local.observation import Note, observation_length
 from cubepath.protocol.core.errors import InputError
@@ -30,7 +23,6 @@ from cubepath.protocol.core.system import FIRST_LABEL, MODULE, Scene
 
 _DIGITS = 64
 """Room for the digits of a round and of a module in what is hashed."""
-_BLOCK = 128
 PLACES_MAX = 1 << 16
 """So many places may have numbers before those that were left behind are forgotten..."""
 PLACES_EACH = 64
@@ -47,7 +39,7 @@ class Batch:
     """Environments of one scene that are stepped together; each has its own seed and round.
 
     `observed` are the arrays that `observe` and `step` write, the same objects each time: what the
-    kernels document. They are for reading: nothing is read back from them.
+    `Observed` documents. They are for reading: nothing is read back from them.
     """
 
     def __init__(self, scene: Scene, environments: int = 1, *, note_length: int = 0) -> None:
@@ -68,8 +60,9 @@ class Batch:
         self._shown = np.zeros((environments, 0), np.int32)
         self._module = np.zeros((environments, 0), np.int32)
         self._prefixes = np.zeros((environments, 1), np.uint8)
-        self._lengths = np.ones(environments, np.int32)
+        self._lengths = np.ones(environments, np.int64)
         self._everyone = np.ones(environments, np.uint8)
+        self._idle = np.zeros(shape, np.int64)
         self.outcomes = np.full(shape, STAYED, np.int8)
         reach = system.reach_slots if note_length else 1
         self.observed = Observed(
@@ -118,9 +111,14 @@ class Batch:
                 following=items[2],
                 claimant=np.zeros(modules, np.int32),
                 move=np.zeros(modules, np.int32),
-                contested=np.zeros(modules, np.uint8),
+                first=np.zeros(modules, np.int32),
                 granted=np.zeros(modules, np.uint8),
-                text=self._text(),
+                waiting=np.zeros(modules, np.int32),
+                stack=np.zeros(modules, np.int32),
+                rivals=np.zeros((4 * modules, 4), np.int32),
+                rank=np.zeros(modules, np.uint64),
+                hashing=np.zeros(HASHING_WORDS, np.uint64),
+                text=np.zeros(self._prefixes.shape[1] + _DIGITS, np.uint8),
                 movers=np.zeros(motions, np.int32),
             )
 
@@ -157,10 +155,6 @@ class Batch:
         codes = np.array([system.code_of(site) for site in sites], np.int32)
         tables.prepare(places, codes)
         return places, codes
-
-    def _text(self) -> NDArray[np.uint8]:
-        size = self._prefixes.shape[1] + _DIGITS
-        return np.zeros(-(-size // _BLOCK) * _BLOCK, np.uint8)
 
     @property
     def _state(self) -> State:
@@ -199,20 +193,25 @@ class Batch:
 
     def observe(self) -> Observed:
         """Write what all modules observe; return it. It has to follow a `reset`."""
-        tables = self._tables
-        observe_all(
-            tables.places,
-            tables.goals,
-            tables.knower,
-            tables.stands,
-            tables.kinds.arrays,
-            tables.codes,
-            self._state,
-            self.observed,
-        )
-        if self.note_length:
-            hear_all(tables.places, self._state, self.observed.notes)
+        self._play(self._idle, self._everyone, only_observe=True)
         return self.observed
+
+    def _play(
+        self, actions: NDArray[np.int64], live: NDArray[np.uint8], *, only_observe: bool
+    ) -> bool:
+        return play_round(
+            *self._plain[:5],
+            self._tables.codes,
+            self._plain[5],
+            actions,
+            self._prefixes,
+            self._lengths,
+            live,
+            self._plain[6],
+            self.outcomes,
+            self._plain[7],
+            only_observe,
+        )
 
     def step(
         self,
@@ -230,26 +229,14 @@ class Batch:
         if told is not None and self.note_length:
             speaks, notes = told
             self._said[speaks] = notes[speaks]
-        fresh = play_round(
-            *self._plain[:5],
-            tables.codes,
-            self._plain[5],
-            actions,
-            self._prefixes,
-            self._lengths,
-            self._everyone if live is None else live,
-            self._plain[6],
-            self.outcomes,
-            self._plain[7],
-        )
+        live = self._everyone if live is None else live
+        fresh = self._play(actions, live, only_observe=False)
         if fresh:
             tables.prepare(self._place.ravel(), self._code.ravel())
             if tables.count > max(PLACES_MAX, PLACES_EACH * self._place.size):
                 self._forget()
             self._follow()
             self.observe()
-        elif self.note_length:
-            hear_all(tables.places, self._state, self.observed.notes)
         return self.outcomes
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cubepath.agents.arrays.kinds import Kind, Naming, UntabledError, kind_at
 from cubepath.agents.arrays.tables import Growing, Ints, Kinds, Places, Stands, Tables
-from cubepath.protocol.compiled import compiled
+from cubepath.protocol.compiled import compiled, inner
 from cubepath.protocol.core.catalogue import Catalogue
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, EMPTY, FILLED, MODULE, Scene, System
@@ -49,13 +49,13 @@ class Orbits(NamedTuple):
     reach_count: Ints
 
 
-@compiled
-def slot_of(cells: Cells, cell: Ints) -> Any:
-    """Return the slot of the hash table that holds the cell, or where it is to be put."""
+@inner
+def slot_of(cells: Cells, rows: Ints, row: int) -> Any:
+    """Return the slot of the hash table that holds the cell in a row, or where it is to be put."""
     mask = len(cells.slots) - 1
     mixed = np.uint64(1469598103934665603)
-    for axis in range(len(cell)):
-        mixed = (mixed ^ np.uint64(np.int64(cell[axis]))) * np.uint64(0x9E3779B97F4A7C15)
+    for axis in range(rows.shape[1]):
+        mixed = (mixed ^ np.uint64(np.int64(rows[row, axis]))) * np.uint64(0x9E3779B97F4A7C15)
         mixed ^= mixed >> np.uint64(29)
     slot = np.int64(mixed & np.uint64(mask))
     while True:
@@ -63,24 +63,25 @@ def slot_of(cells: Cells, cell: Ints) -> Any:
         if number == 0:
             return slot
         same = True
-        for axis in range(len(cell)):
-            if cells.coordinates[number, axis] != cell[axis]:
+        for axis in range(rows.shape[1]):
+            if cells.coordinates[number, axis] != rows[row, axis]:
                 same = False
         if same:
             return slot
         slot = (slot + 1) & mask
 
 
-@compiled
-def number_of(cells: Cells, chart: Cells, cell: Ints, count: int) -> Any:
-    """Return the number of a cell: `count` for a new one, which is looked up in the chart."""
-    slot = slot_of(cells, cell)
+@inner
+def number_of(cells: Cells, chart: Cells, rows: Ints, row: int, count: int) -> Any:
+    """Return the number of the cell in a row: `count` for a new one, which is looked up."""
+    slot = slot_of(cells, rows, row)
     number = cells.slots[slot]
     if number == 0:
         number = count
-        charted = chart.slots[slot_of(chart, cell)]
+        charted = chart.slots[slot_of(chart, rows, row)]
         cells.slots[slot] = number
-        cells.coordinates[number] = cell
+        for axis in range(rows.shape[1]):
+            cells.coordinates[number, axis] = rows[row, axis]
         cells.limits[number] = chart.limits[charted]
         cells.background[number] = chart.background[charted]
     return number
@@ -90,8 +91,9 @@ def number_of(cells: Cells, chart: Cells, cell: Ints, count: int) -> Any:
 def number_cells(cells: Cells, chart: Cells, chosen: Ints, count: int, found: Ints) -> int:
     """Write the numbers of the chosen cells, new ones from `count` on; return the new count."""
     for row in range(len(chosen)):
-        found[row] = number_of(cells, chart, chosen[row], count)
-        count = max(count, found[row] + 1)
+        found[row] = number_of(cells, chart, chosen, row, count)
+        if found[row] == count:
+            count += 1
     return count
 
 
@@ -99,7 +101,7 @@ def number_cells(cells: Cells, chart: Cells, chosen: Ints, count: int, found: In
 def rehash(cells: Cells, count: int) -> None:
     """Put all cells into the hash table, which is empty."""
     for number in range(1, count):
-        cells.slots[slot_of(cells, cells.coordinates[number])] = number
+        cells.slots[slot_of(cells, cells.coordinates, number)] = number
 
 
 @compiled
@@ -114,40 +116,47 @@ def work_out(
     stands: Stands,
     kinds: Kinds,
     notes: bool,  # noqa: FBT001 - compiled functions are called with positions
+    around: Ints,
 ) -> int:
     """Work out the stands at the chosen cells; return the new count of numbered cells.
 
-    There must be room for all cells that can be met.
+    There must be room for all cells that can be met. `around` has a row for each cell that is
+    sensed or heard from, and is overwritten.
     """
     arity = cells.coordinates.shape[1]
     move_slots = stands.usable.shape[1]
-    cell = np.zeros(arity, np.int32)
-    for number in chosen:
+    own = cells.coordinates
+    for at in range(len(chosen)):
+        number = chosen[at]
         if stands.kind[number] >= 0:
             continue
-        own = cells.coordinates[number]
         orbit = -1
         for candidate in range(len(orbits.tails)):
             same = True
             for axis in range(dimension, arity):
-                if orbits.tails[candidate, axis - dimension] != own[axis]:
+                if orbits.tails[candidate, axis - dimension] != own[number, axis]:
                     same = False
             if same:
                 orbit = candidate
         kind = orbits.kind[orbit]
-        stands.encoded[number] = own
-        for part in range(2 if notes else 1):
-            offsets = orbits.sensed[orbit] if part == 0 else orbits.reach[orbit]
-            length = orbits.sensed_count[orbit] if part == 0 else orbits.reach_count[orbit]
-            for slot in range(length):
-                for axis in range(arity):
-                    cell[axis] = offsets[slot, axis] + (own[axis] if axis < dimension else 0)
-                other = number_of(cells, chart, cell, count)
-                count = max(count, other + 1)
-                if part == 0:
-                    places.sensed[number, slot] = other
-                else:
-                    places.reach[number, slot] = other
+        for axis in range(arity):
+            stands.encoded[number, axis] = own[number, axis]
+        near = orbits.sensed_count[orbit]
+        for slot in range(near + (orbits.reach_count[orbit] if notes else 0)):
+            for axis in range(arity):
+                offset = (
+                    orbits.sensed[orbit, slot, axis]
+                    if slot < near
+                    else orbits.reach[orbit, slot - near, axis]
+                )
+                around[slot, axis] = offset + (own[number, axis] if axis < dimension else 0)
+            other = number_of(cells, chart, around, slot, count)
+            if other == count:
+                count += 1
+            if slot < near:
+                places.sensed[number, slot] = other
+            else:
+                places.reach[number, slot - near] = other
         for slot in range(move_slots):
             move = kind * move_slots + slot
             usable = 1
@@ -247,7 +256,8 @@ class LatticeTables(Tables):
         if not len(chosen):
             return
         system = self.scene.system
-        self._make_room(len(chosen) * (system.sense_slots + self._notes * system.reach_slots))
+        around = system.sense_slots + self._notes * system.reach_slots
+        self._make_room(len(chosen) * around)
         self.count = work_out(
             chosen,
             self.count,
@@ -259,6 +269,7 @@ class LatticeTables(Tables):
             self.stands,
             self.kinds.arrays,
             self._notes,
+            np.zeros((around, self._arity), np.int32),
         )
 
 

@@ -1,6 +1,7 @@
 """The ranks of claims in compiled code: BLAKE2b, as `cubepath.agents.local.arbitration.priority`.
 
-Room: agents. Source: RFC 7693, for digests of 8 bytes without a key.
+Room: agents. Source: RFC 7693, for digests of 8 bytes without a key. The steps for one text wait
+for each other, so several texts are hashed side by side, each in a *lane*, round by round.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.compiled import compiled
+from cubepath.agents.arrays.tables import Ints
+from cubepath.protocol.compiled import compiled, inner
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Words: TypeAlias = NDArray[np.uint64]
@@ -44,62 +46,103 @@ _ORDER = np.array(
     np.uint8,
 )
 _BLOCK, _ROUNDS = 128, 12
+_LANES = 8
+# What the words are for, a row of lanes each: the states, what is worked on, and the block; how
+# many bytes were taken with it, all bits if it is the last, where the text ends, a common block.
+_WORK, _TEXT, _TAKEN = 8 * _LANES, 24 * _LANES, 40 * _LANES
+_LAST, _ENDS, _COMMON = 41 * _LANES, 42 * _LANES, 43 * _LANES
+HASHING_WORDS = _COMMON + 16
 Four: TypeAlias = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 
-@compiled
-def turned(value: np.uint64, by: int) -> np.uint64:
-    """Return a word turned right by so many bits."""
-    return (value >> np.uint64(by)) | (value << np.uint64(64 - by))
-
-
-@compiled
+@inner
 def mix(
     a: np.uint64, b: np.uint64, c: np.uint64, d: np.uint64, one: np.uint64, other: np.uint64
 ) -> Four:
     """Return four words with two words of the message mixed in (the function G)."""
     a = a + b + one
-    d = turned(d ^ a, 32)
+    d = d ^ a
+    d = (d >> np.uint64(32)) | (d << np.uint64(32))
     c = c + d
-    b = turned(b ^ c, 24)
+    b = b ^ c
+    b = (b >> np.uint64(24)) | (b << np.uint64(40))
     a = a + b + other
-    d = turned(d ^ a, 16)
+    d = d ^ a
+    d = (d >> np.uint64(16)) | (d << np.uint64(48))
     c = c + d
-    b = turned(b ^ c, 63)
+    b = b ^ c
+    b = (b >> np.uint64(63)) | (b << np.uint64(1))
     return a, b, c, d
 
 
-@compiled
-def absorb(state: Words, words: Any, length: int, final: int) -> None:
-    """Take a block of 16 words into the state; `length` bytes have been taken with it."""
-    a, b, c, d = state[0], state[1], state[2], state[3]
-    e, f, g, h = state[4], state[5], state[6], state[7]
-    i, j, k, m = _START[0], _START[1], _START[2], _START[3]
-    n, o, p, q = _START[4] ^ np.uint64(length), _START[5], _START[6], _START[7]
-    if final:
-        p = ~p
+@inner
+def absorb(words: Any, lanes: int) -> None:
+    """Take the block of each lane into its state."""
+    for lane in range(lanes):
+        for row in range(8):
+            words[_WORK + _LANES * row + lane] = words[_LANES * row + lane]
+            words[_WORK + _LANES * (8 + row) + lane] = _START[row]
+        words[_WORK + _LANES * 12 + lane] ^= words[_TAKEN + lane]
+        words[_WORK + _LANES * 14 + lane] ^= words[_LAST + lane]
     for turn in range(_ROUNDS):
         at = _ORDER[turn % 10]
-        a, e, i, n = mix(a, e, i, n, words[at[0]], words[at[1]])
-        b, f, j, o = mix(b, f, j, o, words[at[2]], words[at[3]])
-        c, g, k, p = mix(c, g, k, p, words[at[4]], words[at[5]])
-        d, h, m, q = mix(d, h, m, q, words[at[6]], words[at[7]])
-        a, f, k, q = mix(a, f, k, q, words[at[8]], words[at[9]])
-        b, g, m, n = mix(b, g, m, n, words[at[10]], words[at[11]])
-        c, h, i, o = mix(c, h, i, o, words[at[12]], words[at[13]])
-        d, e, j, p = mix(d, e, j, p, words[at[14]], words[at[15]])
-    state[0] ^= a ^ i
-    state[1] ^= b ^ j
-    state[2] ^= c ^ k
-    state[3] ^= d ^ m
-    state[4] ^= e ^ n
-    state[5] ^= f ^ o
-    state[6] ^= g ^ p
-    state[7] ^= h ^ q
+        for lane in range(lanes):
+            text, work = _TEXT + lane, _WORK + lane
+            a, b, c, d = (
+                words[work + 0 * _LANES],
+                words[work + 1 * _LANES],
+                words[work + 2 * _LANES],
+                words[work + 3 * _LANES],
+            )
+            e, f, g, h = (
+                words[work + 4 * _LANES],
+                words[work + 5 * _LANES],
+                words[work + 6 * _LANES],
+                words[work + 7 * _LANES],
+            )
+            i, j, k, m = (
+                words[work + 8 * _LANES],
+                words[work + 9 * _LANES],
+                words[work + 10 * _LANES],
+                words[work + 11 * _LANES],
+            )
+            n, o, p, q = (
+                words[work + 12 * _LANES],
+                words[work + 13 * _LANES],
+                words[work + 14 * _LANES],
+                words[work + 15 * _LANES],
+            )
+            a, e, i, n = mix(a, e, i, n, words[text + _LANES * at[0]], words[text + _LANES * at[1]])
+            b, f, j, o = mix(b, f, j, o, words[text + _LANES * at[2]], words[text + _LANES * at[3]])
+            c, g, k, p = mix(c, g, k, p, words[text + _LANES * at[4]], words[text + _LANES * at[5]])
+            d, h, m, q = mix(d, h, m, q, words[text + _LANES * at[6]], words[text + _LANES * at[7]])
+            a, f, k, q = mix(a, f, k, q, words[text + _LANES * at[8]], words[text + _LANES * at[9]])
+            b, g, m, n = mix(
+                b, g, m, n, words[text + _LANES * at[10]], words[text + _LANES * at[11]]
+            )
+            c, h, i, o = mix(
+                c, h, i, o, words[text + _LANES * at[12]], words[text + _LANES * at[13]]
+            )
+            d, e, j, p = mix(
+                d, e, j, p, words[text + _LANES * at[14]], words[text + _LANES * at[15]]
+            )
+            words[work + 0 * _LANES], words[work + 1 * _LANES] = a, b
+            words[work + 2 * _LANES], words[work + 3 * _LANES] = c, d
+            words[work + 4 * _LANES], words[work + 5 * _LANES] = e, f
+            words[work + 6 * _LANES], words[work + 7 * _LANES] = g, h
+            words[work + 8 * _LANES], words[work + 9 * _LANES] = i, j
+            words[work + 10 * _LANES], words[work + 11 * _LANES] = k, m
+            words[work + 12 * _LANES], words[work + 13 * _LANES] = n, o
+            words[work + 14 * _LANES], words[work + 15 * _LANES] = p, q
+    for lane in range(lanes):
+        for row in range(8):
+            words[_LANES * row + lane] ^= (
+                words[_WORK + _LANES * row + lane] ^ words[_WORK + _LANES * (8 + row) + lane]
+            )
 
 
-@compiled
-def digits(number: int, text: Bytes, at: int) -> int:
+@inner
+def digits(number: Any, text: Bytes, at: int) -> int:
     """Write a number that is not negative in decimal digits; return where they end."""
     end = at + 1
     rest = number // 10
@@ -113,25 +156,52 @@ def digits(number: int, text: Bytes, at: int) -> int:
 
 
 @compiled
-def rank(text: Bytes, length: int, state: Words, words: Words) -> np.uint64:
-    """Return the digest of the first `length` bytes (1 or more), as a number, first byte highest.
+def rank_claims(
+    text: Bytes,
+    length: int,
+    claimants: Ints,
+    chosen: Ints,
+    count: int,
+    words: Words,
+    ranks: Words,
+) -> None:
+    """Write the ranks of the first `count` chosen claims: digests as numbers, first byte highest.
 
-    `text` has room for whole blocks; `state` and `words`, 8 and 16 words, are overwritten.
+    What is hashed are the first `length` bytes of `text`, which has room for more digits, and the
+    number of the claimant. `words`, `HASHING_WORDS` many, are overwritten.
     """
-    state[:] = _START
-    state[0] ^= np.uint64(0x01010000 ^ 8)
-    done = 0
-    while True:
-        more = length - done > _BLOCK
-        words[:] = np.uint64(0)
-        for at in range(done, done + _BLOCK if more else length):
-            words[(at & (_BLOCK - 1)) >> 3] |= np.uint64(text[at]) << np.uint64(8 * (at & 7))
-        done += _BLOCK
-        if not more:
-            break
-        absorb(state, words, done, 0)
-    absorb(state, words, length, 1)
-    found = np.uint64(0)
-    for at in range(8):
-        found = (found << np.uint64(8)) | ((state[0] >> np.uint64(8 * at)) & np.uint64(255))
-    return found
+    for first in range(0, count, _LANES):
+        lanes = min(_LANES, count - first)
+        for lane in range(lanes):
+            for row in range(8):
+                words[_LANES * row + lane] = _START[row]
+            words[lane] ^= np.uint64(0x01010000 ^ 8)
+        done, longest = 0, 1
+        while done < longest:
+            for word in range(16):
+                words[_COMMON + word] = np.uint64(0)
+            for at in range(done, min(length, done + _BLOCK)):
+                words[_COMMON + ((at - done) >> 3)] |= np.uint64(text[at]) << np.uint64(
+                    8 * (at & 7)
+                )
+            for lane in range(lanes):
+                end = digits(np.int64(claimants[chosen[first + lane]]), text, length)
+                longest = max(longest, end)
+                for word in range(16):
+                    words[_TEXT + _LANES * word + lane] = words[_COMMON + word]
+                for at in range(max(length, done), min(end, done + _BLOCK)):
+                    words[_TEXT + _LANES * ((at - done) >> 3) + lane] |= np.uint64(
+                        text[at]
+                    ) << np.uint64(8 * (at & 7))
+                words[_ENDS + lane] = np.uint64(end)
+                words[_TAKEN + lane] = np.uint64(min(end, done + _BLOCK))
+                words[_LAST + lane] = ~np.uint64(0) if end <= done + _BLOCK else np.uint64(0)
+            absorb(words, lanes)
+            for lane in range(lanes):
+                if done < np.int64(words[_ENDS + lane]) <= done + _BLOCK:
+                    rank = np.uint64(0)
+                    for at in range(8):
+                        byte = (words[lane] >> np.uint64(8 * at)) & np.uint64(255)
+                        rank = (rank << np.uint64(8)) | byte
+                    ranks[chosen[first + lane]] = rank
+            done += _BLOCK

@@ -1,8 +1,8 @@
 """Getting the compiled world ready: when it pays, and beside the plain one.
 
-Room: agents. Loading compiled code takes about a second, and compiling it half a minute, once for
-an installation. Small work is done before that; while large work waits for the compiler, which runs
-in a process of its own, the plain world serves.
+Room: agents. Loading compiled code takes about a second, and compiling it a quarter of a minute,
+once for an installation. Small work is done before that; while large work waits for the compiler,
+which runs in a process of its own, the plain world serves.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from cubepath.agents.arrays import kernels, lattice_tables
+from cubepath.agents.arrays import lattice_tables, rounds
 from cubepath.agents.arrays.batch import Batch
 from cubepath.protocol.compiled import Compiled, allowance
 
@@ -73,9 +73,7 @@ def is_due(agents: int) -> bool:
 
 def _kernels() -> tuple[Compiled[..., Any], ...]:
     return (
-        kernels.play_round,
-        kernels.observe_all,
-        kernels.hear_all,
+        rounds.play_round,
         lattice_tables.number_cells,
         lattice_tables.rehash,
         lattice_tables.work_out,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.kernels import GRANTED, ILLEGAL, LOST
 from cubepath.agents.arrays.relative import RelativeArrays
+from cubepath.agents.arrays.state import GRANTED, ILLEGAL, LOST
 from cubepath.agents.arrays.tables import Tables
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import Note, Observation

@@ -19,13 +19,12 @@ from pettingzoo.utils import AssertOutOfBoundsWrapper, OrderEnforcingWrapper, pa
 from cubepath.agents.arrays.kinds import UntabledError
 from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.array_world import ArrayRound, ArrayWorld, Infos
+from cubepath.agents.environments.dicts import Kept, infos_of
 from cubepath.agents.environments.shown import Showing, Shown
+from cubepath.agents.environments.site_facts import rendered, share_at_goal, state_of
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.local.observation import STAY, Note, Observation, checked_note
-from cubepath.agents.rendering.pictures import draw_pixels
-from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.specs import scene_from_spec
 
@@ -111,7 +110,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         self._which = world
         self._world: World | ArrayWorld | WireWorld | None = None
         self._played: Round | ArrayRound | None = None
-        self._kept: _Kept | None = None
+        self._kept: Kept | None = None
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         """Return the agent's observation space, the same object each time."""
@@ -140,7 +139,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
         if isinstance(self._world, ArrayWorld):
             return self._all_shown(self._world, ())
         observations = self._show(self._observe())
-        return observations, _infos(observations, set())
+        return observations, infos_of(observations, set())
 
     def _make_world(self, seed: int) -> World | ArrayWorld | WireWorld:
         if self._which == "compiled":
@@ -219,7 +218,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
             dict.fromkeys(self.agents, reward),
             dict.fromkeys(self.agents, done),
             dict.fromkeys(self.agents, late and not done),
-            _infos(observations, illegal),
+            infos_of(observations, illegal),
         )
         self._end_round(over=done or late)
         return result
@@ -287,7 +286,7 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
                 infos[names[module]]["illegal"] = True
             return observations, infos
         if self._kept is None or self._kept.world is not world:
-            self._kept = _Kept(world, names)
+            self._kept = Kept(world, names)
         else:
             world.refresh()
         return self._kept.observations, self._kept.marked(illegal)
@@ -373,76 +372,6 @@ class WireEnv(CubepathEnv):
         # An environment that is dropped, or left open at exit, ends its processes.
         weakref.finalize(self, world.close)
         return world
-
-
-class _Kept:
-    """The dicts of an environment that keeps them, overwritten by every step."""
-
-    def __init__(self, world: ArrayWorld, names: list[str]) -> None:
-        self.world = world
-        self.observations = world.observations(names, copy=False)
-        self._names = names
-        self._infos: Infos = {
-            name: {"action_mask": seen["action_mask"], "illegal": False}
-            for name, seen in self.observations.items()
-        }
-        self._illegal: Sequence[int] = ()
-        self._results: tuple[float, bool, bool] = 0.0, False, False
-        self._rewards = dict.fromkeys(names, 0.0)
-        self._ended = dict.fromkeys(names, False)
-        self._cut = dict.fromkeys(names, False)
-
-    def marked(self, illegal: Sequence[int]) -> Infos:
-        """Return the infos, with these modules marked."""
-        for numbers, mark in ((self._illegal, False), (illegal, True)):
-            for module in numbers:
-                self._infos[self._names[module]]["illegal"] = mark
-        self._illegal = illegal
-        return self._infos
-
-    def results(
-        self, reward: float, *, done: bool, late: bool
-    ) -> tuple[dict[str, float], dict[str, bool], dict[str, bool]]:
-        """Return the rewards, terminations and truncations."""
-        if self._results != (reward, done, late):
-            self._results = reward, done, late
-            for name in self._names:
-                self._rewards[name], self._ended[name], self._cut[name] = reward, done, late
-        return self._rewards, self._ended, self._cut
-
-
-def _infos(observations: dict[str, Observation], illegal: set[str]) -> Infos:
-    return {
-        name: {"action_mask": seen["action_mask"], "illegal": name in illegal}
-        for name, seen in observations.items()
-    }
-
-
-def share_at_goal(scene: Scene, sites: Sequence[Site]) -> float:
-    """Return the fraction of the modules at these sites that are on sites of the goal."""
-    if scene.goal is None:
-        return 0.0
-    return sum(site in scene.goal for site in sites) / len(sites)
-
-
-def state_of(scene: Scene, sites: Sequence[Site]) -> NDArray[np.int32]:
-    """Return the places of modules at these sites, int32, shape (modules, site_size)."""
-    return np.array([scene.system.encode_site(site) for site in sites], np.int32)
-
-
-def rendered(
-    scene: Scene, sites: Sequence[Site], render_mode: str | None
-) -> str | NDArray[np.uint8] | None:
-    """Draw modules at these sites as `CubepathEnv.render` describes."""
-    if render_mode == "rgb_array":
-        return draw_pixels(scene, sites)
-    if render_mode is None:
-        return None
-    text = draw_text(scene, sites)
-    if render_mode == "ansi":
-        return text
-    print(text)
-    return None
 
 
 def parallel_env(

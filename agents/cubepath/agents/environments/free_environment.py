@@ -14,15 +14,11 @@ from gymnasium.utils import EzPickle
 from numpy.typing import NDArray
 from pettingzoo import AECEnv
 
-from cubepath.agents.environments.environment import (
-    CubepathEnv,
-    rendered,
-    share_at_goal,
-    state_of,
-)
+from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.environments.schedulers import Scheduler, scheduler_named
 from cubepath.agents.environments.shown import Showing, Shown
+from cubepath.agents.environments.site_facts import rendered, share_at_goal, state_of
 from cubepath.agents.local.observation import STAY, Observation, checked_note
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError

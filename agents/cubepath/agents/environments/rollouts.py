@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.kernels import GRANTED, LOST
 from cubepath.agents.arrays.kinds import UntabledError
+from cubepath.agents.arrays.state import GRANTED, LOST
 from cubepath.agents.environments.array_world import ArrayRound
 from cubepath.agents.environments.rollout import Played, play_in_python
 from cubepath.agents.environments.world import Round

@@ -16,8 +16,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from cubepath.agents.arrays.batch import Batch
-from cubepath.agents.arrays.kernels import ILLEGAL
 from cubepath.agents.arrays.relative import RelativeArrays
+from cubepath.agents.arrays.state import ILLEGAL
 from cubepath.agents.environments.shown import Showing, Shown
 from cubepath.agents.local.observation import SILENT
 from cubepath.protocol.core.errors import InputError

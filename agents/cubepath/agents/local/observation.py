@@ -65,9 +65,10 @@ def checked_note(note: Iterable[int], note_length: int) -> Note:
 def goal_sets(scene: Scene) -> tuple[frozenset[Site], ...]:
     """Return each module's goals, by number; modules with the same goals share one set.
 
-    In a chain every module knows the whole goal: one set for each would take quadratic memory.
+    In a chain every module knows the whole goal: one set for each would take quadratic time.
     """
-    shared = {id(goals): frozenset(goals) for goals in scene.goals}
+    distinct = {id(goals): goals for goals in scene.goals}
+    shared = {key: frozenset(goals) for key, goals in distinct.items()}
     nothing: frozenset[Site] = frozenset()
     return tuple(shared[id(goals)] for goals in scene.goals) or (nothing,) * len(scene.start)
 
