@@ -122,7 +122,7 @@ def main() -> None:
     print(f"{'command':<28}{columns}{'files':>8}")
     for name, arguments in tqdm(commands.items(), disable=None, leave=False, file=sys.stderr):
         pairs(name, ("-m", "cubepath", *arguments), 1 if quick else 5)
-    start(3 if quick else 9)
+    start(1 if quick else 9)
 
 
 if __name__ == "__main__":
