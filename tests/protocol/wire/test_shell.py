@@ -49,9 +49,9 @@ class Listener:
         return [End()]
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def router() -> Iterator[Router]:
-    """Return a router."""
+    """Return a router of its own for each test, with nothing on its way from another."""
     with Router() as found:
         yield found
 
