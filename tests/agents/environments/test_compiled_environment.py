@@ -160,6 +160,8 @@ def test_compiled_code_goes_on_where_plain_python_was(monkeypatch: pytest.Monkey
 
 
 FIRST_CONTACT = """
+import time
+
 from cubepath.agents import parallel_env
 from cubepath.agents.environments.array_world import ArrayWorld
 
@@ -169,6 +171,7 @@ plain = 0
 while not isinstance(env.world, ArrayWorld):
     env.step({name: 1 for name in env.agents})
     plain += 1
+    time.sleep(0.02)  # leaves the processor to the compiler, which is nicer than this
 print(plain, env.world.round)
 """
 
