@@ -252,7 +252,8 @@ class LatticeTables(Tables):
     def prepare(self, places: Ints, codes: Ints) -> None:
         """Work out the stands at these places."""
         del codes
-        chosen = places[self.stands.kind[places] < 0]
+        # Each once: room is made for all that can be met around each of them.
+        chosen = np.unique(places[self.stands.kind[places] < 0])
         if not len(chosen):
             return
         system = self.scene.system

@@ -203,6 +203,7 @@ class Tables:
         self._numbers: dict[Site, int] = {}
         self._named: list[Site | None] = [None]
         self.count = 1
+        self._capacity = 0
         self._by_pattern: dict[Any, int] = {}
         self._place_arrays = (
             Growing(0, np.int32, system.sense_slots),
@@ -231,6 +232,8 @@ class Tables:
 
     def _room(self) -> None:
         """Make room for as many places as there are numbers, and hand out the arrays."""
+        if self.count <= self._capacity:
+            return
         for each in self._place_arrays:
             each.room(self.count)
         for each in self._stand_arrays:
@@ -239,6 +242,7 @@ class Tables:
         self.places = Places(sensed, reach, background, goal, final)
         kind, encoded, usable = [each.array for each in self._stand_arrays]
         self.stands = Stands(kind, encoded, usable)
+        self._capacity = len(background)
 
     def numbers(self, places: Iterable[Site]) -> list[int]:
         """Return the numbers of places; those that have none are given one."""
