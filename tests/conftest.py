@@ -24,7 +24,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile(
-    "cubepath", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True
+    "cubepath",
+    max_examples=50,  # half of the default; what needs more says so
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow],
+    print_blob=True,
 )
 settings.load_profile("cubepath")
 

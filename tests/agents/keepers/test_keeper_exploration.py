@@ -104,8 +104,19 @@ def test_a_module_attempts_again_in_its_epoch() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", [HUB, SAME, RING, AFTER], ids=["hub", "same", "ring", "after"])
-@pytest.mark.parametrize("module", [0, 1])
+@pytest.mark.parametrize(
+    ("scenario", "module"),
+    [
+        pytest.param(HUB, 0, id="hub-0"),
+        pytest.param(HUB, 1, id="hub-1"),
+        pytest.param(RING, 1, id="ring-1"),
+        pytest.param(SAME, 0, id="same-0", marks=THOROUGH),
+        pytest.param(SAME, 1, id="same-1", marks=THOROUGH),
+        pytest.param(RING, 0, id="ring-0", marks=THOROUGH),
+        pytest.param(AFTER, 0, id="after-0", marks=THOROUGH),
+        pytest.param(AFTER, 1, id="after-1", marks=THOROUGH),
+    ],
+)
 def test_what_is_held_stops_nobody_for_good(scenario: Scenario, module: int) -> None:
     """One of two holds what it senses, gives up, or attempts; holds run out at any moment."""
     plain = Explorer(scenario).explore()

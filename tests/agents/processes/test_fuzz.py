@@ -83,7 +83,11 @@ def test_an_honest_run_comes_to_the_same_path(case: tuple[str, str], seed: int) 
 
 @pytest.mark.parametrize(
     "case",
-    [CASES[1], pytest.param(CASES[3], marks=pytest.mark.thorough), ("hex:n=4", "random")],
+    [
+        CASES[1],
+        pytest.param(CASES[3], marks=pytest.mark.thorough),
+        pytest.param(("hex:n=4", "random"), marks=pytest.mark.thorough),
+    ],
 )
 @pytest.mark.slow
 def test_memory_does_not_grow_with_junk(case: tuple[str, str]) -> None:
@@ -108,7 +112,7 @@ def test_memory_does_not_grow_with_junk(case: tuple[str, str]) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.timeout(400)
-def test_a_million_messages() -> None:
+def test_hundreds_of_thousands_of_messages() -> None:
     """As above, of many seeds; each tells some hundreds of messages."""
     told = 0
     for seed in range(1 << 20):
@@ -123,7 +127,7 @@ def test_a_million_messages() -> None:
             return found
 
         assert "\n" not in fate(driven, 2, counted)
-        if told >= 1_000_000:
+        if told >= 400_000:
             return
 
 

@@ -361,7 +361,7 @@ def test_specs_that_are_refused(spec: str, message: str) -> None:
         scene_from_spec(spec)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_thousand_points_are_a_system() -> None:
     """Flips are found where they are asked for; only the list of all of them has its bounds."""
     scene = scene_from_spec("triangulation:n=1000")
