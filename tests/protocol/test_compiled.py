@@ -224,7 +224,7 @@ def test_what_else_is_imported_makes_no_difference(tmp_path: Path) -> None:
     assert room.call("unrelated", "fields", "outer") == (71, True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_damaged_file_is_compiled_and_kept_again(tmp_path: Path) -> None:
     """A file that was cut off, as by a loss of power, costs one compilation."""
     room = installation(tmp_path, "tree")

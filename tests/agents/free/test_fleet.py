@@ -58,7 +58,7 @@ def test_a_coordinator_that_comes_late_finds_everything() -> None:
             legal(watch)
 
 
-@pytest.mark.parametrize("name", ["process_0", "keeper_0", LONG("keeper_1"), LONG("router")])
+@pytest.mark.parametrize("name", ["process_0", LONG("keeper_0"), LONG("keeper_1"), LONG("router")])
 def test_a_process_that_is_killed_and_started_again_takes_its_place(name: str) -> None:
     scene = scene_from_spec("hex:n=9")
     with watched(scene, "chain", processes=2, keepers=2, on_crash="restart") as watch:

@@ -183,7 +183,11 @@ def test_each_way_of_cheating_is_named(stage: Stage, cheat: str) -> None:
     [
         ("far_positions", None),
         ("frames", "looks at stack frames (sys._getframe in frames.py:14)"),
-        ("collector", "looks at what else is in memory (gc.get_objects in collector.py:10)"),
+        pytest.param(
+            "collector",
+            "looks at what else is in memory (gc.get_objects in collector.py:10)",
+            marks=pytest.mark.thorough,
+        ),
     ],
 )
 def test_who_sees_beyond_reach_is_found(stage: Stage, cheat: str, why: str | None) -> None:

@@ -67,7 +67,14 @@ def test_roomy_graphs_are_reached(graph: str, vehicles: int, hesitate: float) ->
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("graph", "vehicles"), [("K5", 4), ("grid4x4", 6), ("grid8x8", 12)])
+@pytest.mark.parametrize(
+    ("graph", "vehicles"),
+    [
+        ("K5", 4),
+        ("grid4x4", 6),
+        pytest.param("grid8x8", 12, marks=pytest.mark.thorough),
+    ],
+)
 def test_nobody_gives_up_in_runs_that_reach(graph: str, vehicles: int) -> None:
     """Many seeds where there is room: nobody runs out of patience."""
     for seed in range(60):

@@ -57,6 +57,7 @@ def test_bad_input_is_one_line(
     assert why in refused("check-rule", *arguments)
 
 
+@pytest.mark.thorough
 def test_a_rule_is_played_without_rounds() -> None:
     """By --clock free, which the answer names."""
     done = cubepath("check-rule", "tswap", "agv:graph=P7,n=3", "--clock", "free")

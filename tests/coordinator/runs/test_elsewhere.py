@@ -62,6 +62,7 @@ def goes_on(folder: Path) -> None:
     soon(lambda: recorded(folder) > before + 20_000, "the run stands still")
 
 
+@pytest.mark.thorough
 def test_hosts_on_several_addresses_give_the_same_path(commands: Commands, digest: str) -> None:
     """A router on 127.0.0.1, joins from 127.0.0.2 and 127.0.0.3; the rest is dealt to own ones."""
     router = commands.start("router", f"--listen={LOOPBACK}")

@@ -152,7 +152,7 @@ def quiet() -> list[Reports]:
     [
         NONSENSE,
         FLOOD,
-        HUGE,
+        pytest.param(HUGE, marks=pytest.mark.thorough),
         pytest.param(FAKE, marks=pytest.mark.thorough),
         pytest.param(DISGUISED, marks=pytest.mark.thorough),
     ],

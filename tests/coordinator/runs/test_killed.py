@@ -122,7 +122,7 @@ def is_within_a_round(recording: Recording) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("clock", ["lockstep", "free"])
+@pytest.mark.parametrize("clock", ["lockstep", pytest.param("free", marks=pytest.mark.thorough)])
 def test_what_was_said_last_is_written_where_nothing_follows(clock: str, tmp_path: Path) -> None:
     """All others stand still, with rounds in the middle of one: what came before is on record."""
     path = tmp_path / "run.mcap"

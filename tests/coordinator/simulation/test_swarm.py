@@ -90,7 +90,7 @@ def test_what_is_kept_can_be_opened(told: tuple[Kept, Tally, list[int]]) -> None
     assert [Path(picture).read_bytes() for picture in kept.pictures] == before
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_shrinking_fails_in_the_same_way() -> None:
     """The kind of the failure stays, and what is left fails each time from its list."""
     seed = first_failing(Raises)
@@ -113,7 +113,7 @@ def test_a_run_that_holds_is_not_shrunk() -> None:
         small(Lockstep(LINES).run_of(0), 0, Lockstep(LINES))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     """Where a recording of the seed is there it stays, and the other has a number."""
     seed = first_failing(Raises)

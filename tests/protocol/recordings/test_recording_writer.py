@@ -324,7 +324,7 @@ def test_a_round_that_no_recording_has_is_refused(tmp_path: Path) -> None:
     assert [record.round for record in read_recording(path).records] == [(1 << 64) - 1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_as_many_topics_as_there_are_numbers(tmp_path: Path) -> None:
     """The last channel is written and read; one more is refused, and the file is whole."""
     path = tmp_path / "topics.mcap"
