@@ -1,14 +1,14 @@
 """Agent-steps a second of processor time: through PettingZoo's dicts, fresh and kept, and arrays.
 
-    python tests/bench/bench_env.py [--quick] [--peer PYTHON]
+    python tests/bench/bench_env.py [--quick] [--peer PYTHON ...]
 
 Actions are drawn beforehand, from the masks of a first run with the same seed; they are legal, so
 every module that is not held back by another moves. "later" is the second half of the steps of
 "arrays", when fewer modules come to places where none was before. The floor, measured in the same
 run, is what PettingZoo's interface costs: an environment of as many agents that hands out one fixed
 observation and mask in fresh dicts and moves nothing. `--peer` names a Python that has magent2,
-whose battle is stepped with random actions by as many agents. Batches are of environments of one
-scene.
+whose battle is stepped with random actions, or pogema, in free space; each by about as many agents.
+pogema needs one of its own, since it pins old packages. Batches are of environments of one scene.
 """
 
 from __future__ import annotations
@@ -36,22 +36,45 @@ FAMILIES = ("hex:n=", "hex-open:n=", "arm:n=", "agv:graph=grid64x64,n=")
 LOOSE, ROW = "loose hexagons, n=", 5
 BATCHES = (("hex:n=10", 1000), ("agv:graph=grid16x16,n=100", 100))
 WIDE = ("hex:n=", LOOSE, "agv:graph=grid400x400,n=")
-PEER = """
+PEERS = {
+    "magent2": """
 import sys, time
 import numpy as np
 from magent2.environments import battle_v4
-env = battle_v4.parallel_env(map_size=int(sys.argv[1]), max_cycles=10**6)
+agents = int(sys.argv[1])
+env = battle_v4.parallel_env(map_size=max(12, int((8 * agents) ** 0.5)), max_cycles=10**6)
 env.reset(seed=0)
 rates = []
 for _ in range(5):
     done, began = 0, time.process_time()
-    for _ in range(5):
-        actions = {name: int(draw * 21) for name, draw in zip(env.agents, np.random.rand(10**4))}
+    while done < 10_000:
+        draws = np.random.randint(21, size=len(env.agents)).tolist()
+        actions = dict(zip(env.agents, draws))
         done += len(actions)
         env.step(actions)
+        if not env.agents:
+            env.reset(seed=0)
     rates.append(done / (time.process_time() - began))
-print(done // 5, sorted(rates)[2])
-"""
+print(len(env.possible_agents), sorted(rates)[2])
+""",
+    "pogema": """
+import random, sys, time
+from pogema import GridConfig, pogema_v0
+agents = int(sys.argv[1])
+size = int((4 * agents) ** 0.5) + 1
+free = dict(density=0.0, on_target="restart", max_episode_steps=10**6)
+env = pogema_v0(GridConfig(num_agents=agents, size=size, seed=0, obs_radius=5, **free))
+env.reset()
+rates = []
+for _ in range(5):
+    began = time.process_time()
+    for _ in range(10_000 // agents):
+        env.step([random.randrange(5) for _ in range(agents)])
+    rates.append(10_000 // agents * agents / (time.process_time() - began))
+print(agents, sorted(rates)[2])
+""",
+}
+"""What prints agents and agent-steps a second of another environment, of about so many agents."""
 
 
 class Bare:
@@ -182,7 +205,9 @@ def main() -> None:
     """Print the tables."""
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--quick", action="store_true", help="fewer steps, of fewer modules")
-    options.add_argument("--peer", help="a Python that has magent2")
+    options.add_argument(
+        "--peer", action="append", default=[], help="a Python that has magent2 or pogema"
+    )
     given = options.parse_args()
     work = 20_000 if given.quick else 300_000
     print("million agent-steps a second; moves: the share of agents that move in a step")
@@ -204,13 +229,17 @@ def main() -> None:
             f"{what:<37} moves {moved:.2f} {found / 1e6:>8.3f} later {later / 1e6:>8.3f}",
             flush=True,
         )
-    if given.peer:
-        for size in (16, 60):
-            told = subprocess.run(
-                [given.peer, "-c", PEER, str(size)], capture_output=True, text=True, check=True
-            )
-            agents, theirs = told.stdout.split()[-2:]
-            print(f"magent2 battle, {agents} agents {float(theirs) / 1e6:>8.3f}", flush=True)
+    for python in given.peer:
+        for name, code in PEERS.items():
+            asked = [python, "-c", f"import {name}"]
+            if subprocess.run(asked, check=False, capture_output=True).returncode:
+                continue
+            for size in sizes:
+                told = subprocess.run(
+                    [python, "-c", code, str(size)], capture_output=True, text=True, check=True
+                )
+                agents, theirs = told.stdout.split()[-2:]
+                print(f"{name}, {agents} agents {float(theirs) / 1e6:>8.3f}", flush=True)
 
 
 if __name__ == "__main__":
