@@ -267,3 +267,15 @@ def test_seeds_that_are_refused(seeds: Sequence[int]) -> None:
     """Below 0 there are none."""
     with pytest.raises(InputError, match=f"seed={min(seeds)}: expected 0 or more"):
         Batch(scene_from_spec("hex:n=2"), len(seeds)).reset(seeds)
+
+
+def test_room_is_made_for_places_and_not_for_each_module_that_comes_to_one() -> None:
+    """Hundreds of environments of one scene meet the same places."""
+    batch = Batch(scene_from_spec("hex:n=10"), 300)
+    batch.reset(range(300))
+    random = np.random.default_rng(0)
+    for _ in range(10):
+        mask = batch.observe().mask
+        batch.step(np.where(mask, random.random(mask.shape), -1.0).argmax(2).astype(np.int64))
+    room, count = len(batch.tables.places.background), batch.tables.count
+    assert count <= room < 4 * count

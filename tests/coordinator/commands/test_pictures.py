@@ -43,6 +43,7 @@ def test_films_of_the_run_and_of_its_schedule(
     assert found["cubes"] < found["rounds"]
     for options, count in (
         ([], found["rounds"]),
+        (["--what", "run"], found["rounds"]),
         (["--what", "schedule", "--fps", "10"], found["cubes"]),
     ):
         assert main(["view", str(log), "-o", str(film), *options]) == 0

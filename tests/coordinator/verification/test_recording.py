@@ -271,13 +271,13 @@ def test_recordings_from_several_processes_pass(spec: str, rule: str) -> None:
 def test_many_real_recordings_pass() -> None:
     """Over many seeds, with claims lost in most runs, no check raises a false alarm."""
     lost = 0
-    for seed in range(3):
+    for seed in range(4):
         for spec in ("agv:graph=grid3x3,n=5", "hex-open:n=6", "arm:n=7"):
             recording = recorded(spec, "random", seed=seed, rounds=10)
             found = verify(recording)
             assert found.ok, [check for check in found.checks if not check.ok]
             lost += any(b'"claim":"lost"' in record.data for record in recording.records)
-    assert lost > 4
+    assert lost > 5
 
 
 @pytest.mark.slow

@@ -106,15 +106,15 @@ def observe_all(
                         bit = probe - first
                         bits[environment, module, bit >> 6] |= one << np.uint64(bit & 63)
             mask[environment, module, 0] = 1
-            first = kind * move_slots
+            first_move = kind * move_slots
             if simple:
                 own = bits[environment, module, 0]
                 for slot in range(move_slots):
-                    met = own & care[first + slot, 0] == want[first + slot, 0]
+                    met = own & care[first_move + slot, 0] == want[first_move + slot, 0]
                     mask[environment, module, slot + 1] = met & (usable[stand, slot] != 0)
                 continue
             for slot in range(move_slots):
-                move = first + slot
+                move = first_move + slot
                 legal = usable[stand, slot] != 0
                 for word in range(words):
                     legal &= (bits[environment, module, word] & care[move, word]) == want[
