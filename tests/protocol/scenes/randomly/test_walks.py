@@ -49,12 +49,13 @@ def test_each_first_step_is_as_likely(spec: str) -> None:
     assert as_chance_has_it(found.values(), 100)
 
 
-def test_a_walk_goes_back_where_it_must() -> None:
-    """A vehicle at the end of a path of two has no other move."""
-    scene = scene_from_spec("agv:graph=P2,n=1")
-    for moves in range(1, 5):
-        (site,) = walked(scene.system, scene.start, moves, Stream("walk", 0))
-        assert site == moves % 2
+def test_a_walk_goes_back_where_it_must_but_does_not_end_there() -> None:
+    """A vehicle on a path of two has one other place to be, and on a path of three two."""
+    two, three = (scene_from_spec(f"agv:graph=P{size},n=1") for size in (2, 3))
+    for moves in range(1, 7):
+        assert walked(two.system, two.start, moves, Stream("walk", 0)) == (1,)
+        (site,) = walked(three.system, three.start, moves, Stream("walk", 0))
+        assert site == (2 if moves % 4 == 2 else 1)
 
 
 def test_where_nobody_can_move_there_is_no_walk() -> None:

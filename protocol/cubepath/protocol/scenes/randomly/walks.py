@@ -31,9 +31,10 @@ def walked(system: System, start: Sequence[Site], moves: int, stream: Stream) ->
     """Return where the modules are after a random walk, in the order in which they start.
 
     Every step is one of the admissible moves, each equally likely, but not the last move back
-    unless there is no other. InputError if no module can move.
+    unless there is no other. A walk that ends where it began is one step shorter. InputError if no
+    module can move.
     """
-    sites = list(start)
+    sites = before = list(start)
     state = {*start, *system.filled}
     ask = system.discovery() or system.moves_at
     asked: set[Site] = set()
@@ -59,12 +60,13 @@ def walked(system: System, start: Sequence[Site], moves: int, stream: Stream) ->
             raise InputError(f"walk={moves}: no module can move")
         move = stream.choice(list(options.values()))
         place = {site: number for number, site in enumerate(sites)}
+        before = list(sites)
         for source, target in move.motion:
             sites[place[source]] = target
         apply_in_place(move.action, state)
         waiting = [target for _, target in move.motion]
         last = move.action
-    return tuple(sites)
+    return tuple(before if set(sites) == set(start) else sites)
 
 
 def _can_be_made(move: Move, state: AbstractSet[Site]) -> bool:
