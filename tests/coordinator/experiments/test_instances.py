@@ -36,11 +36,28 @@ QUICK = {
 ALL = {instance.name: instance for instance in standard()}
 NAMES = some(ALL, QUICK)
 STATES_MAX = 10_000
-SMALL = """
-    hex-base-5 hex-tunnel-4 hex-tunnel-10 sliding-2 sliding-4 sliding-shapes-6 agv-grid-6
-    agv-cycle-5 labelled-corridor-4 labelled-complete-4 labelled-grid-4 arm-5 arm-12
-    arm-free-6 arms-2 polygon-9 triangulation-grid-9 words-6 assembly-6 assembly-10
-""".split()
+SMALL = [
+    "hex-base-5",
+    "hex-tunnel-4",
+    "hex-tunnel-10",
+    "sliding-2",
+    "sliding-4",
+    "sliding-shapes-6",
+    "agv-grid-6",
+    "agv-cycle-5",
+    "labelled-corridor-4",
+    "labelled-complete-4",
+    "labelled-grid-4",
+    "arm-5",
+    "arm-12",
+    "arm-free-6",
+    "arms-2",
+    "polygon-9",
+    "triangulation-grid-9",
+    "words-6",
+    "assembly-6",
+    "assembly-10",
+]
 """Those whose state complex is finite, with at most so many states."""
 
 
