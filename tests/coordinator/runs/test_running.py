@@ -86,7 +86,7 @@ def test_options_are_the_fields_of_a_plan() -> None:
 @pytest.mark.slow
 def test_a_block_that_is_left_ends_the_run(tmp_path: Path) -> None:
     """By an exception, in the middle: no process stays, and the recording is whole so far."""
-    log = tmp_path / "a.mcap"
+    log, pids = tmp_path / "a.mcap", [0]
     with (
         pytest.raises(ZeroDivisionError),
         start("hex:n=5", "random", processes=2, max_rounds=10**6, log=log) as running,
