@@ -13,6 +13,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
     from cubepath.agents.rules.attempting import attempt_of
+    from cubepath.agents.rules.policy import policy_rule
     from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import is_in_file
@@ -33,6 +34,7 @@ else:
         {
             "actor": "Actor actors_for",
             "attempting": "attempt_of",
+            "policy": "policy_rule",
             "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "is_in_file",
@@ -68,6 +70,7 @@ __all__ = [
     "draw_fraction",
     "find_rule",
     "is_in_file",
+    "policy_rule",
     "rule_named",
     "rules",
     "scheduled",
