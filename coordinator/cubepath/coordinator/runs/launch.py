@@ -30,7 +30,8 @@ from cubepath.coordinator.runs.plan import (
 from cubepath.coordinator.runs.resuming import keeper_logs, resumed
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
-from cubepath.protocol.recordings.recording import Recording, RecordingWriter
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
     Message,
