@@ -42,8 +42,8 @@ PUBLIC = {
         Checked Choice Chosen CubepathEnv Finding FreeEnv FreePlayed FreeRule GaveUp
         InitialKnowledge Note Observation Played Rule RuleType Seen VectorActors VectorKnowledge
         VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text env observe
-        PlayedMany CubepathVectorEnv parallel_env play play_free play_many raw_env rule_named
-        vector_actors_for vector_env
+        PlayedMany CubepathVectorEnv parallel_env play play_free play_many policy_rule raw_env
+        rule_named vector_actors_for vector_env
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift

@@ -35,7 +35,8 @@ from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
-from cubepath.protocol.recordings.recording import Recording, RecordingWriter
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.free_messages import FreeMessage
 from cubepath.protocol.wire.messages import Message
