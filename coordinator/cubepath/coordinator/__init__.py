@@ -3,8 +3,8 @@
 Room: coordinator; imports the protocol, and from the agents only what starts, names and draws them.
 It offers what a user needs: run, replay and verify, shorten and convert, certificates and
 timetables, complexes and their topology, searches past the homotopy class with their bounds,
-pictures, and the paper's claims. Inside the project, import each name from the module that defines
-it.
+pictures, standard instances, and the paper's claims. Inside the project, import each name from the
+module that defines it.
 
 | room | holds | may import |
 |---|---|---|
@@ -16,6 +16,7 @@ it.
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
+| `experiments` | standard instances with known and proved values | none |
 | `commands` | the command line | all of these |
 """
 
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
         unfilled,
         write_complex,
     )
+    from cubepath.coordinator.experiments import StandardInstance, standard
     from cubepath.coordinator.normal_form import (
         Timetable,
         certificate_of,
@@ -122,6 +124,7 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
+            "experiments": "StandardInstance standard",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
@@ -163,6 +166,7 @@ __all__ = [
     "Running",
     "ShapeComplex",
     "Shortened",
+    "StandardInstance",
     "StateComplex",
     "Status",
     "Surface",
@@ -210,6 +214,7 @@ __all__ = [
     "run_picture",
     "shape_complex",
     "shorten",
+    "standard",
     "start",
     "state_complex",
     "surface",
