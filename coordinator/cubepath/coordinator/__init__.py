@@ -77,6 +77,7 @@ if TYPE_CHECKING:
         Status,
         Tap,
         animate,
+        ask,
         gathered,
         info,
         replay,
@@ -130,8 +131,8 @@ else:
             ),
             "paper": "Claim Row all_claims compute_claims",
             "runs": (
-                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate gathered info "
-                "replay run run_picture start"
+                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate ask gathered "
+                "info replay run run_picture start"
             ),
             "search": "Improved Optimum Transitions improve lower_bound only_class optimum",
             "shortening": (
@@ -177,6 +178,7 @@ __all__ = [
     "actions_at",
     "all_claims",
     "animate",
+    "ask",
     "audit",
     "beyond",
     "certificate_of",

@@ -73,6 +73,7 @@ if TYPE_CHECKING:
         topic_of,
     )
     from cubepath.protocol.wire.messages import (
+        KINDS,
         MESSAGE_BYTES_MAX,
         Act,
         Acts,
@@ -145,7 +146,7 @@ else:
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
             "messages": (
-                "Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
+                "KINDS Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
                 "MESSAGE_BYTES_MAX Message Name NoMessageError Note Observations Observed "
                 "Part Ready Reason Refused Report Reports Reset Said Stopped Summary "
                 "Verdict Waiting decode encode kind_of parts_of"
@@ -169,6 +170,7 @@ __all__ = [
     "FREE_KINDS",
     "GUEST",
     "HOLD_TICKS_MAX",
+    "KINDS",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
     "ROUTER",
