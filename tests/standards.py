@@ -165,9 +165,7 @@ def main() -> None:
             continue
         found, cubes = computed(instance, asked.seconds)
         known[place] = found
-        if cubes is not None:
-            scene = scene_from_spec(instance.system)
-            write_cubes(instance.schedule, named(scene, cubes))
+        write_cubes(instance.schedule, named(scene_from_spec(instance.system), cubes))
         write(known)
         print(f"{found.name}: {found.best} cubes, at least {found.bound}: {found.how}")
 
