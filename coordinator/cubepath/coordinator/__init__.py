@@ -16,6 +16,7 @@ it.
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
+| `experiments` | sweeps of many runs, and reports | `simulation`, `runs`, `search`, `normal_form` |
 | `commands` | the command line | all of these |
 """
 
@@ -53,6 +54,13 @@ if TYPE_CHECKING:
         to_networkx,
         unfilled,
         write_complex,
+    )
+    from cubepath.coordinator.experiments import (
+        FaultRates,
+        Sweep,
+        SweepResults,
+        read_sweep,
+        sweep,
     )
     from cubepath.coordinator.normal_form import (
         Timetable,
@@ -116,6 +124,7 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
+            "experiments": "FaultRates Sweep SweepResults read_sweep sweep",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
@@ -137,6 +146,7 @@ __all__ = [
     "Converted",
     "CubicalComplex",
     "Explored",
+    "FaultRates",
     "Gatherer",
     "Homology",
     "Improved",
@@ -154,6 +164,8 @@ __all__ = [
     "Shortened",
     "StateComplex",
     "Surface",
+    "Sweep",
+    "SweepResults",
     "Task",
     "Timetable",
     "Transitions",
@@ -190,6 +202,7 @@ __all__ = [
     "normal_cube_path",
     "only_class",
     "optimum",
+    "read_sweep",
     "recover",
     "replay",
     "run",
@@ -198,6 +211,7 @@ __all__ = [
     "shorten",
     "state_complex",
     "surface",
+    "sweep",
     "task_of",
     "to_networkx",
     "unfilled",
