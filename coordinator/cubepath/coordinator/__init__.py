@@ -16,6 +16,7 @@ it.
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
+| `testing` | for the tests of others, and pytest | `runs`, `simulation`, `shortening` |
 | `commands` | the command line | all of these |
 """
 

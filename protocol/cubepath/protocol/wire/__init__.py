@@ -73,6 +73,7 @@ if TYPE_CHECKING:
         topic_of,
     )
     from cubepath.protocol.wire.messages import (
+        KINDS,
         MESSAGE_BYTES_MAX,
         Act,
         Acts,
@@ -116,6 +117,8 @@ if TYPE_CHECKING:
         check_descriptors,
         check_endpoint,
         open_client,
+        open_router,
+        publisher,
         put,
         routers_of,
         subscribe,
@@ -123,6 +126,7 @@ if TYPE_CHECKING:
         watch,
     )
     from cubepath.protocol.wire.shell import Shell
+    from cubepath.protocol.wire.sockets import clear, discard, is_private, new_endpoint
     from cubepath.protocol.wire.tiles import Tiles
 else:
     __getattr__, __dir__ = lazy_face(
@@ -146,7 +150,7 @@ else:
             ),
             "messages": (
                 "Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
-                "MESSAGE_BYTES_MAX Message Name NoMessageError Note Observations Observed "
+                "KINDS MESSAGE_BYTES_MAX Message Name NoMessageError Note Observations Observed "
                 "Part Ready Reason Refused Report Reports Reset Said Stopped Summary "
                 "Verdict Waiting decode encode kind_of parts_of"
             ),
@@ -155,10 +159,11 @@ else:
             "router": "Router check_secure without_tls",
             "sayings": "BIRTHS_OF_A_FLEET Sayings",
             "sessions": (
-                "check_descriptors check_endpoint open_client put routers_of subscribe "
-                "wait_for_subscriber watch"
+                "check_descriptors check_endpoint open_client open_router publisher put "
+                "routers_of subscribe wait_for_subscriber watch"
             ),
             "shell": "Shell",
+            "sockets": "clear discard is_private new_endpoint",
             "tiles": "Tiles",
         },
     )
@@ -169,6 +174,7 @@ __all__ = [
     "FREE_KINDS",
     "GUEST",
     "HOLD_TICKS_MAX",
+    "KINDS",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
     "ROUTER",
@@ -247,8 +253,10 @@ __all__ = [
     "check_descriptors",
     "check_endpoint",
     "check_secure",
+    "clear",
     "decode",
     "decode_free",
+    "discard",
     "encode",
     "everything",
     "free_key",
@@ -258,15 +266,19 @@ __all__ = [
     "heard_by_keeper",
     "heard_by_process",
     "heard_of_tile",
+    "is_private",
     "keeper_name",
     "key_of",
     "kind_of",
     "level_of",
     "make_certificates",
+    "new_endpoint",
     "open_client",
+    "open_router",
     "parts_of",
     "parts_said",
     "process_name",
+    "publisher",
     "put",
     "read_free",
     "routers_of",

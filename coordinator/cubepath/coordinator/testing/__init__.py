@@ -1,0 +1,26 @@
+"""For the tests of others: links that lose messages, conditions, assertions on the log, pytest.
+
+Room: coordinator. It stands on `runs`, `simulation` and `shortening`, and only `commands` may use
+it. The plugin for pytest is here too; it imports nothing of all this before a fixture is asked for.
+Unlike those of other rooms, this face is for users.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.testing.link import Link
+    from cubepath.coordinator.testing.rules import Pattern, Rule
+    from cubepath.coordinator.testing.seen import Seen
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "link": "Link",
+            "rules": "Pattern Rule",
+            "seen": "Seen",
+        },
+    )
+
+__all__ = ["Link", "Pattern", "Rule", "Seen"]
