@@ -11,6 +11,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.testing.link import Link
+    from cubepath.coordinator.testing.log import Claimed, Executed, Log
     from cubepath.coordinator.testing.rules import Pattern, Rule
     from cubepath.coordinator.testing.seen import Seen
 else:
@@ -18,9 +19,10 @@ else:
         __name__,
         {
             "link": "Link",
+            "log": "Claimed Executed Log",
             "rules": "Pattern Rule",
             "seen": "Seen",
         },
     )
 
-__all__ = ["Link", "Pattern", "Rule", "Seen"]
+__all__ = ["Claimed", "Executed", "Link", "Log", "Pattern", "Rule", "Seen"]

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from cubepath.protocol.recordings.recording import Record
 from cubepath.protocol.wire.credentials import keeper_name, process_name
 from cubepath.protocol.wire.free_messages import (
     FREE_KINDS,
@@ -135,16 +134,30 @@ class Seen:
 
     @property
     def what(self) -> str:
-        """What it says, in a few words: its parts by kind, or the phase."""
+        """What it says, in a few words: its parts by kind and module, of a single one also more."""
         kinds: dict[str, list[str]] = {}
         for kind, module in self.parts:
             if kind != self.kind or module is not None:
                 kinds.setdefault(kind, []).append("" if module is None else str(module))
         told = [" ".join([kind, ",".join(filter(None, of))]).strip() for kind, of in kinds.items()]
-        return "; ".join([*([self.phase] if self.phase else []), *told])
+        alone = _more_of(self.message) if len(self.parts) == 1 else ""
+        return "; ".join(told) + (f" {alone}" if alone else "")
 
 
-def seen_of(record: Record) -> Seen:
-    """Return a message on record as a test sees it."""
-    topic = record.topic
-    return Seen(f"cubepath/recording/{topic}", record.data, record.wall_ns / 1e9)
+def _more_of(message: Any) -> str:
+    """Return what the only part of a message says beyond its kind and module."""
+    (part,) = getattr(message, "parts", (message,))
+    about = getattr(part, "attempt", None) or getattr(part, "moved", None) or part
+    found = []
+    if getattr(about, "generator", None) is not None:
+        found.append(f"{about.generator} at {about.at}")
+    if hasattr(part, "granted"):
+        found.append("granted" if part.granted else "lost")
+    if isinstance(getattr(part, "claim", None), str):
+        found.append(part.claim)
+    if hasattr(part, "moved") and part.moved is None:
+        found.append(f"refused: {part.why}")
+    found += [
+        f"{name} {getattr(part, name)}" for name in ("reason", "ended") if hasattr(part, name)
+    ]
+    return ", ".join(found)
