@@ -56,7 +56,7 @@ PUBLIC = {
         shorten state_complex surface task_of to_networkx unfilled verify write_complex
     """,
     "cubepath.coordinator.testing": """
-        Claimed Executed Link Log Pattern Rule Seen
+        Claimed Executed Link Log Pattern Rule Seen Trial Tried fault faults scenarios trial_of
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

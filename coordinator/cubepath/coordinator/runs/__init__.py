@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.gatherer import Gatherer
     from cubepath.coordinator.runs.gathering import gathered
     from cubepath.coordinator.runs.launch import Outcome, run
-    from cubepath.coordinator.runs.plan import Plan
+    from cubepath.coordinator.runs.plan import Plan, task_of
     from cubepath.coordinator.runs.playback import Replayed, replay
 else:
     __getattr__, __dir__ = lazy_face(
@@ -32,7 +32,7 @@ else:
             "gatherer": "Gatherer",
             "gathering": "gathered",
             "launch": "Outcome run",
-            "plan": "Plan",
+            "plan": "Plan task_of",
             "playback": "Replayed replay",
         },
     )
@@ -56,4 +56,5 @@ __all__ = [
     "run",
     "run_picture",
     "save_figure",
+    "task_of",
 ]

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from cubepath.coordinator.testing.log import Claimed, Executed, Log
     from cubepath.coordinator.testing.rules import Pattern, Rule
     from cubepath.coordinator.testing.seen import Seen
+    from cubepath.coordinator.testing.strategies import faults, scenarios
+    from cubepath.coordinator.testing.trials import Trial, Tried, fault, trial_of
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -22,7 +24,23 @@ else:
             "log": "Claimed Executed Log",
             "rules": "Pattern Rule",
             "seen": "Seen",
+            "strategies": "faults scenarios",
+            "trials": "Trial Tried fault trial_of",
         },
     )
 
-__all__ = ["Claimed", "Executed", "Link", "Log", "Pattern", "Rule", "Seen"]
+__all__ = [
+    "Claimed",
+    "Executed",
+    "Link",
+    "Log",
+    "Pattern",
+    "Rule",
+    "Seen",
+    "Trial",
+    "Tried",
+    "fault",
+    "faults",
+    "scenarios",
+    "trial_of",
+]
