@@ -47,13 +47,14 @@ PUBLIC = {
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift
-        Links Macro Optimum Outcome PathInput Plan Recovered Replayed Row ShapeComplex Shortened
-        StateComplex Surface Task Timetable Transitions Verification actions_at all_claims animate
-        audit beyond certificate_of check_certificate check_links check_proof collapse
-        complex_from_faces compute_claims contractibility convert draw_complex durations_of earliest
-        end_state explore f_vector gathered homology improve info is_cube is_normal lift lower_bound
-        macro normal_cube_path only_class optimum recover replay run run_picture shape_complex
-        shorten state_complex surface task_of to_networkx unfilled verify write_complex
+        Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Row Running
+        ShapeComplex Shortened StateComplex Status Surface Tap Task Timetable Transitions
+        Verification actions_at all_claims animate audit beyond certificate_of check_certificate
+        check_links check_proof collapse complex_from_faces compute_claims contractibility convert
+        draw_complex durations_of earliest end_state explore f_vector gathered homology improve info
+        is_cube is_normal lift lower_bound macro normal_cube_path only_class optimum recover replay
+        run run_picture shape_complex shorten start state_complex surface task_of to_networkx
+        unfilled verify write_complex
     """,
     "cubepath.coordinator.testing": """
         Claimed Executed Link Log Pattern Rule Seen Trial Tried fault faults scenarios trial_of

@@ -15,22 +15,13 @@ from cubepath.agents.free.fleet import Crash, FreeFleet
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns
 from cubepath.protocol.wire.messages import Go
 from cubepath.protocol.wire.nodes import Keep
 from cubepath.protocol.wire.shell import Shell
 
 PATIENCE_S = 60.0
-
-
-class WatchedFleet(FreeFleet):
-    """A fleet some of whose processes reach the router by ways of their own."""
-
-    ways: Mapping[str, Callable[[str], str]] = {}
-
-    def endpoint_for(self, name: str) -> str:
-        way = self.ways.get(name)
-        return self.endpoint if way is None else way(self.endpoint)
 
 
 class Watch:
@@ -112,8 +103,12 @@ def watched(
     **options: Any,
 ) -> Generator[Watch]:
     """Start a fleet and listen to it; at the end nothing of it is left."""
-    fleet = WatchedFleet(scene, rule, logs=logs, **options)
-    fleet.ways = ways or {}
+
+    def way(name: str, endpoint: str, credentials: Credentials) -> tuple[str, Credentials]:
+        own = (ways or {}).get(name)
+        return endpoint if own is None else own(endpoint), credentials
+
+    fleet = FreeFleet(scene, rule, logs=logs, way=way, **options)
     with fleet:
         watch = Watch(fleet, scene)
         fleet.begin(begin)

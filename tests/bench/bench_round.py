@@ -125,7 +125,7 @@ def real(spec: str, processes: int, rounds: int) -> Recorded:
             scene, "random", processes=processes, sink=sink, plausible=conductor.check
         ) as fleet:
             conductor.know(fleet.modules_of, 0)
-            pids = [os.getpid(), fleet.router_pid, *fleet.pids]
+            pids = [os.getpid(), *fleet.pids.values()]
             times, walls = [], []
             fleet.play_round()  # whatever is done once is done
             for _ in range(rounds):

@@ -12,7 +12,7 @@ it.
 | `complexes` | state and shape complexes, links, homology, collapses | none |
 | `verification` | recordings and certificates derived again | `normal_form.definitions` alone |
 | `search` | exact optima, lower bounds, shorter paths | `complexes`, `normal_form` |
-| `runs` | runs, schedules, replay, pictures | `verification`, `normal_form` |
+| `runs` | runs, schedules, replay, pictures | `search`, `verification`, `normal_form` |
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
@@ -69,14 +69,19 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs import (
         Gatherer,
         Outcome,
+        Overheard,
         Plan,
         Replayed,
+        Running,
+        Status,
+        Tap,
         animate,
         gathered,
         info,
         replay,
         run,
         run_picture,
+        start,
     )
     from cubepath.coordinator.search import (
         Improved,
@@ -122,7 +127,10 @@ else:
                 "normal_cube_path"
             ),
             "paper": "Claim Row all_claims compute_claims",
-            "runs": "Gatherer Outcome Plan Replayed animate gathered info replay run run_picture",
+            "runs": (
+                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate gathered info "
+                "replay run run_picture start"
+            ),
             "search": "Improved Optimum Transitions improve lower_bound only_class optimum",
             "shortening": (
                 "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
@@ -146,15 +154,19 @@ __all__ = [
     "Macro",
     "Optimum",
     "Outcome",
+    "Overheard",
     "PathInput",
     "Plan",
     "Recovered",
     "Replayed",
     "Row",
+    "Running",
     "ShapeComplex",
     "Shortened",
     "StateComplex",
+    "Status",
     "Surface",
+    "Tap",
     "Task",
     "Timetable",
     "Transitions",
@@ -197,6 +209,7 @@ __all__ = [
     "run_picture",
     "shape_complex",
     "shorten",
+    "start",
     "state_complex",
     "surface",
     "task_of",

@@ -250,11 +250,11 @@ def test_a_killed_process_is_named_and_the_others_end() -> None:
         pytest.raises(ProcessDied, match=r"module_2, module_3 \(process 1\) died .*signal 9"),
         Fleet(scene, "random", processes=2, sink=lambda *_: None) as fleet,
     ):
-        pids += fleet.pids
+        pids += fleet.pids.values()
         for number in fleet.rounds(10_000):
             if number == 5:
                 os.kill(pids[1], signal.SIGKILL)
-    assert len(pids) == 2
+    assert len(pids) == 3
     for pid in pids:
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)

@@ -20,7 +20,8 @@ from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs import free_launch
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.launch import Outcome, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.resuming import keeper_logs
 from cubepath.protocol.core.errors import InputError
@@ -65,7 +66,7 @@ def wounded(
             done.append(name)
             os.kill(fleets[0].pids[name], how)
 
-    outcome = run(plan, watch)
+    outcome = run(plan, watch=watch)
     assert done, "the run was over before"
     return outcome
 
@@ -138,7 +139,7 @@ def test_a_run_in_which_everything_dies_again_and_again_holds(
         max_rounds=300,
         log=log,
     )
-    outcome = run(plan, watch)
+    outcome = run(plan, watch=watch)
     assert outcome.ended == "max-rounds"
     assert not names
     sound(log)

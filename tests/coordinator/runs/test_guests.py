@@ -112,7 +112,7 @@ def played(do: str | None = None, *, slow: bool = False, stop: bool = False) -> 
                     if stop:
                         child.send_signal(signal.SIGSTOP)
                 assert child.poll() is None
-            rss = resident_mb(fleet.router_pid)
+            rss = resident_mb(fleet.pids["router"])
         assert rss < 300
     return told
 

@@ -20,7 +20,7 @@ from cubepath.protocol.recordings.recording import Recording, read_recording
 TOLD = """
 import sys, time
 from pathlib import Path
-from cubepath.coordinator.runs import launch
+from cubepath.coordinator.runs import launch, running
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.recordings.recording import RecordingWriter
 
@@ -29,13 +29,13 @@ class Told(RecordingWriter):
         super().write(*arguments, **keywords)
         print("message", time.monotonic(), flush=True)
 
-launch.RecordingWriter = Told
+running.RecordingWriter = Told
 clock, processes = sys.argv[2:]
 plan = Plan(
     "hex:n=6", "random", max_rounds=10**6, clock=clock, processes=int(processes),
     speeds=dict.fromkeys(range(6), 5.0) if clock == "free" else {}, log=Path(sys.argv[1]),
 )
-launch.run(plan, lambda gathered: print("round", gathered.rounds, flush=True))
+launch.run(plan, watch=lambda gathered: print("round", gathered.rounds, flush=True))
 """
 """Runs, and says when each message was given to be recorded, and which rounds are over."""
 

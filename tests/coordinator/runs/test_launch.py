@@ -252,7 +252,7 @@ def test_a_log_that_is_removed_ends_the_run(tmp_path: Path) -> None:
             shutil.rmtree(logs)
 
     plan = Plan("hex:n=6", "random", processes=0, max_rounds=200, log=logs / "a.mcap")
-    outcome = run(plan, remove)
+    outcome = run(plan, watch=remove)
     assert outcome.ended == "failed"
     assert outcome.rounds < 20
     assert outcome.error is not None
@@ -295,11 +295,11 @@ def test_nonsense_is_on_record(tmp_path: Path) -> None:
         if gatherer.rounds != 3:
             return
         fleet = running()
-        with open_client(fleet.endpoint, credentials=fleet._credentials(COORDINATOR)) as session:
+        with open_client(fleet.endpoint, credentials=fleet.credentials(COORDINATOR)) as session:
             put(session, f"cubepath/{fleet.run}/hello/me", b"not json")
 
     plan = Plan("hex:n=3", "random", processes=0, max_rounds=200, log=tmp_path / "a.mcap")
-    outcome = run(plan, nonsense)
+    outcome = run(plan, watch=nonsense)
     assert (outcome.ended, outcome.refused) == ("max-rounds", 1)
     recording = read_recording(tmp_path / "a.mcap")
     (told,) = parts(recording, "refused")
@@ -525,7 +525,7 @@ def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
     def meddle(gatherer: Gathered) -> None:
         if not guest:
             fleet = running()
-            credentials = fleet._credentials(COORDINATOR)
+            credentials = fleet.credentials(COORDINATOR)
             guest.append(open_client(fleet.endpoint, credentials=credentials))
             subscribe(guest[0], f"cubepath/{fleet.run}/**", heard.put)
         del gatherer
@@ -534,7 +534,7 @@ def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
             guest[0].put(sample.key_expr, sample.payload)
 
     try:
-        loud = run(replace(plan, log=tmp_path / "b.mcap"), meddle)
+        loud = run(replace(plan, log=tmp_path / "b.mcap"), watch=meddle)
     finally:
         for session in guest:
             session.close()
@@ -588,7 +588,8 @@ def test_a_run_without_memory_ends_with_its_recording_closed(tmp_path: Path) -> 
     """With a summary that says why, and all rounds so far."""
     log = tmp_path / "a.mcap"
     outcome = run(
-        Plan("agv:graph=P5,n=1", processes=0, log=log), lambda _gatherer: print(bytes(1 << 60))
+        Plan("agv:graph=P5,n=1", processes=0, log=log),
+        watch=lambda _gatherer: print(bytes(1 << 60)),
     )
     assert (outcome.ended, outcome.error, outcome.rounds) == ("failed", "out of memory", 1)
     recording = read_recording(log)

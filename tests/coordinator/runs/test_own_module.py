@@ -23,7 +23,8 @@ from bridge import Bridge, What
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.network import Network
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.runs.launch import Outcome, run
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
@@ -195,7 +196,7 @@ def test_it_goes_on_after_what_goes_wrong(what: str, outcome: Outcome) -> None:
         ) as fleet:
             for number in fleet.rounds(outcome.rounds):
                 if number == 3 and what == "the router dies":
-                    os.kill(fleet.router_pid, signal.SIGKILL)
+                    os.kill(fleet.pids["router"], signal.SIGKILL)
                 elif number == 3:
                     children[0].send_signal(signal.SIGSTOP)
                     goes_on = children[0], signal.SIGCONT

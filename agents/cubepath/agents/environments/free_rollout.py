@@ -12,8 +12,11 @@ from typing import TypeAlias
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.free_messages import Moved
 
@@ -25,6 +28,7 @@ Watch: TypeAlias = Callable[[FreeWorld, Acted], None]
 class FreePlayed:
     """A finished run: what was committed, in order, the turns, and how it ended."""
 
+    scene: Scene
     commits: tuple[Moved, ...]
     """Those without a generator wrote registers alone."""
     turns: int
@@ -39,10 +43,25 @@ class FreePlayed:
         """Return the commits that moved modules."""
         return tuple(commit for commit in self.commits if commit.generator is not None)
 
+    @property
+    def path(self) -> tuple[Action, ...]:
+        """The edge path, in the order of the commits."""
+        system = self.scene.system
+        return tuple(system.action(each.generator, site_from_json(each.at)) for each in self.placed)
+
+    @property
+    def placed(self) -> tuple[GeneratorPlacement, ...]:
+        """The edge path, each move as a generator and a place."""
+        return tuple(
+            GeneratorPlacement(each.generator, each.at)
+            for each in self.commits
+            if each.generator is not None
+        )
+
 
 def play_free(
-    scene: Scene,
-    rule: RuleType,
+    system: str | Scene = "hex",
+    rule: str | RuleType | None = None,
     *,
     seed: int = 0,
     hesitate: float = 0.0,
@@ -56,9 +75,15 @@ def play_free(
 ) -> FreePlayed:
     """Play until the goal is reached, a rule gives up, or after `max_cycles` turns a module.
 
-    The arguments from `scheduler` to `lag` are those of `FreeEnv`. `restarts` has the modules that
-    lose all they know before a turn, by its number from 1. `watch` is told of each turn.
+    `system` is a scene or its name, and `rule` a rule or its name, as for `play`. The arguments
+    from `scheduler` to `lag` are those of `FreeEnv`. `restarts` has the modules that lose all they
+    know before a turn, by its number from 1. `watch` is told of each turn.
+
+    >>> played = play_free("hex:n=4", seed=1)
+    >>> played.reached, len(played.path)
+    (True, 18)
     """
+    scene, rule = scene_and_rule(system, rule, "free")
     env = FreeEnv(
         scene,
         max_cycles=max_cycles,
@@ -98,4 +123,4 @@ def play_free(
         if watch is not None:
             watch(world, acted)
     reached = scene.reached(world.sites)
-    return FreePlayed(tuple(commits), world.turns, refused, env.sites, reached, failed)
+    return FreePlayed(scene, tuple(commits), world.turns, refused, env.sites, reached, failed)

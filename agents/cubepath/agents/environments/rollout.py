@@ -13,7 +13,10 @@ from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.world import Round
 from cubepath.agents.local.observation import Note
 from cubepath.agents.rules.actor import actors_for
+from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
@@ -25,15 +28,30 @@ _ROUNDS = 20
 class Played:
     """A finished run: its rounds in order, the final sites, and why a rule gave up, if one did."""
 
+    scene: Scene
     rounds: tuple[Round, ...]
     sites: tuple[Site, ...]
     reached: bool
     failed: str | None = None
 
+    @property
+    def path(self) -> tuple[Action, ...]:
+        """The edge path: the moves of each round, in increasing order of their movers."""
+        return tuple(move.action for each in self.rounds for move in each.moves.values())
+
+    @property
+    def placed(self) -> tuple[GeneratorPlacement, ...]:
+        """The edge path, each move as a generator and a place."""
+        return tuple(
+            GeneratorPlacement(move.generator, move.at)
+            for each in self.rounds
+            for move in each.moves.values()
+        )
+
 
 def play(
-    scene: Scene,
-    rule: RuleType,
+    system: str | Scene = "hex",
+    rule: str | RuleType | None = None,
     *,
     seed: int = 0,
     hesitate: float = 0.0,
@@ -42,8 +60,16 @@ def play(
 ) -> Played:
     """Play until the goal is reached, a rule gives up, or `max_rounds` are over.
 
-    A rule that has a vectorised form is played in compiled code once that is ready.
+    `system` is a scene, or its name as on the command line. `rule` is a rule or the name of one,
+    and None means the rule of the system's family. One that has a vectorised form is played in
+    compiled code once that is ready. `watch` is called after each round. InputError if the system
+    or the rule is not known, or they do not go together.
+
+    >>> played = play("hex:n=4", seed=1)
+    >>> played.reached, len(played.rounds), len(played.path), played.sites[0]
+    (True, 14, 18, (3, 1))
     """
+    scene, rule = scene_and_rule(system, rule)
     if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):
         from cubepath.agents.environments.rollouts import play_many  # noqa: PLC0415 - a circle
 
@@ -51,7 +77,7 @@ def play(
             scene, rule, [seed], hesitate=hesitate, max_rounds=max_rounds, keep_rounds=True
         )
         played = () if runs.played is None else runs.played[0]
-        return Played(played, runs.sites[0], bool(runs.reached[0]), runs.failed.get(0))
+        return Played(scene, played, runs.sites[0], bool(runs.reached[0]), runs.failed.get(0))
     return play_in_python(
         scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds, watch=watch
     )
@@ -90,4 +116,4 @@ def play_in_python(
         rounds.append(played)
         if watch is not None:
             watch(played)
-    return Played(tuple(rounds), env.sites, scene.reached(env.sites), failed)
+    return Played(scene, tuple(rounds), env.sites, scene.reached(env.sites), failed)

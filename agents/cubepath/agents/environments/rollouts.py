@@ -17,6 +17,7 @@ from cubepath.agents.arrays.state import GRANTED, LOST
 from cubepath.agents.environments.array_world import ArrayRound
 from cubepath.agents.environments.rollout import Played, play_in_python
 from cubepath.agents.environments.world import Round
+from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
 from cubepath.protocol.core.sites import Site
@@ -45,8 +46,8 @@ class PlayedMany:
 
 
 def play_many(
-    scene: Scene,
-    rule: RuleType,
+    system: str | Scene,
+    rule: str | RuleType | None,
     seeds: Sequence[int],
     *,
     hesitate: float = 0.0,
@@ -55,8 +56,14 @@ def play_many(
 ) -> PlayedMany:
     """Play a rule once for each seed; each run is that of `play` with the seed.
 
-    Rules in plain Python, and systems that fit into no tables, are played one run after another.
+    `system` and `rule` may be names, as for `play`. Rules in plain Python, and systems that fit
+    into no tables, are played one run after another.
+
+    >>> runs = play_many("hex:n=4", "chain", range(100))
+    >>> runs.reached.all(), runs.rounds.mean()
+    (True, 14.0)
     """
+    scene, rule = scene_and_rule(system, rule)
     scene = local_only(scene, "environment")
     if not seeds:
         return _summed((), [], keep_rounds=keep_rounds)

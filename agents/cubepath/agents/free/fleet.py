@@ -20,6 +20,7 @@ from typing import Literal, Self, TypeAlias
 from cubepath.agents.free.orders import FreeOrders, OwnMove
 from cubepath.agents.keepers.orders import KeeperOrders
 from cubepath.agents.processes.dealing import dealt
+from cubepath.agents.processes.network import Way, straight
 from cubepath.agents.processes.offspring import Ended, Offspring
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
@@ -70,10 +71,12 @@ class FreeFleet:
         on_crash: OnCrash = "stop",
         schedule: Mapping[int, Sequence[OwnMove]] | None = None,
         logs: Path | None = None,
+        way: Way = straight,
     ) -> None:
         """Plan the fleet; the logs of keepers are kept in a folder `logs`, if one is named.
 
-        What keepers have logged there before is taken up again.
+        What keepers have logged there before is taken up again. Keepers and module processes take
+        the `way` to the router.
         """
         for name, number in (("processes", processes), ("keepers", keepers)):
             if number < 1:
@@ -93,6 +96,7 @@ class FreeFleet:
         self._jitter = jitter
         self._schedule = schedule
         self._logs = logs
+        self._way = way
         self._folder: Path | None = None
         self._text = scene_to_toml(scene)
         birth = first_birth(logs)
@@ -150,17 +154,13 @@ class FreeFleet:
             raise CubepathError("the fleet has ended: start another")
         return self._router.credentials(name)
 
-    def endpoint_for(self, name: str) -> str:
-        """Return where the one of this name finds the router."""
-        del name
-        return self.endpoint
-
     def _keep(self, keeper: int) -> None:
         name = keeper_name(keeper)
         if self._folder is None:
             raise CubepathError("the fleet has ended: start another")
+        endpoint, credentials = self._way(name, self.endpoint, self.credentials(name))
         orders = KeeperOrders(
-            endpoint=self.endpoint_for(name),
+            endpoint=endpoint,
             run=self.run,
             keeper=keeper,
             keepers=self.keepers,
@@ -169,15 +169,16 @@ class FreeFleet:
             log=str(self._folder / f"{name}.log"),
             birth=self._births_of_keepers[keeper],
             tell_reads=self._schedule is not None,
-            credentials=self.credentials(name),
+            credentials=credentials,
         )
         self._offspring.spawn(name, _KEEPER, orders)
 
     def _host(self, process: int) -> None:
         name, modules = process_name(process), self.modules_of[process]
         schedule = self._schedule
+        endpoint, credentials = self._way(name, self.endpoint, self.credentials(name))
         orders = FreeOrders(
-            endpoint=self.endpoint_for(name),
+            endpoint=endpoint,
             run=self.run,
             process=process,
             modules=modules,
@@ -192,7 +193,7 @@ class FreeFleet:
             schedule=None
             if schedule is None
             else {module: list(schedule.get(module, ())) for module in modules},
-            credentials=self.credentials(name),
+            credentials=credentials,
         )
         self._offspring.spawn(name, _HOST, orders)
 

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cubepath.agents.processes.fleet import Fleet
     from cubepath.agents.processes.joining import Joining, join
     from cubepath.agents.processes.judge import Judge, RefusedError, refuse
-    from cubepath.agents.processes.network import Network
+    from cubepath.agents.processes.network import Network, Way, straight
     from cubepath.agents.processes.node import HostNode
     from cubepath.agents.processes.offspring import Ended, Offspring
     from cubepath.agents.processes.orders import OUTSIDE, Orders
@@ -29,7 +29,7 @@ else:
             "fleet": "Fleet",
             "joining": "Joining join",
             "judge": "Judge RefusedError refuse",
-            "network": "Network",
+            "network": "Network Way straight",
             "node": "HostNode",
             "offspring": "Ended Offspring",
             "orders": "OUTSIDE Orders",
@@ -58,7 +58,9 @@ __all__ = [
     "Refusals",
     "RefusedError",
     "Settling",
+    "Way",
     "dealt",
     "join",
     "refuse",
+    "straight",
 ]

@@ -19,7 +19,7 @@ from msgspec.structs import replace
 from cubepath.agents.processes.children import Children
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
-from cubepath.agents.processes.network import Network
+from cubepath.agents.processes.network import Network, Way, straight
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
 from cubepath.agents.processes.recruits import Recruits
@@ -68,6 +68,7 @@ class Fleet:
         check: Callable[[], None] | None = None,
         plausible: Check | None = None,
         say: Callable[[str], None] | None = None,
+        way: Way = straight,
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
 
@@ -78,6 +79,7 @@ class Fleet:
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
         waiting and may raise to end the run between two messages. `plausible` may refuse what
         modules say or report. `say` is told in a line where others can join, and who is waited for.
+        Own processes take the `way` to the router.
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
@@ -96,6 +98,7 @@ class Fleet:
         self._check = check
         self._plausible = plausible
         self._say = say
+        self._way = way
         self._joined = False
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
@@ -147,7 +150,7 @@ class Fleet:
         joined = self._network.wait_for
         if joined:
             self._deal(self._recruit(joined))
-        credentials = self._credentials(COORDINATOR)
+        credentials = self.credentials(COORDINATOR)
         shell = Shell(self._pacer, self.endpoint, self._keep, credentials=credentials)
         self._resources.callback(shell.close)
         self._shell = shell
@@ -186,7 +189,8 @@ class Fleet:
         else:
             self._say(f"endpoint {where}, run {self.run}")
 
-    def _credentials(self, name: str) -> Credentials:
+    def credentials(self, name: str) -> Credentials:
+        """Return by what the one of this name shows who speaks."""
         if self._router is not None:
             return self._router.credentials(name)
         folder = self._network.secure
@@ -199,7 +203,7 @@ class Fleet:
             self.run,
             len(self.scene.start),
             expected,
-            self._credentials(COORDINATOR),
+            self.credentials(COORDINATOR),
         )
         self._resources.callback(recruits.close)
 
@@ -228,7 +232,9 @@ class Fleet:
         )
         if not endpoint:
             return orders
-        return replace(orders, credentials=self._credentials(process_name(process)))
+        name = process_name(process)
+        endpoint, credentials = self._way(name, endpoint, self.credentials(name))
+        return replace(orders, endpoint=endpoint, credentials=credentials)
 
     def _rule_note_length(self) -> int:
         if self._rule == OUTSIDE:
@@ -314,16 +320,14 @@ class Fleet:
             raise ProcessDied(f"the router died {router.restarts} times")
 
     @property
-    def pids(self) -> list[int]:
-        """Return the process ids of the module processes."""
-        return [child.pid for child in self._children.by_process.values()]
-
-    @property
-    def router_pid(self) -> int:
-        """Return the process id of the router, which may change if it dies."""
-        if self._router is None:
-            raise CubepathError("the fleet has ended: start another")
-        return self._router.pid
+    def pids(self) -> dict[str, int]:
+        """Return the process ids by name: process_N and router, whose id may change if it dies."""
+        found = {
+            process_name(process): child.pid for process, child in self._children.by_process.items()
+        }
+        if self._router is not None:
+            found["router"] = self._router.pid
+        return found
 
     def _end(self) -> None:
         try:

@@ -5,19 +5,34 @@ Room: agents.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.access import PROCESSES_MAX
 from cubepath.protocol.wire.credentials import (
     COORDINATOR,
     ROUTER,
+    Credentials,
     certificate_files,
     process_name,
 )
 from cubepath.protocol.wire.router import check_secure
 from cubepath.protocol.wire.sessions import check_endpoint
+
+Way: TypeAlias = Callable[[str, str, Credentials], tuple[str, Credentials]]
+"""Where a process finds the router, and what it shows there of who it is.
+
+It is given the name of the process, where the router listens and the credentials there; whoever
+tests what a process does when the wire is bad gives it another way to the router.
+"""
+
+
+def straight(_name: str, endpoint: str, credentials: Credentials) -> tuple[str, Credentials]:
+    """Return the way that leads straight to the router."""
+    return endpoint, credentials
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
+    from cubepath.agents.rules.asked import own_rule, scene_and_rule
     from cubepath.agents.rules.attempting import attempt_of
     from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
@@ -32,6 +33,7 @@ else:
         __name__,
         {
             "actor": "Actor actors_for",
+            "asked": "own_rule scene_and_rule",
             "attempting": "attempt_of",
             "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
@@ -68,8 +70,10 @@ __all__ = [
     "draw_fraction",
     "find_rule",
     "is_in_file",
+    "own_rule",
     "rule_named",
     "rules",
+    "scene_and_rule",
     "scheduled",
     "stream",
     "stream_at",

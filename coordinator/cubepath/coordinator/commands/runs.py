@@ -286,7 +286,7 @@ def _run(options: argparse.Namespace) -> int:
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
-            outcome = run(plan, watch, say)
+            outcome = run(plan, watch=watch, say=say)
     rows: list[tuple[str, object]] = [
         ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
         ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),

@@ -1,8 +1,9 @@
 """Runs from launch to recording: gathering, schedules, replay, contents of a recording, pictures.
 
-Room: coordinator. It imports `normal_form`, `verification` to compare a replay, and `processes`,
-`rules` and `rendering` of the agents. It is the only room of the coordinator that starts modules
-and listens to them. `shortening` takes the path of a recording from it.
+Room: coordinator. It imports `normal_form`, `verification` to compare a replay, a bound
+of `search`, and `processes`, `rules` and `rendering` of the agents. It is the only room of the
+coordinator that starts modules and listens to them. `shortening` takes the path of a recording from
+it.
 """
 
 from typing import TYPE_CHECKING
@@ -17,9 +18,11 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
     from cubepath.coordinator.runs.gatherer import Gatherer
     from cubepath.coordinator.runs.gathering import gathered
-    from cubepath.coordinator.runs.launch import Outcome, run
+    from cubepath.coordinator.runs.launch import run, start
+    from cubepath.coordinator.runs.outcome import Outcome
     from cubepath.coordinator.runs.plan import Plan, task_of
     from cubepath.coordinator.runs.playback import Replayed, replay
+    from cubepath.coordinator.runs.running import Overheard, Running, Status, Tap
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -31,9 +34,11 @@ else:
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "gatherer": "Gatherer",
             "gathering": "gathered",
-            "launch": "Outcome run",
+            "launch": "run start",
+            "outcome": "Outcome",
             "plan": "Plan task_of",
             "playback": "Replayed replay",
+            "running": "Overheard Running Status Tap",
         },
     )
 
@@ -46,8 +51,12 @@ __all__ = [
     "Gathered",
     "Gatherer",
     "Outcome",
+    "Overheard",
     "Plan",
     "Replayed",
+    "Running",
+    "Status",
+    "Tap",
     "animate",
     "gathered",
     "info",
@@ -56,5 +65,6 @@ __all__ = [
     "run",
     "run_picture",
     "save_figure",
+    "start",
     "task_of",
 ]

@@ -185,6 +185,16 @@ class Gathered(ABC):
         return len(self._edges.ends)
 
     @property
+    def moves(self) -> int:
+        """Return the number of moves so far."""
+        return len(self._edges.names)
+
+    @property
+    def live(self) -> FastHeap:
+        """Return a heap of the same moves that costs little to ask for while the run goes on."""
+        return self.heap
+
+    @property
     def steps(self) -> Sequence[Step]:
         """Return the complete rounds, or the levels; each is made when it is asked for."""
         edges = self._edges

@@ -67,6 +67,8 @@ class FreeGatherer(Gathered):
         self._given_up: dict[int, str] = {}
         self._raw = EdgePath(scene)
         self._levels = array("i")
+        self._top = 0
+        """The greatest level of a move so far."""
         self._live = FastHeap()
         self._sorted: tuple[EdgePath, FastHeap, str] | None = None
 
@@ -116,6 +118,11 @@ class FreeGatherer(Gathered):
     def digest(self) -> str:
         """Return the digest of the edge path so far."""
         return self._canonical[2]
+
+    @property
+    def rounds(self) -> int:
+        """Return the greatest level of a move released so far."""
+        return self._top
 
     @property
     def moves(self) -> int:
@@ -336,6 +343,7 @@ class FreeGatherer(Gathered):
         self._raw.movers.append(moved.module)
         self._raw.names.append(self._raw.name(GeneratorPlacement(move.generator, moved.at)))
         self._levels.append(level)
+        self._top = max(self._top, level)
 
     def _check_registers(self, moved: Moved) -> None:
         """Check where the modules of registers stand, as far as nothing has moved them since."""

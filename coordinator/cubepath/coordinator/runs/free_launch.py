@@ -9,20 +9,21 @@ from __future__ import annotations
 import contextlib
 import shutil
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.free.host_node import HALT_S
+from cubepath.agents.processes.network import Way
 from cubepath.coordinator.runs.collector import Collector, refusals_in
 from cubepath.coordinator.runs.conductor import Ending, results_of
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_schedule import own_moves
-from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
+from cubepath.coordinator.runs.outcome import Noticed
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.coordinator.runs.resuming import is_said, keeper_logs
-from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.recording import Recording, RecordingWriter
 from cubepath.protocol.wire.credentials import keeper_name
 from cubepath.protocol.wire.free_messages import FreeMessage, decode_free, free_topic, level_of
@@ -41,85 +42,71 @@ _INTERRUPT_S_MAX = 2.0
 """And so long if the user asked for it."""
 
 
-@dataclass(slots=True)
-class Noticed:
-    """A process that died: how, whether it was started again, and when that was noticed.
-
-    `seconds` are from the start of the run, and `idle_seconds` from then until the next commit of
-    anyone; None if there was none.
-    """
-
-    name: str
-    how: str
-    restarted: bool
-    seconds: float
-    idle_seconds: float | None = None
-
-
-@dataclass(slots=True)
 class FreeRun:
     """A run in progress: messages are recorded as they arrive, and gathered by their versions."""
 
-    plan: Plan
-    task: Task
-    writer: RecordingWriter
-    say: Callable[[str], None]
-    watch: Callable[[Gathered], None] | None = None
-    before: Recording | None = None
-    """What is on record of a run that is taken up again."""
-    refused: int = 0
-    held_back: float = 0.0
-    """For how many seconds modules were halted, as more was said than could be recorded."""
-    crashes: list[Noticed] = field(default_factory=list)
-    gatherer: FreeGatherer = field(init=False)
-    _collector: Collector = field(init=False)
-    _level: int = 0
-    _looked: float = 0.0
-    _halted: float | None = None
-    """Since when modules halt so that the record can keep up."""
-    _said_over: float = 0.0
-    _watched: float = 0.0
-    _began: float = field(default_factory=time.monotonic)
-    _heard: float = 0.0
-    """When anything was last committed."""
+    def __init__(
+        self,
+        plan: Plan,
+        task: Task,
+        writer: RecordingWriter,
+        *,
+        say: Callable[[str], None],
+        watch: Callable[[Gathered], None],
+        hear: Callable[[FreeMessage, int], None],
+        way: Way,
+        before: Recording | None = None,
+    ) -> None:
+        """Begin with nothing started; `hear` is told of each message, and the wall time in ns.
 
-    def __post_init__(self) -> None:
-        self.gatherer = FreeGatherer(self.task.scene, self.plan.keepers)
+        `before` is what is on record of a run that is taken up again.
+        """
+        self.plan = plan
+        self.task = task
+        self.writer = writer
+        self.refused = 0
+        self.held_back = 0.0
+        """For how many seconds modules were halted, as more was said than could be recorded."""
+        self.crashes: list[Noticed] = []
+        self.gathered = FreeGatherer(task.scene, plan.keepers)
+        self._say = say
+        self._watch = watch
+        self._hear = hear
+        self._way = way
+        self._before = before
+        self._check: Callable[[], None] = lambda: None
+        self._fleet: FreeFleet | None = None
+        self._shell: Shell | None = None
+        self._begun = False
+        self._past_goal = False
+        """Whether the modules were at their goal, and had left it when all was known."""
+        self._resources = contextlib.ExitStack()
+        self._level = 0
+        self._looked = 0.0
+        self._halted: float | None = None
+        """Since when modules halt so that the record can keep up."""
+        self._said_over = 0.0
+        self._watched = 0.0
+        self._began = time.monotonic()
+        self._heard = 0.0
+        """When anything was last committed."""
 
-    def play(self) -> Ending:
-        """Run to the end, and write what came of it."""
-        try:
-            ending = self._play()
-        except Interrupted:
-            ending = Ending("interrupted", "interrupted")
-        except CubepathError as problem:
-            ending = Ending("failed", str(problem))
-        except MemoryError:
-            ending = Ending("failed", "out of memory")
-        try:
-            for step in self.gatherer.steps:
-                edges = Edges(step.round, list(step.executed))
-                self._write(edges, encode(edges), time.time_ns())
-            self.writer.flush()  # to find the results may take seconds
-            assignment = self.task.assignment
-            for message in results_of(
-                self.gatherer,
-                ending,
-                refused=self.refused,
-                schedule_cubes=None if assignment is None else len(assignment.cubes),
-            ):
-                self._write(message, encode(message), time.time_ns())
-            self.writer.close()
-        except CubepathError as problem:
-            ending = Ending("failed", ending.error or str(problem))
-        if ending.ended != "failed" or self.gatherer.failed is not None:
-            shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
-        return ending
+    @property
+    def fleet(self) -> FreeFleet:
+        """Return the processes; CheckError if there are none, or no more."""
+        if self._fleet is None:
+            raise CheckError("the run has no processes: expected one that is under way")
+        return self._fleet
 
-    def _play(self) -> Ending:
+    def begin(self, check: Callable[[], None]) -> Ending | None:
+        """Start the processes; return how the run has ended if there is nothing to do.
+
+        `check` is called between messages, now and later, and may raise to end the run.
+        """
+        self._check = check
         plan, task = self.plan, self.task
         self._take_up()
-        if self.gatherer.reached and task.assignment is None:
+        if self.gathered.reached and task.assignment is None:
             return Ending("goal")
         if not task.max_rounds and plan.resume is None:
             return Ending("max-rounds")
@@ -127,8 +114,7 @@ class FreeRun:
         logs = keeper_logs(path) if path.is_file() else None  # beside a device there is no room
         if plan.resume is not None and logs is not None:
             keeper_logs(plan.resume).rename(logs)  # this run may be cut off in its turn
-        with (
-            interrupts() as check,
+        fleet = self._fleet = self._resources.enter_context(
             FreeFleet(
                 task.scene,
                 task.rule,
@@ -143,31 +129,82 @@ class FreeRun:
                 if task.assignment is None
                 else own_moves(task.scene, task.assignment),
                 logs=logs,
-            ) as fleet,
-        ):
-            collector = self._collector = Collector(
-                fleet.run, self.gatherer, plan.keepers, fleet.modules_of
+                way=self._way,
             )
-            credentials = fleet.credentials()
-            with Shell(collector, fleet.endpoint, self._keep, credentials=credentials) as shell:
-                shell.start()
-                try:
-                    self._wait_for_keepers(shell, fleet, check)
-                    fleet.begin()
-                    return self._until_the_end(shell, fleet, check)
-                except Interrupted:
-                    # A second interrupt comes through everything.
-                    with contextlib.suppress(CubepathError):
-                        self._settle(shell, fleet, lambda: None, _INTERRUPT_S_MAX)
-                    raise
-                finally:
-                    with contextlib.suppress(CubepathError):  # the results will tell
-                        self.writer.flush()
-                    shell.carry_out(collector.say(Go(collector.level, "stop")))
+        )
+        collector = self._collector = Collector(
+            fleet.run, self.gathered, plan.keepers, fleet.modules_of
+        )
+        credentials = fleet.credentials()
+        shell = self._shell = self._resources.enter_context(
+            Shell(collector, fleet.endpoint, self._keep, credentials=credentials)
+        )
+        self._say(f"endpoint {fleet.endpoint}, run {fleet.run}")
+        shell.start()
+        self._wait_for_keepers(shell, fleet)
+        fleet.begin()
+        self._begun = True
+        self._heard = time.monotonic()
+        return None
+
+    def end(self) -> None:
+        """End the processes, and leave nothing running."""
+        try:
+            with contextlib.suppress(CubepathError):  # the results will tell
+                self.writer.flush()
+            if self._shell is not None:
+                self._shell.carry_out(self._collector.say(Go(self._collector.level, "stop")))
+        finally:
+            self._fleet = self._shell = None
+            self._resources.close()
+
+    def interrupted(self) -> None:
+        """Let what is under way come to its end, for a short while."""
+        if self._shell is not None and self._begun:
+            self._check = lambda: None
+            with contextlib.suppress(CubepathError):
+                self._settle(self._shell, self.fleet, _INTERRUPT_S_MAX)
+
+    def failed(self, error: str) -> Ending:
+        """Return the end of a run that failed."""
+        return Ending("failed", error)
+
+    def conclude(self, ending: Ending) -> None:
+        """Write what came of the run."""
+        for step in self.gathered.steps:
+            edges = Edges(step.round, list(step.executed))
+            self._write(edges, encode(edges), time.time_ns())
+        self.writer.flush()  # to find the results may take seconds
+        for message in results_of(
+            self.gathered, ending, refused=self.refused, schedule_cubes=self._schedule_cubes
+        ):
+            self._write(message, encode(message), time.time_ns())
+        self.writer.close()
+
+    def tidy(self, ending: Ending) -> None:
+        """Take away the keepers' logs, unless the run can be taken up again."""
+        if ending.ended != "failed" or self.gathered.failed is not None:
+            shutil.rmtree(keeper_logs(self.writer.path), ignore_errors=True)
+
+    @property
+    def _schedule_cubes(self) -> int | None:
+        assignment = self.task.assignment
+        return None if assignment is None else len(assignment.cubes)
+
+    def figures(self) -> Mapping[str, Any]:
+        """Return what the outcome says beside what all outcomes say."""
+        return {
+            "processes": min(self.plan.processes, len(self.task.scene.start)),
+            "refused": self.refused,
+            "keepers": self.plan.keepers,
+            "crashes": tuple(self.crashes),
+            "held_back_seconds": round(self.held_back, 3),
+            "schedule_cubes": self._schedule_cubes,
+        }
 
     def _take_up(self) -> None:
         """Take up what is on record already."""
-        for record in self.before.records if self.before is not None else ():
+        for record in self._before.records if self._before is not None else ():
             if not is_said(record.kind):
                 continue
             self.writer.write(
@@ -175,18 +212,18 @@ class FreeRun:
             )
             if record.kind in ("moved", "tail", "turns"):
                 message = decode_free(record.data)
-                self.gatherer.take(message)
+                self.gathered.take(message)
                 self._level = max(self._level, level_of(message))
         self.writer.flush()  # to start the fleet may take seconds, and to end it
 
-    def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> None:
+    def _wait_for_keepers(self, shell: Shell, fleet: FreeFleet) -> None:
         """Wait until all keepers have answered: from then on everything is on record."""
         collector = self._collector
         asked = time.monotonic()
         until = asked + self.plan.patience
         while len(collector.tails) < self.plan.keepers:
             shell.step(_STEP_S)
-            check()
+            self._check()
             self._look_after(fleet)
             now = time.monotonic()
             if now - asked > _LOOK_S:
@@ -196,31 +233,35 @@ class FreeRun:
                 missing = set(range(self.plan.keepers)) - collector.tails.keys()
                 raise CubepathError(f"keeper_{min(missing)} did not answer in time")
 
-    def _until_the_end(self, shell: Shell, fleet: FreeFleet, check: Callable[[], None]) -> Ending:
+    def advance(self) -> Ending | None:
+        """Take what comes next; return how the run has ended, None if it goes on."""
+        fleet, shell = self.fleet, self._shell
+        if shell is None:  # it comes and goes with the fleet
+            raise AssertionError("a fleet without a shell")
         collector = self._collector
-        self._heard = time.monotonic()
-        ending: Ending | None = None
-        while True:
-            moves = self.gatherer.moves
-            came = shell.step(_STEP_S)
-            check()
-            self._look_after(fleet)
-            self._keep_up(shell)
-            if self.gatherer.moves > moves:
-                self._heard = time.monotonic()
-                self._goes_on()
-                if self.watch is not None and self._heard - self._watched > _LOOK_S:
-                    self._watched = self._heard
-                    self.watch(self.gatherer)
-            elif came and ending is None:
-                continue
-            ending = self._ended()
-            if ending is None:
-                continue
-            self._settle(shell, fleet, check)
-            if ending.ended != "goal" or self.gatherer.reached:
-                return ending
-            shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
+        moves = self.gathered.moves
+        came = shell.step(_STEP_S)
+        self._check()
+        self._look_after(fleet)
+        self._keep_up(shell)
+        if self.gathered.moves > moves:
+            self._heard = time.monotonic()
+            self._goes_on()
+            if self._heard - self._watched > _LOOK_S:
+                self._watched = self._heard
+                self._watch(self.gathered)
+        elif came and not self._past_goal:
+            return None
+        self._past_goal = False
+        ending = self._ended()
+        if ending is None:
+            return None
+        self._settle(shell, fleet)
+        if ending.ended != "goal" or self.gathered.reached:
+            return ending
+        shell.carry_out(collector.say(Go(collector.level, "sense")))  # it only came past it
+        self._past_goal = True
+        return None
 
     def _keep_up(self, shell: Shell) -> None:
         """Halt the modules for as long as more is said than can be put on record.
@@ -250,13 +291,13 @@ class FreeRun:
                 crash.idle_seconds = round(after - crash.seconds, 3)
 
     def _ended(self) -> Ending | None:
-        gatherer, collector, plan = self.gatherer, self._collector, self.plan
-        if gatherer.failed is not None:
-            return Ending("failed", gatherer.failed)
+        gathered, collector, plan = self.gathered, self._collector, self.plan
+        if gathered.failed is not None:
+            return Ending("failed", gathered.failed)
         if self.task.assignment is not None:
-            if gatherer.moves >= sum(map(len, self.task.assignment.cubes)):
+            if gathered.moves >= sum(map(len, self.task.assignment.cubes)):
                 return Ending("goal")
-        elif gatherer.reached:
+        elif gathered.reached:
             return Ending("goal")
         if collector.level >= self.task.max_rounds:
             return Ending("max-rounds")
@@ -277,7 +318,6 @@ class FreeRun:
         self,
         shell: Shell,
         fleet: FreeFleet,
-        check: Callable[[], None],
         seconds: float = _SETTLE_S_MAX,
     ) -> None:
         """Halt the modules, and wait until everything that was committed is known."""
@@ -289,7 +329,7 @@ class FreeRun:
         asked = halted = 0.0
         settled = rested = False
         while not settled and time.monotonic() < until:
-            check()
+            self._check()
             self._look_after(fleet)
             all_rest = fleet.processes_alive() <= collector.resting
             if all_rest and not rested:
@@ -312,8 +352,8 @@ class FreeRun:
     def _known(self) -> tuple[int, ...]:
         """Return what changes while the record of the run is being completed."""
         collector = self._collector
-        commits = sum(map(self.gatherer.known, range(self.plan.keepers)))
-        return commits, self.gatherer.moves, collector.lacking, len(collector.resting)
+        commits = sum(map(self.gathered.known, range(self.plan.keepers)))
+        return commits, self.gathered.moves, collector.lacking, len(collector.resting)
 
     def _look_after(self, fleet: FreeFleet) -> None:
         self.writer.flush_if_due()
@@ -326,7 +366,7 @@ class FreeRun:
             self.crashes.append(Noticed(crash.name, crash.how, crash.restarted, after))
             self._collector.forget(crash.name)
             again = ", and was started again" if crash.restarted else ""
-            self.say(f"{crash.name} has died ({crash.how}){again}")
+            self._say(f"{crash.name} has died ({crash.how}){again}")
 
     def _keep(self, kept: Keep[FreeMessage], wall_ns: int) -> None:
         self.refused += refusals_in(kept)
@@ -336,3 +376,4 @@ class FreeRun:
         self._level = max(self._level, level_of(message))
         at = wall_ns if self.plan.log_time == "wall" else self._level
         self.writer.write(free_topic(message), data, round_number=at, wall_ns=wall_ns)
+        self._hear(message, wall_ns)

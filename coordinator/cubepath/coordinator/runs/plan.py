@@ -9,15 +9,16 @@ import platform
 import re
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypedDict
 
 from cubepath.agents.free.fleet import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
+from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.runs.schedule import (
@@ -27,9 +28,9 @@ from cubepath.coordinator.runs.schedule import (
     with_end,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.recording import TOPICS_MAX
-from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 MAX_ROUNDS = 1000
@@ -52,13 +53,18 @@ class Plan:
     the schedule needs, and `MAX_ROUNDS` for the rule.
     """
 
-    system: str | None = None
+    system: str | Scene | None = None
+    """A name with keys, the path of a TOML file, or a scene; None is "hex"."""
     rule: str | None = None
+    """A name or ``FILE.py:NAME``; module processes find it by that."""
     seed: int = 0
     hesitate: float = 0.0
+    """With this probability a module skips a round."""
     processes: int = 4
+    """Processes to spread the modules over; 0 keeps them in a thread here."""
     max_rounds: int | None = None
     log: Path | None = None
+    """The recording to write; None is a new file in the folder ``logs``."""
     schedule: Path | None = None
     repair: bool = False
     patience: float = PATIENCE_S
@@ -95,6 +101,51 @@ class Plan:
     def is_free(self) -> bool:
         """Whether the run has no rounds."""
         return self.clock == "free"
+
+
+class PlanOptions(TypedDict, total=False):
+    """The fields of a `Plan` but for `system` and `rule`, for functions that take them by name."""
+
+    seed: int
+    hesitate: float
+    processes: int
+    max_rounds: int | None
+    log: str | Path | None
+    schedule: str | Path | None
+    repair: bool
+    patience: float
+    listen: str | None
+    connect: str | None
+    secure: str | Path | None
+    wait_for: int
+    clock: Literal["lockstep", "free"]
+    keepers: int
+    speeds: Mapping[int, float]
+    jitter: float
+    on_crash: OnCrash
+    resume: str | Path | None
+    log_time: Literal["level", "wall"]
+
+
+_FILES = frozenset(("log", "schedule", "secure", "resume"))
+
+
+def plan_of(what: Plan | str | Path | Scene | None, rule: str | None, options: PlanOptions) -> Plan:
+    """Return a plan that is asked for by name, or a plan with some of its fields replaced."""
+    fields: dict[str, Any] = {
+        key: Path(value) if key in _FILES and isinstance(value, str) else value
+        for key, value in options.items()
+    }
+    strange = fields.keys() - PlanOptions.__annotations__.keys()
+    if strange:
+        name = min(strange)
+        near = did_you_mean(name, PlanOptions.__annotations__)
+        raise TypeError(f"unexpected argument {name!r}{near}")
+    if rule is not None:
+        fields["rule"] = rule
+    if isinstance(what, Plan):
+        return replace(what, **fields)
+    return Plan(str(what) if isinstance(what, Path) else what, **fields)
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +236,9 @@ def _check_speeds(plan: Plan, scene: Scene) -> None:
         )
 
 
-def _scene_named(system: str | None) -> Scene:
+def _scene_named(system: str | Scene | None) -> Scene:
+    if isinstance(system, Scene):
+        return system
     return scene_from_spec(DEFAULT_SYSTEM if system is None else system)
 
 
@@ -220,9 +273,7 @@ def _task_of_schedule(plan: Plan, path: Path) -> Task:
 
 
 def _rule_of(plan: Plan, scene: Scene) -> str:
-    family = sound_family(scene.family)
-    own = family.rule if family is not None else "random"
-    rule = own if plan.rule is None else plan.rule
+    rule = own_rule(scene) if plan.rule is None else plan.rule
     rule_named(rule, scene.system, plan.clock)
     return rule
 
@@ -250,7 +301,7 @@ def file_name(plan: Plan, task: Task) -> str:
 
 def _system_name(plan: Plan, scene: Scene) -> str:
     """Return the name of a system in a log: the file that it was read from, or else its family."""
-    told = scene.spec if plan.system is None else plan.system
+    told = plan.system if isinstance(plan.system, str) else scene.spec
     name = scene.family or scene.spec
     is_pipe = told.startswith("/dev/")  # process substitution in a shell gives a number
     if not is_pipe and (told.endswith(".toml") or "/" in told.partition(":")[0]):

@@ -18,8 +18,11 @@ import numpy as np
 
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cubes_of, normal_form_of
-from cubepath.coordinator.shortening.path_input import PathInput, read_input
-from cubepath.protocol.core.actions import Action
+from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.coordinator.shortening.path_input import HasPath, PathInput, input_of, read_input
+from cubepath.protocol.core.actions import Action, apply_in_place
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Bound
 from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.npz import NumberedCubes
 from cubepath.protocol.path_files.numbered import NumberedPath, Progress
@@ -72,6 +75,24 @@ class Shortened:
         return self.given.planner_rounds
 
     @cached_property
+    def bound(self) -> Bound:
+        """How many cubes any path between the same states has at least, and why.
+
+        The cheap bounds of `lower_bound`; `beyond` looks for better ones. 0 where the start is not
+        known, as that of moves of which only support and trace are told.
+        """
+        start = self.given.start
+        if start is None:
+            return Bound(0, "the start is not known")
+        state = set(start)
+        for cube in self.cube_path:
+            for action in cube:
+                apply_in_place(action, state)
+        scene = self.given.scene
+        system = None if scene is None else scene.system
+        return lower_bound(system, start, frozenset(state), within=self.cubes)
+
+    @cached_property
     def cube_path(self) -> tuple[tuple[Action, ...], ...]:
         """The cubes as actions."""
         actions, numbers = self.path.actions, self.path.numbers[self.left.moves]
@@ -103,7 +124,7 @@ class Shortened:
 
 
 def shorten(
-    path: Path,
+    path: str | Path | HasPath,
     *,
     system: str | None = None,
     progress: Progress | None = None,
@@ -111,9 +132,21 @@ def shorten(
 ) -> Shortened:
     """Return the normal cube path of the path in a file; errors as for `read_input`.
 
-    An empty file is a path of no moves, which gives a path of no cubes.
+    An empty file is a path of no moves, which gives a path of no cubes. Instead of a file, the
+    path may be that of a run in memory: what `run` or `play` returned, which have no use for
+    `system` and `hints`.
+
+    >>> from cubepath.agents import play
+    >>> played = play("agv:graph=grid4x4,n=4", "random", seed=2, max_rounds=50)
+    >>> found = shorten(played)
+    >>> found.moves, found.reduced_moves, found.cubes, found.bound.cubes
+    (145, 45, 24, 2)
     """
-    return shortened(read_input(path, system, hints, progress))
+    if isinstance(path, str | Path):
+        return shortened(read_input(Path(path), system, hints, progress))
+    if system is not None or hints != NO_HINTS:
+        raise InputError(f"{path.scene.spec}: a path that was played, which needs no other input")
+    return shortened(input_of(path, progress))
 
 
 def shortened(given: PathInput) -> Shortened:

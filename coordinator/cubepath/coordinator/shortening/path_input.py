@@ -7,11 +7,11 @@ part of a command takes what is read here, and none goes back to the file.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Protocol
 
 from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -20,7 +20,7 @@ from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissi
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, check_not_empty, opened
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import is_npz, read_moves_npz
@@ -37,8 +37,22 @@ from cubepath.protocol.plans.scenario import is_scenario, read_scenario
 from cubepath.protocol.recordings.recording import is_recording, read_undamaged
 from cubepath.protocol.scenes.specs import scene_from_spec
 
-Form = Literal["recording", "moves", "binary moves", "scenario", "plan"]
-"""The kinds of file."""
+Form = Literal["recording", "moves", "binary moves", "scenario", "plan", "path"]
+"""The kinds of file; a path is in memory, and in none."""
+
+
+class HasPath(Protocol):
+    """What has played a path: an `Outcome`, or what `play` returns."""
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that was played."""
+        ...
+
+    @property
+    def placed(self) -> Iterable[GeneratorPlacement]:
+        """Its moves in order, each as a generator and a place."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +126,26 @@ def read_input(
     with opened(source) as file:
         check_not_empty(file)
         return _Reading(file, system, hints, progress).read()
+
+
+def input_of(played: HasPath, progress: Progress | None = None) -> PathInput:
+    """Return the path of what was played; InputError if a move of it is not admissible."""
+    began = time.perf_counter()
+    source = Path(played.scene.spec)
+    numbered = number_moves(_played(source, played), progress)
+    return PathInput(source, "path", numbered, time.perf_counter() - began, played.scene)
+
+
+def _played(source: Path, played: HasPath) -> Iterator[PathMove]:
+    state, system = set(played.scene.start_state), played.scene.system
+    for number, placed in enumerate(played.placed):
+        action = system.action(placed.generator, site_from_json(placed.at))
+        before = action.support & state
+        try:
+            apply_in_place(action, state)
+        except InputError as error:
+            raise InputError(f"{source}: path[{number}]: {error}") from None
+        yield PathMove(action, placed, before)
 
 
 class _Reading:

@@ -1,0 +1,162 @@
+"""A run with rounds: modules in processes, paced round by round, gathered and on record.
+
+Room: coordinator. It starts the fleet, paces rounds and listens; it decides nothing for a module.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from typing import Any
+
+from cubepath.agents.processes.fleet import Fleet
+from cubepath.agents.processes.network import Way
+from cubepath.coordinator.runs.conductor import Conductor, Ending
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.plan import Plan, Task
+from cubepath.protocol.core.errors import CheckError, CubepathError
+from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Message, encode
+
+
+class LockstepRun:
+    """A run in progress: wire messages are recorded as they arrive, edges round by round.
+
+    Cubes, certificate and summary, the coordinator's own results, are written at the end.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        task: Task,
+        writer: RecordingWriter,
+        *,
+        say: Callable[[str], None],
+        watch: Callable[[Gathered], None],
+        hear: Callable[[Message, int], None],
+        way: Way,
+    ) -> None:
+        """Begin with nothing started; `hear` is told of each message, and the wall time in ns."""
+        self._plan = plan
+        self._task = task
+        self._writer = writer
+        self._say = say
+        self._watch = watch
+        self._hear = hear
+        self._way = way
+        self._processes = min(plan.processes, len(task.scene.start))
+        self._conductor = Conductor(
+            task.scene,
+            max_rounds=task.max_rounds,
+            record=self._record,
+            assignment=task.assignment,
+            repair=plan.repair,
+        )
+        self._fleet: Fleet | None = None
+        self._resources = ExitStack()
+
+    @property
+    def gathered(self) -> Gathered:
+        """Return what was gathered so far."""
+        return self._conductor.gatherer
+
+    @property
+    def fleet(self) -> Fleet:
+        """Return the processes; CheckError if there are none, or no more."""
+        if self._fleet is None:
+            raise CheckError("the run has no processes: expected one that is under way")
+        return self._fleet
+
+    def begin(self, check: Callable[[], None]) -> Ending | None:
+        """Start the processes; return how the run has ended if there is nothing to do.
+
+        `check` is called while waiting, now and later, and may raise to end the run between two
+        messages.
+        """
+        plan, task, conductor = self._plan, self._task, self._conductor
+        ending = conductor.before()
+        if ending is not None:
+            return ending
+
+        def between_messages() -> None:
+            check()
+            self._writer.flush_if_due()
+
+        self._fleet = self._resources.enter_context(
+            Fleet(
+                task.scene,
+                task.rule,
+                seed=plan.seed,
+                hesitate=plan.hesitate,
+                processes=plan.processes,
+                schedule=None if task.assignment is None else task.assignment.own,
+                patience_s=plan.patience,
+                network=plan.network,
+                sink=self._wire,
+                check=between_messages,
+                say=self._say,
+                plausible=conductor.check,
+                way=self._way,
+            )
+        )
+        conductor.know(self._fleet.modules_of, plan.seed)
+        if plan.wait_for:
+            self._processes = len(self._fleet.modules_of)
+        return conductor.between(0, self._fleet.end_schedule)
+
+    def advance(self) -> Ending | None:
+        """Play a round; return how the run has ended, None if it goes on."""
+        fleet, conductor = self.fleet, self._conductor
+        number = fleet.play_round()
+        self._writer.flush()  # before anyone hears that it is over, or begins the next
+        if conductor.gatherer.rounds == number:
+            self._watch(conductor.gatherer)
+        return conductor.between(number, fleet.end_schedule)
+
+    def interrupted(self) -> None:
+        """Do nothing: the round that was interrupted is left as it is."""
+
+    def end(self) -> None:
+        """End the processes, and leave nothing running."""
+        # That may take seconds. What cannot be written is told by the results.
+        with contextlib.suppress(CubepathError):
+            self._writer.flush()
+        self._fleet = None
+        self._resources.close()
+
+    def failed(self, error: str) -> Ending:
+        """Return the end of a run that failed."""
+        return self._conductor.failed(error)
+
+    def conclude(self, ending: Ending) -> None:
+        """Write what came of the run."""
+        for message in self._conductor.results(ending):
+            self._record(message)
+        self._writer.close()
+
+    def tidy(self, ending: Ending) -> None:
+        """Do nothing: there is the recording alone."""
+
+    def figures(self) -> Mapping[str, Any]:
+        """Return what the outcome says beside what all outcomes say."""
+        return {
+            "processes": self._processes,
+            "refused": self._conductor.refused,
+            "schedule_cubes": self._conductor.schedule_cubes,
+            "schedule_stopped": self._conductor.stopped,
+        }
+
+    def _wire(self, message: Message, data: bytes, wall_ns: int) -> None:
+        self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
+        self._conductor.hear(message)
+        self._hear(message, wall_ns)
+
+    def _record(self, message: Message) -> None:
+        wall_ns = time.time_ns()
+        self._writer.write(
+            topic_of(message), encode(message), round_number=message.round, wall_ns=wall_ns
+        )
+        self._hear(message, wall_ns)
