@@ -57,7 +57,8 @@ PUBLIC = {
         unfilled verify write_complex
     """,
     "cubepath.coordinator.testing": """
-        Claimed Executed Link Log Pattern Rule Seen Trial Tried fault faults scenarios trial_of
+        Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
+        Trial Tried fault faults replay_into replay_into_node scenarios trial_of
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

@@ -41,6 +41,15 @@ def test_a_golden_log_is_legal_and_the_same_as_itself(path: Path) -> None:
         log.assert_goal()
 
 
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
+def test_every_message_has_a_line(path: Path) -> None:
+    """Its kind is that of its topic, its sender that of its key, and what it says is short."""
+    log = Log.read(path)
+    for seen, record in zip(log.all_messages, log.recording.records, strict=True):
+        assert f"{seen.kind}/{seen.sender}" == record.topic
+        assert len(table([seen]).splitlines()) == 2
+
+
 def test_claims_are_those_of_the_reports() -> None:
     """Another way to them: module by module, from what each reported at the end of each round."""
     recording = recorded("agv:graph=grid4x4,n=6", rounds=12)

@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.testing.commands import Command
+    from cubepath.coordinator.testing.fixtures import Replay, Simulate, StartRun
     from cubepath.coordinator.testing.link import Link
     from cubepath.coordinator.testing.log import Claimed, Executed, Log
+    from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+    from cubepath.coordinator.testing.rig import Rig
     from cubepath.coordinator.testing.rules import Pattern, Rule
     from cubepath.coordinator.testing.seen import Seen
     from cubepath.coordinator.testing.strategies import faults, scenarios
@@ -20,8 +24,12 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "commands": "Command",
+            "fixtures": "Replay Simulate StartRun",
             "link": "Link",
             "log": "Claimed Executed Log",
+            "replaying": "Listener replay_into replay_into_node",
+            "rig": "Rig",
             "rules": "Pattern Rule",
             "seen": "Seen",
             "strategies": "faults scenarios",
@@ -31,16 +39,24 @@ else:
 
 __all__ = [
     "Claimed",
+    "Command",
     "Executed",
     "Link",
+    "Listener",
     "Log",
     "Pattern",
+    "Replay",
+    "Rig",
     "Rule",
     "Seen",
+    "Simulate",
+    "StartRun",
     "Trial",
     "Tried",
     "fault",
     "faults",
+    "replay_into",
+    "replay_into_node",
     "scenarios",
     "trial_of",
 ]

@@ -101,6 +101,11 @@ class Lane:
         """Take something that is no message."""
         self._queue.put(_Do(act))
 
+    def listens(self, key: str) -> bool:
+        """Return whether anyone at the other end listens to any key of an expression."""
+        with publisher(self._out, key) as asked:
+            return bool(cast("Any", asked.matching_status).matching)
+
     def wake(self) -> None:
         """Look again at what waits."""
         self._queue.put(_Do(lambda: None))

@@ -130,6 +130,10 @@ class Link:
 
         self.up.do(ask)
 
+    def listens(self, key: str) -> bool:
+        """Return whether the process listens to any key of an expression."""
+        return self.down.listens(key)
+
     def add(self, rule: Rule, directions: Iterable[Direction] = ("up", "down")) -> Rule:
         """Have a rule decide on the messages of these directions from now on; return it."""
         for direction in directions:
@@ -137,6 +141,12 @@ class Link:
             rule.on_stop(found.wake)
             found.rules = [*found.rules, rule]
         return rule
+
+    @property
+    def speaks_as(self) -> str:
+        """Return the name by which the process at the far end speaks: that of its token, if any."""
+        alive = [key for way, key in self._tokens if way == "up" and "/alive/" in key]
+        return alive[0].rpartition("/")[2] if alive else self.name
 
     def clear(self) -> None:
         """Take all rules away, and heal the link; what is held back passes."""

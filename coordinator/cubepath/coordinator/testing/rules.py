@@ -105,6 +105,8 @@ class Rule:
     by: int = 1
     overtaken: bool = False
     """Whether later messages overtake one that is delayed; otherwise they wait behind it."""
+    told: frozenset[str] = frozenset()
+    """Senders whose messages it meets where they are said, and passes over on their way down."""
     count: int = 0
     """How many messages it met so far."""
     met: deque[Seen] = field(default_factory=lambda: deque(maxlen=KEPT))
@@ -130,7 +132,9 @@ class Rule:
 
     def meets(self, seen: Seen, receiver: str = "") -> bool:
         """Return whether it meets a message that comes by, and count it."""
-        if not self.on or not self.pattern.holds(seen, receiver):
+        if not self.on or (receiver and seen.sender in self.told):
+            return False
+        if not self.pattern.holds(seen, receiver):
             return False
         with self._changed:
             if self.times is not None and self.count >= self.times:

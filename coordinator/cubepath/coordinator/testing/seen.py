@@ -123,7 +123,7 @@ class Seen:
         found: Any = self.message
         if found is None:
             return
-        for part in getattr(found, "parts", None) or parts_of(found):
+        for part in getattr(found, "parts", parts_of(found)):
             module = getattr(part.attempt if isinstance(part, Passed) else part, "module", None)
             yield kind_of(part), module if isinstance(module, int) else None
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, NoReturn, TypeAlias
 
 from cubepath.coordinator.runs.plan import Plan, task_of
@@ -21,6 +22,7 @@ from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.seen import Seen
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import RecordingWriter
 
 Clock: TypeAlias = Literal["lockstep", "free"]
 _LONG_US = 20_000_000
@@ -97,6 +99,13 @@ class Tried:
         if isinstance(self.run, FreeSimulated):
             raise InputError("log: a simulated run without rounds keeps none, expected lockstep")
         return Log(self.run.recording)
+
+    def write(self, path: Path) -> None:
+        """Write the recording of a run with rounds to a new file; InputError for one without."""
+        recording = self.log.recording
+        with RecordingWriter(path, recording.scene, recording.parameters) as writer:
+            for each in recording.records:
+                writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
 
     def assert_holds(self) -> None:
         """Check that everything held; AssertionError tells what did not, and under which faults."""
