@@ -17,7 +17,7 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.verification.equality import difference
 from cubepath.coordinator.verification.findings import Verification
@@ -31,8 +31,6 @@ Result: TypeAlias = Literal["granted", "lost", "unknown"]
 What: TypeAlias = "Pattern | str"
 """Which messages: a pattern, or a kind."""
 _CHECKS_MAX = 3
-_RESULTS = ("edges", "cube", "certificate", "summary")
-"""What the coordinator writes at the end, which nobody said."""
 _ROUND = re.compile(r"\b(?:round|level) (\d+)")
 _MODULE = re.compile(r"\bmodule_(\d+)")
 _MESSAGE = re.compile(r"\bmessage (\d+) \(")
@@ -362,7 +360,7 @@ class Log:
             title += "" if module is None else f" of module_{module}"
         if marked:
             raise AssertionError(f"{line}\n{table(everything, marked, title)}")
-        said = [each for each in everything if each.kind not in _RESULTS]
+        said = [each for each in everything if each.kind not in RESULTS]
         raise AssertionError(f"{line}\n{table(said, title='the last messages')}")
 
 

@@ -15,7 +15,7 @@ from cubepath.coordinator.runs.playback import Replayed, replay
 from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import Log, What, pattern_of
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.wire.free_messages import free_key
 from cubepath.protocol.wire.keys import key_of
@@ -23,7 +23,6 @@ from cubepath.protocol.wire.nodes import Effect, Node
 
 T = TypeVar("T")
 RUN = "replayed"
-_RESULTS = ("edges", "cube", "certificate", "summary")
 _POLL_S = 0.01
 
 
@@ -40,7 +39,7 @@ def replay_into(
     return [
         to(_on_wire(each, run))
         for each in log.all_messages
-        if each.kind not in _RESULTS and meant.holds(each)
+        if each.kind not in RESULTS and meant.holds(each)
     ]
 
 

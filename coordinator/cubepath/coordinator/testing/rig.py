@@ -25,7 +25,7 @@ from cubepath.coordinator.runs.running import Overheard, Running
 from cubepath.coordinator.testing.commands import Command, stderr_of
 from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.rules import Pattern
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.testing.wire import Planned, Wire
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
@@ -73,8 +73,11 @@ class Rig(Wire):
         be run.
         """
         super().__init__(links=links)
-        named = commands if isinstance(commands, Mapping) else dict(_numbered(commands))
-        self._command_lines = dict(named)
+        if isinstance(commands, str):
+            raise InputError(f"commands={commands}: expected a list, or names with commands")
+        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
+        named = dict(commands) if isinstance(commands, Mapping) else numbered
+        self._command_lines: dict[str, CommandLine] = named
         if named:
             options.setdefault("listen", _LOOPBACK)
             options.setdefault("wait_for", len(named))
@@ -185,10 +188,9 @@ class Rig(Wire):
         seen = Seen(key, encode(message), overheard.wall_ns / 1e9)
         self.heard.append(seen)
         for planned in tuple(self._planned):
-            if planned.at is None and planned.pattern(seen):
-                planned.at = seen
+            if not planned.done and planned.pattern(seen):
                 self._planned.remove(planned)
-                planned.act()
+                planned.do(seen)
 
     # How it goes on.
 
@@ -250,14 +252,17 @@ class Rig(Wire):
         def holds(_: Running) -> bool:
             return bool(what(self)) or bool(self._unexpected)
 
+        why = ""
         try:
             self.run.until(holds, timeout_s=seconds)
         except TimeoutError:
-            self._fail(f"not within {seconds:g} s: {name}")
+            why = f"not within {seconds:g} s: {name}"
         except CheckError:
-            self._fail(f"the run ended before: {name}")
+            why = f"the run ended before: {name}"
         if self._unexpected:
-            self._fail(f"while waiting for {name}: {self._unexpected[0]}")
+            why = f"while waiting for {name}: {self._unexpected[0]}"
+        if why:  # outside of the handlers: what was seen says more than what was raised
+            self._fail(why)
 
     def stop(self) -> Outcome:
         """End the run where it stands; return its outcome."""
@@ -340,7 +345,7 @@ class Rig(Wire):
 
     # What is done to it.
 
-    def kill(self, who: Who, at: When = None) -> Planned | None:
+    def kill(self, who: Who, at: When = None) -> Planned:
         """Kill a process, now, in a round or at a level, or at a message.
 
         A run with rounds ends by that: they tolerate pauses and loss, not death. Without rounds the
@@ -348,7 +353,7 @@ class Rig(Wire):
         """
         return self._do(at, lambda: self._signal(who, signal.SIGKILL))
 
-    def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> Planned | None:
+    def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> Planned:
         """Have a process stand still, for some seconds, or until it is resumed.
 
         With rounds nobody goes on meanwhile: without `seconds` the next round waits in vain.
@@ -360,15 +365,18 @@ class Rig(Wire):
             self.guard.watch(pid)  # who stands still does not notice that all others have ended
             self._paused[name] = pid
             self._signal(who, signal.SIGSTOP)
-            if seconds is not None:
-                timer = threading.Timer(seconds, self.resume, [name])
-                timer.daemon = True
-                self._timers.append(timer)
-                timer.start()
+            self._after(seconds, lambda: self.resume(name))
 
         return self._do(at, act)
 
-    def resume(self, who: Who, at: When = None) -> Planned | None:
+    def _after(self, seconds: float | None, act: Callable[[], object]) -> None:
+        if seconds is not None:
+            timer = threading.Timer(seconds, act)
+            timer.daemon = True
+            self._timers.append(timer)
+            timer.start()
+
+    def resume(self, who: Who, at: When = None) -> Planned:
         """Have a process that was paused go on; no other is changed."""
 
         def act() -> None:
@@ -398,15 +406,23 @@ class Rig(Wire):
             self.run.restart(name)
         self._wounded.discard(name)
 
-    def cut_off(self, who: Who, at: When = None, *, keep: bool = False) -> Planned | None:
-        """Cut the link of a process: nothing gets through, and nobody is told.
+    def cut_off(
+        self, who: Who, at: When = None, *, seconds: float | None = None, keep: bool = False
+    ) -> Planned:
+        """Cut the link of a process, for some seconds or until it is healed.
 
-        What is said meanwhile is lost; with `keep` it comes when the link is healed, as over a
-        connection that outlives the cut.
+        Nothing gets through, and nobody is told. What is said meanwhile is lost; with `keep` it
+        comes when the link is healed, as over a connection that outlives the cut.
         """
-        return self._do(at, lambda: self.link_of(self.name_of(who)).cut(keep=keep))
 
-    def heal(self, who: Who | None = None, at: When = None) -> Planned | None:
+        def act() -> None:
+            link = self.link_of(self.name_of(who))
+            link.cut(keep=keep)
+            self._after(seconds, link.heal)
+
+        return self._do(at, act)
+
+    def heal(self, who: Who | None = None, at: When = None) -> Planned:
         """Heal the link of a process, or all links."""
 
         def act() -> None:
@@ -416,14 +432,15 @@ class Rig(Wire):
 
         return self._do(at, act)
 
-    def when(self, at: When, act: Callable[[], None]) -> Planned | None:
+    def when(self, at: When, act: Callable[[], None]) -> Planned:
         """Have a function called in a round or at a level, or at a message; it may not go on."""
         return self._do(at, act)
 
-    def _do(self, at: When, act: Callable[[], None]) -> Planned | None:
+    def _do(self, at: When, act: Callable[[], None]) -> Planned:
         if at is None:
-            act()
-            return None
+            now = Planned(lambda _: False, act)
+            now.do()
+            return now
         if isinstance(at, int):
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
         return self._plan(pattern_of(at).holds, act)
@@ -459,7 +476,8 @@ class Rig(Wire):
             why = f": {short(self.outcome.error)}" if self.outcome.error else ""
             lines.append(f"the run has ended, {status.ended}{why}")
         lines += [self._about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
-        lines.append(table(list(self.heard), title="the last messages"))
+        said = [seen for seen in self.heard if seen.kind not in RESULTS]
+        lines.append(table(said, title="the last messages"))
         return "\n".join(lines)
 
     def _about(self, name: str, pid: int) -> str:
@@ -478,11 +496,3 @@ class Rig(Wire):
     def _fail(self, line: str) -> NoReturn:
         __tracebackhide__ = True
         raise AssertionError(f"{line}\n{self.seen()}")
-
-
-def _numbered(commands: Sequence[CommandLine]) -> list[tuple[str, CommandLine]]:
-    if isinstance(commands, str):
-        raise InputError(
-            f"commands={commands}: expected a list of commands, or names with commands"
-        )
-    return [(f"own_{number}", command) for number, command in enumerate(commands)]

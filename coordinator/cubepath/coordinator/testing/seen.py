@@ -38,6 +38,8 @@ from cubepath.protocol.wire.messages import (
 
 _PHASES = {"reports": "settle", "observations": "observe", "acts": "observe"}
 """The phases of the kinds that do not name theirs."""
+RESULTS = ("edges", "cube", "certificate", "summary")
+"""What the coordinator finds at the end, which nobody said."""
 PARTS = (
     *("attempt", "enter", "hold", "look", "passed", "decision", "inquiry", "settled"),
     *("shown", "entered", "held", "turn"),

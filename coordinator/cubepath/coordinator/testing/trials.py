@@ -19,7 +19,7 @@ from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_s
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
 from cubepath.coordinator.testing.log import Log
-from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.seen import RESULTS
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import RecordingWriter
@@ -127,9 +127,8 @@ class Tried:
         if len(self.fired) > _FAULTS_SHOWN:
             lines.append(f"and {len(self.fired) - _FAULTS_SHOWN} more faults")
         if isinstance(self.run, Simulated):
-            said: Sequence[Seen] = self.log.all_messages
-            ends = [place for place, each in enumerate(said) if each.kind == "summary"]
-            lines.append(table(said[: ends[0]] if ends else said, title="the last messages"))
+            said = [seen for seen in self.log.all_messages if seen.kind not in RESULTS]
+            lines.append(table(said, title="the last messages"))
         raise AssertionError("\n".join(lines))
 
 

@@ -25,16 +25,17 @@ _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
 
 @dataclass(slots=True, eq=False)
 class Planned:
-    """Something that happens when a message comes; `at` is that message, once it has."""
+    """Something that happens now, or when a message comes; `at` is that message, once it has."""
 
     pattern: Callable[[Seen], bool]
     act: Callable[[], None]
     at: Seen | None = None
+    done: bool = False
 
-    @property
-    def done(self) -> bool:
-        """Return whether it has happened."""
-        return self.at is not None
+    def do(self, at: Seen | None = None) -> None:
+        """Have it happen."""
+        self.at, self.done = at, True
+        self.act()
 
 
 class Wire:
