@@ -23,7 +23,8 @@ from cubepath.coordinator.normal_form.certificate import encodable_certificate
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.recording import Recording, RecordingWriter, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.free_messages import (
     Asks,

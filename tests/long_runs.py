@@ -17,7 +17,7 @@ from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.description import FORMATS
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.keys import addressees, topic_of
 from cubepath.protocol.wire.messages import (
     Certified,

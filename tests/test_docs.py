@@ -31,6 +31,7 @@ LONG = {
     "extending",
     "free-clock",
     "hosts",
+    "python",
     "recordings",
     "schedules",
     "simulation",

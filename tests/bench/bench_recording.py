@@ -32,7 +32,8 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.recording import verify
-from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import decode
 

@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         VectorRule,
         draw_below,
         draw_fraction,
+        policy_rule,
         rule_named,
         vector_actors_for,
     )
@@ -69,8 +70,8 @@ else:
             "rendering": "draw_pixels draw_text",
             "rules": (
                 "Choice Chosen FreeRule GaveUp InitialKnowledge Rule RuleType Seen "
-                "VectorActors VectorKnowledge VectorRule draw_below draw_fraction rule_named "
-                "vector_actors_for"
+                "VectorActors VectorKnowledge VectorRule draw_below draw_fraction policy_rule "
+                "rule_named vector_actors_for"
             ),
         },
     )
@@ -109,6 +110,7 @@ __all__ = [
     "play",
     "play_free",
     "play_many",
+    "policy_rule",
     "raw_env",
     "rule_named",
     "vector_actors_for",

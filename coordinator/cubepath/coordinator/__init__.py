@@ -3,8 +3,8 @@
 Room: coordinator; imports the protocol, and from the agents only what starts, names and draws them.
 It offers what a user needs: run, replay and verify, shorten and convert, certificates and
 timetables, complexes and their topology, searches past the homotopy class with their bounds,
-pictures, and the paper's claims. Inside the project, import each name from the module that defines
-it.
+pictures, standard instances, and the paper's claims. Inside the project, import each name from the
+module that defines it.
 
 | room | holds | may import |
 |---|---|---|
@@ -17,6 +17,7 @@ it.
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
 | `testing` | for the tests of others, and pytest | `runs`, `simulation`, `shortening` |
+| `experiments` | standard instances with known and proved values | none |
 | `commands` | the command line | all of these |
 """
 
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         unfilled,
         write_complex,
     )
+    from cubepath.coordinator.experiments import StandardInstance, standard
     from cubepath.coordinator.normal_form import (
         Timetable,
         certificate_of,
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
         Status,
         Tap,
         animate,
+        ask,
         gathered,
         info,
         replay,
@@ -122,14 +125,15 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
+            "experiments": "StandardInstance standard",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
             ),
             "paper": "Claim Row all_claims compute_claims",
             "runs": (
-                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate gathered info "
-                "replay run run_picture start"
+                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate ask gathered "
+                "info replay run run_picture start"
             ),
             "search": "Improved Optimum Transitions improve lower_bound only_class optimum",
             "shortening": (
@@ -163,6 +167,7 @@ __all__ = [
     "Running",
     "ShapeComplex",
     "Shortened",
+    "StandardInstance",
     "StateComplex",
     "Status",
     "Surface",
@@ -174,6 +179,7 @@ __all__ = [
     "actions_at",
     "all_claims",
     "animate",
+    "ask",
     "audit",
     "beyond",
     "certificate_of",
@@ -209,6 +215,7 @@ __all__ = [
     "run_picture",
     "shape_complex",
     "shorten",
+    "standard",
     "start",
     "state_complex",
     "surface",

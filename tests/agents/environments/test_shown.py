@@ -16,7 +16,7 @@ from cubepath.agents import Choice, FreeEnv, InitialKnowledge, Rule, RuleType, V
 from cubepath.agents import env as in_turns
 from cubepath.agents.environments.environment import CubepathEnv, parallel_env
 from cubepath.agents.environments.rollout import play
-from cubepath.agents.environments.shown import Showing
+from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from local_families import LOCAL_FAMILIES

@@ -21,7 +21,8 @@ from cubepath.coordinator.verification.findings import Check, Verification
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
-from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import copy_recording
 from recordings import edited, first, new_path, recorded, with_records
 from schedules import CHAIN, LABELLED, VEHICLES, carry_out, original
 from tamperings import crowd, failing

@@ -11,7 +11,8 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.playback import FREE_SAID, replay
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Recording, copy_recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.free_messages import Moved, decode_free, free_key
 from free_runs import free_recorded, free_run, results, write
 

@@ -14,7 +14,8 @@ from mcap.writer import Writer
 from batched import singles
 from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
-from cubepath.protocol.recordings.recording import Record, Recording, copy_recording, read_recording
+from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Refused, encode
 from recordings import all_edited, first, recorded, with_records

@@ -22,7 +22,7 @@ import sys, time
 from pathlib import Path
 from cubepath.coordinator.runs import launch, running
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 
 class Told(RecordingWriter):
     def write(self, *arguments, **keywords):

@@ -23,7 +23,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files import contents, supports
 from cubepath.protocol.path_files.moves import read_cubes, read_moves, write_cubes
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.systems.graphs import scenario_from_json

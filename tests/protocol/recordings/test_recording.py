@@ -19,12 +19,9 @@ from mcap.writer import Writer
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.description import FORMAT, FORMATS, SCENE
-from cubepath.protocol.recordings.recording import (
-    RecordingWriter,
-    copy_recording,
-    read_recording,
-)
+from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.salvaging import MAGIC
+from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Report, decode
 from cubepath.protocol.wire.on_record import schema_of
 from damaged import (
@@ -159,7 +156,8 @@ def test_a_copy_is_whole_or_not_there(tmp_path: Path) -> None:
 import resource, sys
 from pathlib import Path
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.recordings.recording import copy_recording, read_recording
+from cubepath.protocol.recordings.writing import copy_recording
+from cubepath.protocol.recordings.recording import read_recording
 found = read_recording(Path(sys.argv[1]))
 sys.dont_write_bytecode = True  # Python before 3.12 would leave half of a file
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[3]),) * 2)

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from cubepath.protocol.core.errors import CheckError, InputError
-from cubepath.protocol.recordings.recording import (
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.recordings.writing import (
     CHUNK_BYTES,
     TOPICS_MAX,
     RecordingFull,
     RecordingWriter,
     copy_recording,
-    read_recording,
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Go, encode
@@ -29,7 +29,7 @@ WRITER = """
 import resource, signal, sys
 from pathlib import Path
 from cubepath.protocol.wire.messages import Go, encode
-from cubepath.protocol.recordings.recording import RecordingFull, RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingFull, RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
@@ -54,7 +54,7 @@ import os, signal, sys
 from itertools import count
 from pathlib import Path
 from cubepath.protocol.wire.messages import Go, encode
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 SCENE = scene_from_spec("agv:graph=P3,n=1")

@@ -16,8 +16,9 @@ from mcap.reader import make_reader
 from mcap.records import Footer
 from mcap.writer import IndexType, Writer
 
-from cubepath.protocol.recordings.recording import RecordingWriter, read_recording
+from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.salvaging import MAGIC
+from cubepath.protocol.recordings.writing import RecordingWriter
 from damaged import (
     FLUSH_EVERY,
     PARAMETERS,

@@ -17,9 +17,10 @@ from pettingzoo import AECEnv
 from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.environments.schedulers import Scheduler, scheduler_named
-from cubepath.agents.environments.shown import Showing, Shown
+from cubepath.agents.environments.shown import Shown
 from cubepath.agents.environments.site_facts import rendered, share_at_goal, state_of
 from cubepath.agents.local.observation import STAY, Observation, checked_note
+from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site

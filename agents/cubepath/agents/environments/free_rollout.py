@@ -6,7 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from cubepath.agents.environments.free_environment import FreeEnv
@@ -28,7 +28,7 @@ Watch: TypeAlias = Callable[[FreeWorld, Acted], None]
 class FreePlayed:
     """A finished run: what was committed, in order, the turns, and how it ended."""
 
-    scene: Scene
+    scene: Scene = field(compare=False, repr=False)
     commits: tuple[Moved, ...]
     """Those without a generator wrote registers alone."""
     turns: int

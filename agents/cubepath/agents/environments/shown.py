@@ -6,18 +6,14 @@ them show the same.
 
 from __future__ import annotations
 
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from cubepath.agents.local.observation import SILENT, Observation, observation_length
-from cubepath.agents.local.relative import relative_layout, relative_observer
-from cubepath.protocol.core.errors import InputError
+from cubepath.agents.local.relative import checked_showing, relative_layout, relative_observer
 from cubepath.protocol.core.system import Scene, System
-
-Showing: TypeAlias = Literal["absolute", "relative"]
-"""The array ``observation``: that of `observe`, or that of `RelativeObserver`."""
 
 
 class Shown:
@@ -25,13 +21,11 @@ class Shown:
 
     def __init__(self, scene: Scene, showing: str) -> None:
         """Take in what modules know from birth; InputError if `showing` is no `Showing`."""
-        if showing not in get_args(Showing):
-            raise InputError(f"observation={showing!r}: expected 'absolute' or 'relative'")
         self._system = scene.system
         goals = scene.goals or ((),) * len(scene.start)
         self._observers = (
             [relative_observer(scene.system, each) for each in goals]
-            if showing == "relative"
+            if checked_showing(showing) == "relative"
             else None
         )
 

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.relative import RelativeArrays
 from cubepath.agents.arrays.state import ILLEGAL
-from cubepath.agents.environments.shown import Showing, Shown
+from cubepath.agents.environments.shown import Shown
 from cubepath.agents.local.observation import SILENT
+from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only

@@ -38,9 +38,12 @@ if TYPE_CHECKING:
     )
     from cubepath.agents.local.relative import (
         RelativeObserver,
+        Showing,
+        checked_showing,
         relative_layout,
         relative_observer,
     )
+    from cubepath.agents.local.relative_rows import RelativeRows
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -52,7 +55,10 @@ else:
                 "Array Mask Note Observation SILENT STAY View checked_note chosen_move goal_sets "
                 "is_legal observation_length observe view_of"
             ),
-            "relative": "RelativeObserver relative_layout relative_observer",
+            "relative": (
+                "RelativeObserver Showing checked_showing relative_layout relative_observer"
+            ),
+            "relative_rows": "RelativeRows",
         },
     )
 
@@ -67,8 +73,11 @@ __all__ = [
     "Observation",
     "ProtocolError",
     "RelativeObserver",
+    "RelativeRows",
+    "Showing",
     "View",
     "checked_note",
+    "checked_showing",
     "chosen_move",
     "contest",
     "goal_sets",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import fsum
+from typing import Literal, TypeAlias, cast, get_args
 from weakref import WeakKeyDictionary, WeakValueDictionary
 
 import numpy as np
@@ -17,6 +18,16 @@ from cubepath.agents.local.hops import Sites, sites_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import FAR, FIRST_LABEL, MODULE, System
+
+Showing: TypeAlias = Literal["absolute", "relative"]
+"""The array ``observation``: that of `observe`, or that of `RelativeObserver`."""
+
+
+def checked_showing(showing: str) -> Showing:
+    """Return which observation is shown; InputError if it is neither of the two."""
+    if showing not in get_args(Showing):
+        raise InputError(f"observation={showing!r}: expected 'absolute' or 'relative'")
+    return cast(Showing, showing)
 
 
 class RelativeLayout:

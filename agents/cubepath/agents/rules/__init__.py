@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
     from cubepath.agents.rules.asked import own_rule, scene_and_rule
     from cubepath.agents.rules.attempting import attempt_of
+    from cubepath.agents.rules.policy import policy_rule
     from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import is_in_file
@@ -35,6 +36,7 @@ else:
             "actor": "Actor actors_for",
             "asked": "own_rule scene_and_rule",
             "attempting": "attempt_of",
+            "policy": "policy_rule",
             "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "is_in_file",
@@ -71,6 +73,7 @@ __all__ = [
     "find_rule",
     "is_in_file",
     "own_rule",
+    "policy_rule",
     "rule_named",
     "rules",
     "scene_and_rule",

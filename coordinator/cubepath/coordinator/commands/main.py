@@ -42,6 +42,7 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
+from cubepath.coordinator.commands.new import add_new_command
 from cubepath.coordinator.commands.pictures import add_view_command
 from cubepath.coordinator.commands.plan_options import (
     INPUT_HELP,
@@ -175,6 +176,7 @@ def _parser() -> argparse.ArgumentParser:
     add_simulate_command(command)
     add_certificates_command(command)
     add_check_rule_command(command)
+    add_new_command(command)
     command("systems", _systems, "list the systems with their keys and defaults")
     command("rules", _rules, "list the rules and the systems that they are for")
     return parser

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.runs.asking import Status, ask
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
@@ -22,11 +23,12 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.outcome import Outcome
     from cubepath.coordinator.runs.plan import Plan, task_of
     from cubepath.coordinator.runs.playback import Replayed, replay
-    from cubepath.coordinator.runs.running import Overheard, Running, Status, Tap
+    from cubepath.coordinator.runs.running import Overheard, Running, Tap
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "asking": "Status ask",
             "conductor": "Conductor Ending",
             "contents": "info render",
             "drawing": "PICTURE_SUFFIXES run_picture save_figure",
@@ -38,7 +40,7 @@ else:
             "outcome": "Outcome",
             "plan": "Plan task_of",
             "playback": "Replayed replay",
-            "running": "Overheard Running Status Tap",
+            "running": "Overheard Running Tap",
         },
     )
 
@@ -58,6 +60,7 @@ __all__ = [
     "Status",
     "Tap",
     "animate",
+    "ask",
     "gathered",
     "info",
     "render",

@@ -24,7 +24,8 @@ from cubepath.coordinator.runs.outcome import Noticed
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.coordinator.runs.resuming import is_said, keeper_logs
 from cubepath.protocol.core.errors import CheckError, CubepathError
-from cubepath.protocol.recordings.recording import Recording, RecordingWriter
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import keeper_name
 from cubepath.protocol.wire.free_messages import FreeMessage, decode_free, free_topic, level_of
 from cubepath.protocol.wire.messages import Edges, Go, encode

@@ -17,7 +17,7 @@ from cubepath.coordinator.runs.conductor import Conductor, Ending
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.plan import Plan, Task
 from cubepath.protocol.core.errors import CheckError, CubepathError
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Message, encode
 

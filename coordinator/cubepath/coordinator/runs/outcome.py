@@ -20,7 +20,8 @@ from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.system import Bound, Scene
 from cubepath.protocol.path_files.schedules import Cubes
-from cubepath.protocol.recordings.recording import Recording, RecordingWriter, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.messages import Stopped
 
 

@@ -30,7 +30,7 @@ from cubepath.coordinator.runs.schedule import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene, local_only
-from cubepath.protocol.recordings.recording import TOPICS_MAX
+from cubepath.protocol.recordings.writing import TOPICS_MAX
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 MAX_ROUNDS = 1000

@@ -23,7 +23,7 @@ from cubepath.coordinator.simulation.simulated import (
 )
 from cubepath.coordinator.simulation.trace import Trace
 from cubepath.protocol.core.errors import CubepathError
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.messages import Again, Go, Ready, Said, Waiting, decode, kind_of
 
 OUTCOMES = ("goal", "max-rounds", "gave-up", "crash", "return", "stall", LIE, "failure")

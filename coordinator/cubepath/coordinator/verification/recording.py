@@ -36,9 +36,9 @@ from cubepath.coordinator.verification.transcript import (
 from cubepath.protocol.recordings.recording import (
     Record,
     Recording,
-    copy_recording,
     read_recording,
 )
+from cubepath.protocol.recordings.writing import copy_recording
 
 CHECKS = {
     "readable": "the file is whole",

@@ -12,25 +12,21 @@ if TYPE_CHECKING:
     from cubepath.protocol.recordings.counts import Counts
     from cubepath.protocol.recordings.description import FORMATS
     from cubepath.protocol.recordings.recording import (
-        TOPICS_MAX,
         Record,
         Recording,
-        RecordingWriter,
-        copy_recording,
         is_recording,
         read_recording,
         read_undamaged,
     )
+    from cubepath.protocol.recordings.writing import TOPICS_MAX, RecordingWriter, copy_recording
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "counts": "Counts",
             "description": "FORMATS",
-            "recording": (
-                "Record Recording RecordingWriter TOPICS_MAX copy_recording is_recording "
-                "read_recording read_undamaged"
-            ),
+            "recording": "Record Recording is_recording read_recording read_undamaged",
+            "writing": "RecordingWriter TOPICS_MAX copy_recording",
         },
     )
 

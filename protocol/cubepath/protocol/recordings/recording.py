@@ -11,40 +11,27 @@ process loses less than a second, and no finished round.
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import os
-import stat
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from itertools import chain
 from math import inf
 from pathlib import Path
-from typing import IO, Self, overload
+from typing import TYPE_CHECKING, overload
 
-import msgspec
-
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
-from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.appending import McapAppender
 from cubepath.protocol.recordings.counts import BATCHES, Counts, counts_of
-from cubepath.protocol.recordings.counts import METADATA as COUNTS
 from cubepath.protocol.recordings.description import (
     FORMAT,
-    METADATA,
-    SCENE,
     SCHEDULE,
     Clock,
     clock_of,
-    format_of,
-    metadata_of,
     parameters_in,
     scene_in,
 )
+from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
 from cubepath.protocol.recordings.salvaging import (
     MAGIC,
     Message,
@@ -54,215 +41,11 @@ from cubepath.protocol.recordings.salvaging import (
     salvage,
 )
 from cubepath.protocol.recordings.stored import Stored
-from cubepath.protocol.scenes.toml import scene_to_toml
-from cubepath.protocol.wire.on_record import parts_said, schema_of, topic_said
+from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
+from cubepath.protocol.wire.on_record import parts_said, topic_said
 
-FLUSH_S = 0.5
-"""Seconds after which a message is written, with those that came meanwhile."""
-CHUNK_BYTES = 1 << 18
-"""And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
-TOPICS_MAX = (1 << 16) - 1
-"""Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
-
-
-class RecordingFull(CheckError):  # noqa: N818 - named for a state
-    """The recording cannot be continued; what was flushed can be read.
-
-    If the file was removed or cut, which are other causes, nothing or little can be read.
-    """
-
-
-class RecordingWriter:
-    """Writes a run to an MCAP file; use as a context manager, which closes the file properly."""
-
-    def __init__(
-        self,
-        path: Path,
-        scene: Scene,
-        parameters: Mapping[str, str],
-        schedule: bytes | None = None,
-        *,
-        stream: IO[bytes] | None = None,
-        written_as: str | None = None,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        """Create the file with the scene and the parameters; InputError if it cannot be created.
-
-        `schedule` is the text of the schedule that the run executes. A `stream` is written in place
-        of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
-        format that its messages are in, told and not looked at; if it is left out, it follows from
-        the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
-        """
-        self._format = written_as or format_of(parameters)
-        self.path = path
-        self.messages = 0
-        self._counts = Counts()
-        self._clock = clock
-        self._due: float | None = None
-        """When what waits to be written must be; None if nothing waits."""
-        self._owns = stream is None
-        text = scene_to_toml(scene)  # before the file is created: not every scene can be written
-        self._stream = _new_file(path) if stream is None else stream
-        self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
-        self._broken = False
-        self._size = 0
-        try:
-            self._guard(lambda: self._begin(text, parameters, schedule))
-        except RecordingFull:
-            self.close()
-            raise
-
-    def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
-        self._writer = McapAppender(self._stream, "cubepath")
-        self._writer.add_metadata(METADATA, metadata_of(parameters, self._format))
-        self._writer.add_attachment(SCENE, "application/toml", scene.encode())
-        if schedule is not None:
-            self._writer.add_attachment(SCHEDULE, "application/jsonl", schedule)
-        self._flush()
-
-    def _guard(self, write: Callable[[], object]) -> None:
-        if self._broken:
-            raise RecordingFull(f"{self.path}: the recording had to stop before")
-        try:
-            write()
-        except OSError as error:
-            self._broken = True
-            if not self._owns:
-                raise
-            raise RecordingFull(
-                f"{self.path}: recording stopped after {self.messages} messages:"
-                f" {error.strerror or error}"
-            ) from None
-
-    def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
-        """Append a message with the bytes that were on the wire, at its log time.
-
-        Raises RecordingFull if the disk is full, or the file was removed, moved or cut.
-        """
-        if self._broken:
-            self._guard(self._flush)
-        if not 0 <= round_number < 1 << 64:
-            raise InputError(
-                f"{self.path}: message {self.messages} ({topic}) is of round {round_number},"
-                " expected 0 or more, in 64 bits"
-            )
-        channel = self._channels.get(topic) or self._channel(topic)
-        writer = self._writer
-        writer.add_message(channel, self.messages, round_number, wall_ns, data)
-        self.messages += 1
-        self._counts.add(topic, data, wall_ns)
-        if writer.size > CHUNK_BYTES or self._is_due():
-            self._guard(self._flush)
-
-    def _channel(self, topic: str) -> int:
-        if len(self._channels) == TOPICS_MAX:
-            raise InputError(
-                f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
-                f" recording can have, expected {TOPICS_MAX} at most"
-            )
-        schema = self._schema(topic.partition("/")[0])
-        found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
-        return found
-
-    def _is_due(self) -> bool:
-        """Return whether a message has waited for long, with the one that was just appended."""
-        if not self._owns:
-            return False  # nobody reads a copy before it is complete
-        now = self._clock()
-        self._due = now + FLUSH_S if self._due is None else self._due
-        return now >= self._due
-
-    def flush_if_due(self) -> None:
-        """Write what was appended if it has waited for long; who waits calls it time and again."""
-        if self._due is not None and self._clock() >= self._due:
-            self.flush()
-
-    def flush(self) -> None:
-        """Write what was appended, so that it can be read whatever happens."""
-        if self._writer.size:
-            self._guard(self._flush)
-
-    def _flush(self) -> None:
-        self._check_size()
-        self._writer.close_chunk()
-        self._check_place()
-        self._due = None
-
-    def _check_size(self) -> None:
-        """Check that nothing was cut off; the next write would fill the gap with zeros."""
-        found = os.fstat(self._stream.fileno())
-        if stat.S_ISREG(found.st_mode) and found.st_size < self._size:
-            why = f"its file was cut to {found.st_size} bytes, expected at least {self._size}"
-            raise OSError(errno.EIO, why)
-
-    def _check_place(self) -> None:
-        """Check that the path still leads to the whole file; otherwise it would be lost."""
-        if not self._owns:
-            return
-        found = os.fstat(self._stream.fileno())
-        if not stat.S_ISREG(found.st_mode):
-            return
-        self._size = found.st_size
-        with contextlib.suppress(OSError):
-            if os.path.samestat(found, self.path.stat()):
-                return
-        raise FileNotFoundError(errno.ENOENT, "its file was removed or moved")
-
-    def _schema(self, kind: str) -> int:
-        known = self._schemas.get(kind)
-        if known is None:
-            text = msgspec.json.encode(schema_of(kind))
-            known = self._writer.add_schema(f"cubepath.{kind}", "jsonschema", text)
-            self._schemas[kind] = known
-        return known
-
-    def _finish(self) -> None:
-        self._check_size()
-        self._writer.close_chunk()
-        self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
-        self._writer.add_metadata(COUNTS, self._counts.to_metadata())
-        self._writer.finish()
-        self._stream.flush()  # what closing the file could not write would not be told
-        self._check_place()
-
-    def close(self) -> None:
-        """Finish the file; after a failure to write, leave what was flushed as it is."""
-        if self._stream.closed:
-            return
-        try:
-            if not self._broken:
-                self._guard(self._finish)
-        finally:
-            if self._owns:
-                # After a full disk the tail of the buffer does not fit either.
-                with contextlib.suppress(OSError):
-                    self._stream.close()
-
-    def __enter__(self) -> Self:
-        """Return the writer."""
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """Close the file."""
-        self.close()
-
-
-def _new_file(path: Path) -> IO[bytes]:
-    try:
-        with contextlib.suppress(FileExistsError):  # opening it gives the reason
-            path.parent.mkdir(parents=True, exist_ok=True)
-        # Earlier recordings are never overwritten; a device may be written to.
-        new = path.is_file() or not path.exists()
-        return path.open("xb" if new else "wb")
-    except FileExistsError:
-        raise _exists(path) from None
-    except OSError as error:
-        raise unwritable(path, error) from None
-
-
-def _exists(path: Path) -> InputError:
-    return InputError(f"{path}: exists already, expected a new file")
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -347,10 +130,17 @@ class _StoredRecords(Sequence[Record]):
             yield self._records(messages_in(self._stored, block)), ahead
         yield self._records(self._loose), inf
 
-    def of_kinds(self, kinds: AbstractSet[str]) -> Iterator[Record]:
+    def near(self, kinds: AbstractSet[str] | None, rounds: range | None) -> Iterator[Record]:
+        """Yield the messages of all chunks that may hold some of these kinds and rounds."""
+        ends = None if rounds is None else sorted([*rounds[:1], *rounds[-1:]])
         for block in self._blocks:
-            if "" in block.kinds or not kinds.isdisjoint(block.kinds):
-                yield from self._records(messages_in(self._stored, block))
+            if kinds is not None and "" not in block.kinds and kinds.isdisjoint(block.kinds):
+                continue
+            if ends is not None and (
+                not ends or ends[-1] < block.first_round or ends[0] > block.last_round
+            ):
+                continue
+            yield from self._records(messages_in(self._stored, block))
         yield from self._records(self._loose)
 
     def _records(self, messages: Iterable[Message]) -> Iterator[Record]:
@@ -388,17 +178,104 @@ class Recording:
     def of_kind(self, *kinds: str) -> Iterator[Record]:
         """Yield the messages of these kinds in order, also those that are parts of batches."""
         batches = {batch for batch, held in BATCHES.items() if not held.isdisjoint(kinds)}
-        records: Iterable[Record] = self.records
-        if isinstance(records, _StoredRecords):
-            records = records.of_kinds({*kinds, *batches})
-        for record in records:
+        for record in self.written({*kinds, *batches}):
             if record.kind in kinds:
                 yield record
-            elif record.kind in batches:
+            else:
                 for part in record.parts():
                     # What cannot be decoded may have held some.
                     if part.kind in kinds or part.kind in batches:
                         yield part
+
+    def written(
+        self, kinds: AbstractSet[str] | None = None, rounds: range | None = None
+    ) -> Iterator[Record]:
+        """Yield the messages of these kinds and log times in order, batches as they stand.
+
+        Chunks of the file that hold none are not read.
+        """
+        records: Iterable[Record] = self.records
+        if isinstance(records, _StoredRecords):
+            records = records.near(kinds, rounds)
+        for record in records:
+            if (kinds is None or record.kind in kinds) and (
+                rounds is None or record.round in rounds
+            ):
+                yield record
+
+    def messages(
+        self, kinds: str | Iterable[str] | None = None, rounds: int | range | None = None
+    ) -> Iterator[LoggedMessage]:
+        """Yield messages, decoded, in the order of writing, with the times of the log.
+
+        The file is read a chunk at a time while the iterator is consumed, so a recording of any
+        length takes the memory of a chunk; chunks without what is asked for are not read.
+
+        >>> recording = read_recording(Path("logs/golden/hex-5.mcap"))
+        >>> for found in recording.messages("claim", rounds=3):
+        ...     print(found.round, found.message.module, found.message.generator)
+        3 0 pivot-0-left
+
+        Args:
+            kinds: the kind of message, or several, such as "claim" or ["claim", "verdict"]; the
+                parts of batches are kinds too, and come in the place of their batch. A part that
+                was said to two regions comes twice. By default all messages, batches as they are.
+            rounds: a log time, or a range of them; by default all.
+
+        InputError if there is no such kind, and where a message cannot be decoded.
+        """
+        return messages_of(self, kinds, rounds)
+
+    def moves(self) -> Columns:
+        """Return the moves of the run: arrays of one length by name, in canonical order.
+
+        >>> moves = read_recording(Path("logs/golden/hex-5.mcap")).moves()
+        >>> len(moves["round"]), int(moves["module"][0]), moves["from"][0], moves["to"][0]
+        (28, 0, (0, 0), (1, -1))
+
+        - ``round``, int64: the round, or without rounds the level;
+        - ``module``, int64: the mover;
+        - ``generator``, ``at``, objects: the name of the move and the site where it is placed;
+        - ``from``, ``to``, objects: the sites of the mover before and after it;
+        - ``wall_ns``, int64: the publish time of what reported it.
+
+        They are in order of rounds and then of movers, or without rounds of levels and then of
+        generators and places. `InputError` as for `messages`.
+        """
+        return moves_of(self)
+
+    def claims(self) -> Columns:
+        """Return the claims of the run, each with its outcome: arrays of one length by name.
+
+        >>> claims = read_recording(Path("logs/golden/agv-6.mcap")).claims()
+        >>> len(claims["outcome"]), int((claims["outcome"] == "lost").sum())
+        (39, 1)
+
+        - ``round``, int64: the round; of a run without rounds the log time of the attempt;
+        - ``module``, int64, and without rounds also its ``epoch`` and the ``number`` of the
+          attempt: who claims;
+        - ``site``, ``generator``, ``at``, objects: where it stands, and the move that it claims;
+        - ``outcome``, object: "granted", "lost", or "" if that is not on record;
+        - ``wall_ns``, int64: the publish time of the claim.
+
+        They are in order of rounds and then of modules, or without rounds of modules, epochs and
+        numbers. `InputError` as for `messages`.
+        """
+        return claims_of(self)
+
+    def frame(self, table: str = "moves") -> pd.DataFrame:
+        """Return a table as a data frame of pandas: ``pip install 'cubepath[experiments]'``.
+
+        >>> recording = read_recording(Path("logs/golden/hex-5.mcap"))
+        >>> recording.frame("moves").groupby("module").size().tolist()
+        [7, 7, 7, 7]
+
+        "moves" and "claims" have the columns of `moves` and `claims`. "messages" has a row for each
+        message as it was recorded: ``round`` (the log time), ``wall_ns``, ``sequence``, ``kind``,
+        ``sender`` and the number of its ``bytes``. InputError if pandas is missing, if there is no
+        such table, and as for `messages`.
+        """
+        return frame_of(self, table)
 
     def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
         """Yield the messages some at a time, each time with the least round of those to come.
@@ -468,32 +345,3 @@ def read_undamaged(source: Source) -> Recording:
             f" 'cubepath verify {path} --recover OUT' writes what can be read"
         )
     return recording
-
-
-def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
-    """Write what could be read as a complete recording, in its format; return the message count.
-
-    `notes` are parameters to add. Raises InputError if `out` is the recording itself, exists
-    already or cannot be written, and CheckError if the disk is full; then nothing is left of it.
-    """
-    if same_file(out, recording.path):
-        raise InputError(f"{out}: is the recording itself, expected another file to write to")
-    parameters = {**recording.parameters, **(notes or {})}
-    if out.is_file():
-        raise _exists(out)
-    with (
-        written_whole(out) as stream,
-        RecordingWriter(
-            out,
-            recording.scene,
-            parameters,
-            recording.schedule,
-            stream=stream,
-            written_as=recording.format,
-        ) as writer,
-    ):
-        for record in recording.records:
-            writer.write(
-                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
-            )
-        return writer.messages

@@ -149,8 +149,8 @@ else:
                 "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
             ),
             "messages": (
-                "Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
-                "KINDS MESSAGE_BYTES_MAX Message Name NoMessageError Note Observations Observed "
+                "KINDS Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
+                "MESSAGE_BYTES_MAX Message Name NoMessageError Note Observations Observed "
                 "Part Ready Reason Refused Report Reports Reset Said Stopped Summary "
                 "Verdict Waiting decode encode kind_of parts_of"
             ),

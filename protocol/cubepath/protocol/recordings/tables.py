@@ -1,0 +1,203 @@
+"""Recordings as arrays and data frames: moves, claims and messages, a row each.
+
+Room: protocol. `Recording` documents the columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, site_from_json
+from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
+from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
+from cubepath.protocol.wire.messages import Claim, Report, Verdict
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from cubepath.protocol.recordings.recording import Recording
+
+Columns: TypeAlias = dict[str, NDArray[Any]]
+"""A table: arrays of one length by the names of its columns."""
+
+_encode = msgspec.json.Encoder().encode
+_TEXTS = ("generator", "at", "from", "to", "site", "outcome", "kind", "sender")
+"""Columns of objects; all others are int64."""
+_TABLES = ("moves", "claims", "messages")
+
+
+class _Sites:
+    """Sites from JSON, equal ones as one object."""
+
+    def __init__(self, recording: Recording) -> None:
+        self._path = recording.path
+        self._known: dict[bytes, Site] = {}
+
+    def __call__(self, logged: LoggedMessage, *values: Json) -> list[Site]:
+        """Return the sites in a message; InputError names the message if one is none."""
+        return [self._known.get(_encode(value)) or self._site(logged, value) for value in values]
+
+    def _site(self, logged: LoggedMessage, value: Json) -> Site:
+        try:
+            found = site_from_json(value)
+        except InputError as error:
+            where = f"{self._path}: message {logged.sequence} ({logged.topic})"
+            raise InputError(f"{where}: {error}") from None
+        self._known[_encode(value)] = found
+        return found
+
+
+class _Rows:
+    """Rows with a key each, of which the first counts, as columns."""
+
+    def __init__(self, *names: str) -> None:
+        self._names = names
+        self._rows: dict[tuple[Any, ...], tuple[Any, ...]] = {}
+
+    def add(self, key: tuple[Any, ...], *row: Any) -> None:
+        self._rows.setdefault(key, row)
+
+    def columns(self) -> Columns:
+        """Return the rows in the order of their keys."""
+        rows = [self._rows[key] for key in sorted(self._rows)]
+        values: Iterable[tuple[Any, ...]] = (
+            zip(*rows, strict=True) if rows else ((),) * len(self._names)
+        )
+        return {
+            name: _column(name, column) for name, column in zip(self._names, values, strict=True)
+        }
+
+
+def _column(name: str, values: tuple[Any, ...]) -> NDArray[Any]:
+    if name not in _TEXTS:
+        try:
+            return np.array(values, np.int64)
+        except OverflowError:
+            raise InputError(f"{name} {max(values)}: expected less than 2^63") from None
+    found = np.empty(len(values), object)  # sites are tuples, which numpy would spread out
+    found[:] = values
+    return found
+
+
+def moves_of(recording: Recording) -> Columns:
+    """Return the moves of a run; `Recording.moves` documents it."""
+    sites = _Sites(recording)
+    rows = _Rows("round", "module", "generator", "at", "from", "to", "wall_ns")
+    if recording.clock == "free":
+        for logged, moved in _commits(recording):
+            if moved.generator is not None:
+                _, before, after, _ = moved.motion[0]
+                key = moved.level, moved.generator, _encode(moved.at), moved.keeper, moved.serial
+                ends = sites(logged, moved.at, before, after)
+                rows.add(key, moved.level, moved.module, moved.generator, *ends, logged.wall_ns)
+        return rows.columns()
+    for logged in messages_of(recording, "report"):
+        report: Report = logged.message
+        if report.move is not None:
+            number, module, move = report.round, report.module, report.move
+            ends = sites(logged, move.at, report.before, report.site)
+            rows.add((number, module), number, module, move.generator, *ends, logged.wall_ns)
+    return rows.columns()
+
+
+def _commits(recording: Recording) -> Iterator[tuple[LoggedMessage, Moved]]:
+    """Yield the commits of a run without rounds; some stand in several messages."""
+    for logged in messages_of(recording, ("moved", "tail")):
+        message: Moved | Tail = logged.message
+        for moved in message.parts if isinstance(message, Tail) else (message,):
+            yield logged, moved
+
+
+def claims_of(recording: Recording) -> Columns:
+    """Return the claims of a run, or its attempts; `Recording.claims` documents it."""
+    return _attempts(recording) if recording.clock == "free" else _claims(recording)
+
+
+def _claims(recording: Recording) -> Columns:
+    sites = _Sites(recording)
+    rows = _Rows("round", "module", "site", "generator", "at", "wall_ns")
+    outcomes: dict[tuple[int, int], str] = {}
+    for logged in messages_of(recording, ("claim", "verdict", "report")):
+        said: Claim | Verdict | Report = logged.message
+        key = said.round, said.module
+        if isinstance(said, Claim):
+            where, at = sites(logged, said.site, said.at)
+            rows.add(key, *key, where, said.generator, at, logged.wall_ns)
+        elif isinstance(said, Verdict):
+            outcomes[key] = "granted" if said.granted else "lost"
+        elif said.claim != "none":
+            outcomes[key] = said.claim
+    return _with_outcomes(rows.columns(), outcomes, ("round", "module"))
+
+
+def _attempts(recording: Recording) -> Columns:
+    sites = _Sites(recording)
+    by = "module", "epoch", "number"
+    rows = _Rows("round", *by, "site", "generator", "at", "wall_ns")
+    outcomes: dict[tuple[int, int, int], str] = {}
+    for logged in messages_of(recording, ("attempt", "passed", "decision", "moved", "tail")):
+        for said in _told(logged.message):
+            key = said.module, said.epoch, said.number
+            if isinstance(said, Moved):
+                outcomes[key] = "granted"
+            elif isinstance(said, Decision):
+                outcomes.setdefault(key, "lost")
+            elif said.generator is not None:
+                where, at = sites(logged, said.site, said.at)
+                rows.add(key, logged.round, *key, where, said.generator, at, logged.wall_ns)
+    return _with_outcomes(rows.columns(), outcomes, by)
+
+
+def _told(message: Any) -> Iterable[Attempt | Decision | Moved]:
+    """Return what a message tells of attempts: that one was made, refused or committed."""
+    if isinstance(message, Tail):
+        return message.parts
+    if isinstance(message, Decision) and message.moved is not None:
+        return (message.moved,)
+    if isinstance(message, Attempt | Decision | Moved):
+        return (message,)
+    return (message.attempt,)
+
+
+def _with_outcomes(columns: Columns, outcomes: Mapping[Any, str], by: tuple[str, ...]) -> Columns:
+    keys = zip(*(columns[name].tolist() for name in by), strict=True)
+    wall_ns = columns.pop("wall_ns")
+    columns["outcome"] = _column("outcome", tuple(outcomes.get(key, "") for key in keys))
+    return columns | {"wall_ns": wall_ns}
+
+
+def _messages(recording: Recording) -> Columns:
+    topics: dict[str, tuple[str, str]] = {}
+    rows = []
+    for record in recording.written():
+        named = topics.get(record.topic)
+        if named is None:
+            kind, _, sender = record.topic.partition("/")
+            named = topics[record.topic] = kind, sender
+        rows.append((record.round, record.wall_ns, record.sequence, *named, len(record.data)))
+    names = ("round", "wall_ns", "sequence", "kind", "sender", "bytes")
+    values = zip(*rows, strict=True) if rows else ((),) * len(names)
+    return {name: _column(name, column) for name, column in zip(names, values, strict=True)}
+
+
+def frame_of(recording: Recording, table: str) -> pd.DataFrame:
+    """Return a table as a data frame; `Recording.frame` documents it."""
+    if table not in _TABLES:
+        near = did_you_mean(table, _TABLES)
+        raise InputError(f"unknown table {table!r}{near}, expected one of {', '.join(_TABLES)}")
+    try:
+        import pandas as pd  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise InputError(
+            "data frames take the library pandas: pip install 'cubepath[experiments]'"
+        ) from None
+    made = {"moves": moves_of, "claims": claims_of, "messages": _messages}[table]
+    return pd.DataFrame(made(recording))

@@ -1,0 +1,270 @@
+"""Writing recordings, during a run or as the copy of another.
+
+Room: protocol. `recording` says what stands where.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import stat
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import IO, Self
+
+import msgspec
+
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.appending import McapAppender
+from cubepath.protocol.recordings.counts import METADATA as COUNTS
+from cubepath.protocol.recordings.counts import Counts
+from cubepath.protocol.recordings.description import (
+    METADATA,
+    SCENE,
+    SCHEDULE,
+    format_of,
+    metadata_of,
+)
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.on_record import schema_of
+
+FLUSH_S = 0.5
+"""Seconds after which a message is written, with those that came meanwhile."""
+CHUNK_BYTES = 1 << 18
+"""And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
+TOPICS_MAX = (1 << 16) - 1
+"""Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
+
+
+class RecordingFull(CheckError):  # noqa: N818 - named for a state
+    """The recording cannot be continued; what was flushed can be read.
+
+    If the file was removed or cut, which are other causes, nothing or little can be read.
+    """
+
+
+class RecordingWriter:
+    """Writes a run to an MCAP file; use as a context manager, which closes the file properly."""
+
+    def __init__(
+        self,
+        path: Path,
+        scene: Scene,
+        parameters: Mapping[str, str],
+        schedule: bytes | None = None,
+        *,
+        stream: IO[bytes] | None = None,
+        written_as: str | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Create the file with the scene and the parameters; InputError if it cannot be created.
+
+        `schedule` is the text of the schedule that the run executes. A `stream` is written in place
+        of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
+        format that its messages are in, told and not looked at; if it is left out, it follows from
+        the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
+        """
+        self._format = written_as or format_of(parameters)
+        self.path = path
+        self.messages = 0
+        self._counts = Counts()
+        self._clock = clock
+        self._due: float | None = None
+        """When what waits to be written must be; None if nothing waits."""
+        self._owns = stream is None
+        text = scene_to_toml(scene)  # before the file is created: not every scene can be written
+        self._stream = _new_file(path) if stream is None else stream
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._broken = False
+        self._size = 0
+        try:
+            self._guard(lambda: self._begin(text, parameters, schedule))
+        except RecordingFull:
+            self.close()
+            raise
+
+    def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
+        self._writer = McapAppender(self._stream, "cubepath")
+        self._writer.add_metadata(METADATA, metadata_of(parameters, self._format))
+        self._writer.add_attachment(SCENE, "application/toml", scene.encode())
+        if schedule is not None:
+            self._writer.add_attachment(SCHEDULE, "application/jsonl", schedule)
+        self._flush()
+
+    def _guard(self, write: Callable[[], object]) -> None:
+        if self._broken:
+            raise RecordingFull(f"{self.path}: the recording had to stop before")
+        try:
+            write()
+        except OSError as error:
+            self._broken = True
+            if not self._owns:
+                raise
+            raise RecordingFull(
+                f"{self.path}: recording stopped after {self.messages} messages:"
+                f" {error.strerror or error}"
+            ) from None
+
+    def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
+        """Append a message with the bytes that were on the wire, at its log time.
+
+        Raises RecordingFull if the disk is full, or the file was removed, moved or cut.
+        """
+        if self._broken:
+            self._guard(self._flush)
+        if not 0 <= round_number < 1 << 64:
+            raise InputError(
+                f"{self.path}: message {self.messages} ({topic}) is of round {round_number},"
+                " expected 0 or more, in 64 bits"
+            )
+        channel = self._channels.get(topic) or self._channel(topic)
+        writer = self._writer
+        writer.add_message(channel, self.messages, round_number, wall_ns, data)
+        self.messages += 1
+        self._counts.add(topic, data, wall_ns)
+        if writer.size > CHUNK_BYTES or self._is_due():
+            self._guard(self._flush)
+
+    def _channel(self, topic: str) -> int:
+        if len(self._channels) == TOPICS_MAX:
+            raise InputError(
+                f"{self.path}: message {self.messages} ({topic}) is on one more topic than a"
+                f" recording can have, expected {TOPICS_MAX} at most"
+            )
+        schema = self._schema(topic.partition("/")[0])
+        found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
+        return found
+
+    def _is_due(self) -> bool:
+        """Return whether a message has waited for long, with the one that was just appended."""
+        if not self._owns:
+            return False  # nobody reads a copy before it is complete
+        now = self._clock()
+        self._due = now + FLUSH_S if self._due is None else self._due
+        return now >= self._due
+
+    def flush_if_due(self) -> None:
+        """Write what was appended if it has waited for long; who waits calls it time and again."""
+        if self._due is not None and self._clock() >= self._due:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what was appended, so that it can be read whatever happens."""
+        if self._writer.size:
+            self._guard(self._flush)
+
+    def _flush(self) -> None:
+        self._check_size()
+        self._writer.close_chunk()
+        self._check_place()
+        self._due = None
+
+    def _check_size(self) -> None:
+        """Check that nothing was cut off; the next write would fill the gap with zeros."""
+        found = os.fstat(self._stream.fileno())
+        if stat.S_ISREG(found.st_mode) and found.st_size < self._size:
+            why = f"its file was cut to {found.st_size} bytes, expected at least {self._size}"
+            raise OSError(errno.EIO, why)
+
+    def _check_place(self) -> None:
+        """Check that the path still leads to the whole file; otherwise it would be lost."""
+        if not self._owns:
+            return
+        found = os.fstat(self._stream.fileno())
+        if not stat.S_ISREG(found.st_mode):
+            return
+        self._size = found.st_size
+        with contextlib.suppress(OSError):
+            if os.path.samestat(found, self.path.stat()):
+                return
+        raise FileNotFoundError(errno.ENOENT, "its file was removed or moved")
+
+    def _schema(self, kind: str) -> int:
+        known = self._schemas.get(kind)
+        if known is None:
+            text = msgspec.json.encode(schema_of(kind))
+            known = self._writer.add_schema(f"cubepath.{kind}", "jsonschema", text)
+            self._schemas[kind] = known
+        return known
+
+    def _finish(self) -> None:
+        self._check_size()
+        self._writer.close_chunk()
+        self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
+        self._writer.add_metadata(COUNTS, self._counts.to_metadata())
+        self._writer.finish()
+        self._stream.flush()  # what closing the file could not write would not be told
+        self._check_place()
+
+    def close(self) -> None:
+        """Finish the file; after a failure to write, leave what was flushed as it is."""
+        if self._stream.closed:
+            return
+        try:
+            if not self._broken:
+                self._guard(self._finish)
+        finally:
+            if self._owns:
+                # After a full disk the tail of the buffer does not fit either.
+                with contextlib.suppress(OSError):
+                    self._stream.close()
+
+    def __enter__(self) -> Self:
+        """Return the writer."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
+
+
+def _new_file(path: Path) -> IO[bytes]:
+    try:
+        with contextlib.suppress(FileExistsError):  # opening it gives the reason
+            path.parent.mkdir(parents=True, exist_ok=True)
+        # Earlier recordings are never overwritten; a device may be written to.
+        new = path.is_file() or not path.exists()
+        return path.open("xb" if new else "wb")
+    except FileExistsError:
+        raise _exists(path) from None
+    except OSError as error:
+        raise unwritable(path, error) from None
+
+
+def _exists(path: Path) -> InputError:
+    return InputError(f"{path}: exists already, expected a new file")
+
+
+def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
+    """Write what could be read as a complete recording, in its format; return the message count.
+
+    `notes` are parameters to add. Raises InputError if `out` is the recording itself, exists
+    already or cannot be written, and CheckError if the disk is full; then nothing is left of it.
+    """
+    if same_file(out, recording.path):
+        raise InputError(f"{out}: is the recording itself, expected another file to write to")
+    parameters = {**recording.parameters, **(notes or {})}
+    if out.is_file():
+        raise _exists(out)
+    with (
+        written_whole(out) as stream,
+        RecordingWriter(
+            out,
+            recording.scene,
+            parameters,
+            recording.schedule,
+            stream=stream,
+            written_as=recording.format,
+        ) as writer,
+    ):
+        for record in recording.records:
+            writer.write(
+                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
+            )
+        return writer.messages
