@@ -24,7 +24,7 @@ import cubepath.protocol.faces
 from cubepath.agents import RuleType
 from cubepath.coordinator import Shortened, StateComplex
 from cubepath.protocol import Action, Scene
-from faces import ROOT, home, large_faces, offered, rooms, sources
+from faces import FOR_USERS, ROOT, home, large_faces, offered, rooms, sources
 
 PUBLIC = {
     "cubepath.protocol": """
@@ -57,15 +57,19 @@ PUBLIC = {
         shape_complex shorten standard start state_complex surface sweep task_of to_networkx
         unfilled verify write_complex
     """,
+    "cubepath.coordinator.testing": """
+        Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
+        Trial Tried fault faults replay_into replay_into_node scenarios trial_of
+    """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""
 
 FACES = [*large_faces(), *rooms()]
 
 
-@pytest.mark.parametrize("face", large_faces())
+@pytest.mark.parametrize("face", [*large_faces(), *FOR_USERS])
 def test_what_users_may_rely_on(face: str) -> None:
-    """The three large faces offer these names, neither more nor fewer."""
+    """The faces for users offer these names, neither more nor fewer."""
     assert sorted(importlib.import_module(face).__all__) == sorted(PUBLIC[face].split())
 
 

@@ -17,6 +17,7 @@ module that defines it.
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
 | `experiments` | sweeps of many runs, and reports | `simulation`, `runs`, `search`, `normal_form` |
+| `testing` | for the tests of others, and pytest | `runs`, `simulation`, `shortening` |
 | `commands` | the command line | all of these |
 """
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.gathering import gathered
     from cubepath.coordinator.runs.launch import run, start
     from cubepath.coordinator.runs.outcome import Outcome
-    from cubepath.coordinator.runs.plan import Plan
+    from cubepath.coordinator.runs.plan import Plan, task_of
     from cubepath.coordinator.runs.playback import Replayed, replay
     from cubepath.coordinator.runs.running import Overheard, Running, Tap
 else:
@@ -40,7 +40,7 @@ else:
             "gathering": "gathered",
             "launch": "run start",
             "outcome": "Outcome",
-            "plan": "Plan",
+            "plan": "Plan task_of",
             "playback": "Replayed replay",
             "running": "Overheard Running Tap",
         },
@@ -73,4 +73,5 @@ __all__ = [
     "run_picture",
     "save_figure",
     "start",
+    "task_of",
 ]
