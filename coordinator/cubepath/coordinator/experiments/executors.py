@@ -17,6 +17,7 @@ from concurrent.futures import (
     Future,
     wait,
 )
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
@@ -25,6 +26,7 @@ from cubepath.coordinator.experiments.outcomes import DIED, failed
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.rows import Finished
 from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.warming import warm
 
 _AHEAD = 2
 """So many batches for each worker are handed out at a time."""
@@ -82,6 +84,8 @@ class _Playing:
 
     def results(self) -> Iterator[list[Finished]]:
         executor = self.workers.start()
+        with suppress(Exception):  # whoever plays a run meets it again, and says so in its row
+            warm(executor, self.left)
         while self.left or self._suspects or self.running:
             self._hand_out(executor)
             # With a timeout, so that an interrupt is noticed wherever it is that one waits.
