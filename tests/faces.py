@@ -10,6 +10,8 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 LARGE = ("protocol", "agents", "coordinator")
 """The three large rooms; all others lie in one of them."""
+FOR_USERS = ("cubepath.coordinator.testing",)
+"""The rooms whose own faces users import from: their names would say too little on a large one."""
 
 
 @dataclass(frozen=True)

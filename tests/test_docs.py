@@ -35,6 +35,7 @@ LONG = {
     "recordings",
     "schedules",
     "simulation",
+    "testing",
 }
 """Pages that take seconds."""
 SHOWN = {

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from faces import ROOT, Source, offered, room_of, rooms, sources
+from faces import FOR_USERS, ROOT, Source, offered, room_of, rooms, sources
 
 TOOLS = ("cubepath.protocol.compiled", "cubepath.protocol.faces")
 """Of no room: what every room may use."""
@@ -117,6 +117,7 @@ def test_a_room_offers_no_more_than_is_taken() -> None:
     spare = [
         f"{room}: {name}"
         for room in rooms()
+        if room not in FOR_USERS
         for name, module in offered(room).items()
         if (module, name) not in taken and offered(room.rpartition(".")[0]).get(name) != room
     ]

@@ -16,7 +16,8 @@ module that defines it.
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
-| `experiments` | standard instances with known and proved values | none |
+| `experiments` | sweeps of many runs, and reports | `simulation`, `runs`, `search`, `normal_form` |
+| `testing` | for the tests of others, and pytest | `runs`, `simulation`, `shortening` |
 | `commands` | the command line | all of these |
 """
 
@@ -55,7 +56,15 @@ if TYPE_CHECKING:
         unfilled,
         write_complex,
     )
-    from cubepath.coordinator.experiments import StandardInstance, standard
+    from cubepath.coordinator.experiments import (
+        FaultRates,
+        StandardInstance,
+        Sweep,
+        SweepResults,
+        read_sweep,
+        standard,
+        sweep,
+    )
     from cubepath.coordinator.normal_form import (
         Timetable,
         certificate_of,
@@ -124,7 +133,9 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
-            "experiments": "StandardInstance standard",
+            "experiments": (
+                "FaultRates StandardInstance Sweep SweepResults read_sweep standard sweep"
+            ),
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
@@ -149,6 +160,7 @@ __all__ = [
     "Converted",
     "CubicalComplex",
     "Explored",
+    "FaultRates",
     "Gatherer",
     "Homology",
     "Improved",
@@ -170,6 +182,8 @@ __all__ = [
     "StateComplex",
     "Status",
     "Surface",
+    "Sweep",
+    "SweepResults",
     "Tap",
     "Task",
     "Timetable",
@@ -208,6 +222,7 @@ __all__ = [
     "normal_cube_path",
     "only_class",
     "optimum",
+    "read_sweep",
     "recover",
     "replay",
     "run",
@@ -218,6 +233,7 @@ __all__ = [
     "start",
     "state_complex",
     "surface",
+    "sweep",
     "task_of",
     "to_networkx",
     "unfilled",

@@ -117,6 +117,8 @@ if TYPE_CHECKING:
         check_descriptors,
         check_endpoint,
         open_client,
+        open_router,
+        publisher,
         put,
         routers_of,
         subscribe,
@@ -124,6 +126,7 @@ if TYPE_CHECKING:
         watch,
     )
     from cubepath.protocol.wire.shell import Shell
+    from cubepath.protocol.wire.sockets import clear, discard, is_private, new_endpoint
     from cubepath.protocol.wire.tiles import Tiles
 else:
     __getattr__, __dir__ = lazy_face(
@@ -156,10 +159,11 @@ else:
             "router": "Router check_secure without_tls",
             "sayings": "BIRTHS_OF_A_FLEET Sayings",
             "sessions": (
-                "check_descriptors check_endpoint open_client put routers_of subscribe "
-                "wait_for_subscriber watch"
+                "check_descriptors check_endpoint open_client open_router publisher put "
+                "routers_of subscribe wait_for_subscriber watch"
             ),
             "shell": "Shell",
+            "sockets": "clear discard is_private new_endpoint",
             "tiles": "Tiles",
         },
     )
@@ -249,8 +253,10 @@ __all__ = [
     "check_descriptors",
     "check_endpoint",
     "check_secure",
+    "clear",
     "decode",
     "decode_free",
+    "discard",
     "encode",
     "everything",
     "free_key",
@@ -260,15 +266,19 @@ __all__ = [
     "heard_by_keeper",
     "heard_by_process",
     "heard_of_tile",
+    "is_private",
     "keeper_name",
     "key_of",
     "kind_of",
     "level_of",
     "make_certificates",
+    "new_endpoint",
     "open_client",
+    "open_router",
     "parts_of",
     "parts_said",
     "process_name",
+    "publisher",
     "put",
     "read_free",
     "routers_of",

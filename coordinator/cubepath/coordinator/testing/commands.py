@@ -1,0 +1,242 @@
+"""Commands of others in processes of their own, that end with the test whatever happens.
+
+Room: coordinator. Each runs under a `ward`, which ends it with all that it has started.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from cubepath.coordinator.testing import ward
+from cubepath.coordinator.testing.tables import short
+from cubepath.protocol.core.errors import CheckError, InputError
+
+_END_S_MAX = 10.0
+_LINES_SHOWN = 10
+_STDERR_MAX = 1 << 14
+
+
+def new_ward(command: Sequence[str] = (), **options: object) -> tuple[subprocess.Popen[bytes], int]:
+    """Start a ward; return it and the descriptor at which it tells the process id of the command.
+
+    `options` are those of `subprocess.Popen`.
+    """
+    read, write = os.pipe()
+    try:
+        child = subprocess.Popen(  # type: ignore[call-overload]
+            [sys.executable, "-I", "-S", str(Path(ward.__file__)), str(write), *command],
+            stdin=subprocess.PIPE,
+            pass_fds=(write,),
+            process_group=0,
+            **options,
+        )
+    except BaseException:
+        os.close(read)
+        raise
+    finally:
+        os.close(write)
+    return child, read
+
+
+class Guard:
+    """A ward without a command: it ends what it is told to watch if this process is killed."""
+
+    def __init__(self) -> None:
+        """Start it."""
+        self._ward, report = new_ward()
+        os.close(report)
+
+    def watch(self, pid: int) -> None:
+        """Have a process killed if this one is; one that has stopped does not notice it itself."""
+        self._tell(f"watch {pid}")
+
+    def watch_folder(self, path: Path) -> None:
+        """Have a folder removed as well."""
+        self._tell(f"folder {path}")
+
+    def _tell(self, line: str) -> None:
+        if self._ward.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._ward.stdin.write(line.encode() + b"\n")
+                self._ward.stdin.flush()
+
+    def close(self) -> None:
+        """Tell it that all is well, and wait for its end."""
+        self._tell("over")
+        if self._ward.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._ward.stdin.close()
+        _ended(self._ward, _END_S_MAX)
+
+
+class Command:
+    r"""A command in a process of its own, as a context manager that ends it.
+
+    >>> with Command(["python3", "-c", "print('here I am')"]) as command:
+    ...     command.says(r"here I (\w+)")[1], command.wait()
+    ('am', 0)
+    """
+
+    def __init__(
+        self,
+        command: str | Sequence[str],
+        *,
+        name: str = "",
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+    ) -> None:
+        """Start it; a text is split as a shell does. InputError if there is no such program.
+
+        `env` is added to the environment of this process.
+        """
+        arguments = shlex.split(command) if isinstance(command, str) else list(command)
+        if not arguments:
+            raise InputError("command: is empty, expected a program and its arguments")
+        self.arguments = arguments
+        self.name = name or Path(arguments[0]).name
+        self._told = threading.Condition()
+        self._lines: dict[str, list[str]] = {"out": [], "err": []}
+        self._ward, report = new_ward(
+            arguments,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            cwd=cwd,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
+        )
+        self._readers = [
+            threading.Thread(target=self._read, args=(kind, stream), daemon=True)
+            for kind, stream in (("out", self._ward.stdout), ("err", self._ward.stderr))
+        ]
+        for reader in self._readers:
+            reader.start()
+        with os.fdopen(report) as told:
+            line = told.readline()
+        self.pid = int(line) if line else 0
+        """The process id of the command itself."""
+        if not self.pid:
+            self.close()
+            raise InputError(f"command: {short(self.err) or arguments[0]}")
+
+    def _read(self, kind: str, stream: IO[bytes]) -> None:
+        with stream:
+            for line in stream:
+                with self._told:
+                    self._lines[kind].append(line.decode(errors="replace").rstrip("\n"))
+                    self._told.notify_all()
+
+    @property
+    def out(self) -> str:
+        """Return what it has written to standard output so far."""
+        return "\n".join(self._lines["out"])
+
+    @property
+    def err(self) -> str:
+        """Return what it has written to standard error so far."""
+        return "\n".join(self._lines["err"])
+
+    @property
+    def returncode(self) -> int | None:
+        """Return its exit code, or minus the signal that ended it; None as long as it runs."""
+        return self._ward.poll()
+
+    def signal(self, number: int = signal.SIGKILL) -> None:
+        """Send a signal to it and what it has started in its process group."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, number)
+
+    def says(self, pattern: str, timeout_s: float = 30.0) -> re.Match[str]:
+        """Wait for a line, of either stream, in which a pattern is found; return the match.
+
+        CheckError with what it said instead if it ends or the time is over before.
+        """
+        deadline = time.monotonic() + timeout_s
+        with self._told:
+            while True:
+                for line in (*self._lines["out"], *self._lines["err"]):
+                    found = re.search(pattern, line)
+                    if found is not None:
+                        return found
+                left = deadline - time.monotonic()
+                over = not any(reader.is_alive() for reader in self._readers)
+                if over or left <= 0:
+                    why = (
+                        f"ended ({self.returncode})" if over else f"did not within {timeout_s:g} s"
+                    )
+                    raise CheckError(f"{self.name} says {pattern!r}: it {why}; {self.told}")
+                self._told.wait(min(left, 0.1))
+
+    @property
+    def told(self) -> str:
+        """Return its last lines of each stream in one line."""
+        tails = {kind: " | ".join(lines[-_LINES_SHOWN:]) for kind, lines in self._lines.items()}
+        return short("; ".join(f"std{kind}: {text or 'nothing'}" for kind, text in tails.items()))
+
+    def wait(self, timeout_s: float = 30.0) -> int:
+        """Wait for its end; return its exit code. CheckError if it does not end within the time."""
+        try:
+            code = self._ward.wait(timeout_s)
+        except subprocess.TimeoutExpired:
+            raise CheckError(
+                f"{self.name} did not end within {timeout_s:g} s; {self.told}"
+            ) from None
+        for reader in self._readers:
+            reader.join(_END_S_MAX)
+        return code
+
+    def close(self) -> None:
+        """End it, with all that it has started."""
+        if self._ward.stdin is not None:
+            with contextlib.suppress(OSError):
+                self._ward.stdin.close()
+        _ended(self._ward, _END_S_MAX)
+        for reader in self._readers:
+            reader.join(_END_S_MAX)
+
+    def __enter__(self) -> Self:
+        """Return the command."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End it."""
+        self.close()
+
+
+def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
+    """Wait for the end of a ward, and kill it if it does not come."""
+    try:
+        child.wait(patience_s)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+def stderr_of(pid: int) -> str:
+    """Return the last line that a process has written to standard error, if it is a file."""
+    try:
+        path = Path(f"/proc/{pid}/fd/2")
+        if not path.is_file():  # to open another would wait for somebody, or write to him
+            return ""
+        with path.open("rb") as file:
+            file.seek(0, os.SEEK_END)
+            file.seek(max(0, file.tell() - _STDERR_MAX))
+            last = file.read().decode(errors="replace").strip().rpartition("\n")[2]
+    except OSError:
+        return ""
+    return short(f"stderr: {last}") if last else ""

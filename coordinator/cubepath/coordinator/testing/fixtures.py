@@ -1,0 +1,168 @@
+"""What the fixtures of the plugin for pytest give to a test, and what they do when it is over.
+
+Room: coordinator. The plugin imports this when a fixture is asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, TypeVar
+
+from cubepath.coordinator.simulation.faults import Fault
+from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+from cubepath.coordinator.testing.rig import CommandLine, Rig
+from cubepath.coordinator.testing.seen import Seen
+from cubepath.coordinator.testing.trials import Tried, trial_of
+from cubepath.protocol.wire.nodes import Effect, Node
+
+T = TypeVar("T")
+
+
+class Places:
+    """Where the recordings of a test go."""
+
+    def __init__(self, folder: Path, prefix: str = "") -> None:
+        """Put them into a folder; their names begin with a prefix."""
+        self._folder = folder
+        self._prefix = re.sub(r"[^\w.-]+", "-", prefix).strip("-")
+        self.all: list[Path] = []
+
+    def new(self, name: str) -> Path:
+        """Return a path that is not taken: ``run.mcap``, ``run-2.mcap``."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        stem = f"{self._prefix}-{name}" if self._prefix else name
+        number = 1
+        while (path := self._path(stem, number)).exists() or path in self.all:
+            number += 1
+        self.all.append(path)
+        return path
+
+    def _path(self, stem: str, number: int) -> Path:
+        return self._folder / f"{stem}{f'-{number}' if number > 1 else ''}.mcap"
+
+
+class StartRun:
+    """The fixture ``cubepath_run``: starts runs, and ends them when the test is over."""
+
+    def __init__(self, places: Places, defaults: Mapping[str, Any]) -> None:
+        """Start runs with these defaults."""
+        self._places = places
+        self._defaults = dict(defaults)
+        self._resources = ExitStack()
+        self.rigs: list[Rig] = []
+
+    def __call__(
+        self,
+        system: Any = None,
+        rule: str | None = None,
+        *,
+        commands: Mapping[str, CommandLine] | Sequence[CommandLine] = (),
+        links: bool | Collection[str] = True,
+        **options: Any,
+    ) -> Rig:
+        """Start a run; the arguments are those of `Rig`.
+
+        The seed is that of the test, and the recording goes to its folder, unless told otherwise.
+        """
+        given = {**self._defaults, "links": links, "commands": commands, **options}
+        if "log" not in given:
+            given["log"] = self._places.new("run")
+        rig = Rig(system, rule, **given)
+        self.rigs.append(rig)
+        return self._resources.enter_context(rig)
+
+    def close(self) -> None:
+        """End all runs."""
+        self._resources.close()
+
+    def told(self) -> list[str]:
+        """Return a line for each run: its recording, and how it stands."""
+        found: list[str] = []
+        for rig in self.rigs:
+            with suppress(Exception):  # what a report lacks is no reason to have none
+                plan, status = rig.run.plan, rig.run.status
+                what = f"{rig.run.scene.spec}, seed {plan.seed}"
+                found.append(
+                    f"recording {rig.path}: {what}, round {status.round}, {status.moves} moves"
+                    + (f", ended: {status.ended}" if status.ended else "")
+                )
+        return found
+
+
+class Simulate:
+    """The fixture ``cubepath_simulate``: runs under faults in virtual time, checked."""
+
+    def __init__(self, places: Places, seed: int) -> None:
+        """Simulate with this seed unless told otherwise."""
+        self._places = places
+        self._seed = seed
+        self._told: list[str] = []
+
+    def __call__(
+        self,
+        system: str,
+        rule: str | None = None,
+        *,
+        faults: Sequence[Fault] = (),
+        seed: int | None = None,
+        check: bool = True,
+        **options: Any,
+    ) -> Tried:
+        """Simulate a run under faults; the arguments are those of `trial_of`.
+
+        Unless `check` is False, AssertionError tells what does not hold of it. The recording of a
+        run that fails is kept.
+        """
+        __tracebackhide__ = True
+        chosen = self._seed if seed is None else seed
+        tried = trial_of(system, rule, faults=faults, seed=chosen, **options).play()
+        if tried.run.failure is not None:
+            with suppress(Exception):  # a run without rounds has none
+                path = self._places.new("simulated")
+                tried.write(path)
+                self._told.append(f"recording {path}: {system}, seed {chosen}, simulated")
+        if check:
+            tried.assert_holds()
+        return tried
+
+    def told(self) -> list[str]:
+        """Return a line for each recording that was kept."""
+        return self._told
+
+
+class Replay:
+    """The fixture ``cubepath_replay``: puts a recording into the code under test."""
+
+    def __init__(self, timeout_s: float) -> None:
+        """Wait so long for commands unless told otherwise."""
+        self._timeout_s = timeout_s
+        self._resources = ExitStack()
+
+    def into(
+        self, log: Log | Path | str, to: Callable[[Seen], T], what: str = "", **pattern: Any
+    ) -> list[T]:
+        """Call a function with each message; as `replay_into`."""
+        return replay_into(_log(log), to, what, **pattern)
+
+    def into_node(
+        self, log: Log | Path | str, node: Node, what: str = "", **pattern: Any
+    ) -> list[Effect]:
+        """Give each message to a node; as `replay_into_node`."""
+        return replay_into_node(_log(log), node, what, **pattern)
+
+    def to(self, log: Log | Path | str, command: CommandLine, **options: Any) -> Listener:
+        """Start a command, replay to it on a wire, and return both; as `Listener`."""
+        given = {"timeout_s": self._timeout_s, **options}
+        return self._resources.enter_context(Listener(_log(log), command, **given))
+
+    def close(self) -> None:
+        """End all commands."""
+        self._resources.close()
+
+
+def _log(log: Log | Path | str) -> Log:
+    return log if isinstance(log, Log) else Log.read(log)

@@ -1,0 +1,394 @@
+"""The log of a run as a test asks it: what was said, who claimed what when, and what must hold.
+
+Room: coordinator. What must hold is derived by `auditing` and `verification`, which share nothing
+with the run. A failure tells where, with the messages around that place.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, NoReturn, TypeAlias
+
+from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.testing.rules import Pattern
+from cubepath.coordinator.testing.seen import RESULTS, Seen
+from cubepath.coordinator.testing.tables import short, table
+from cubepath.coordinator.verification.equality import difference
+from cubepath.coordinator.verification.findings import Verification
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, site_text
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.wire.free_messages import Attempt, Decision
+from cubepath.protocol.wire.messages import Claim, Report
+
+Result: TypeAlias = Literal["granted", "lost", "unknown"]
+What: TypeAlias = "Pattern | str"
+"""Which messages: a pattern, or a kind."""
+_CHECKS_MAX = 3
+_ROUND = re.compile(r"\b(?:round|level) (\d+)")
+_MODULE = re.compile(r"\bmodule_(\d+)")
+_MESSAGE = re.compile(r"\bmessage (\d+) \(")
+
+
+@dataclass(frozen=True, slots=True)
+class Claimed:
+    """A claim of a module, and what came of it.
+
+    `round` is that of the claim; without rounds it is the level of the move, and None if there was
+    none. `why` says why it was refused, in runs without rounds.
+    """
+
+    round: int | None
+    module: int
+    generator: str
+    at: Json
+    result: Result
+    why: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Executed:
+    """A move that was executed: in which round or at which level, by whom, and which."""
+
+    round: int
+    module: int
+    generator: str
+    at: Json
+
+
+class Log:
+    """The log of a run.
+
+    >>> from pathlib import Path
+    >>> log = Log.read(Path("logs/golden/hex-5.mcap"))
+    >>> log.assert_legal()
+    >>> log.assert_goal()
+    >>> log.count("claim", round=1), log.claims(module=0, round=1)[0].result
+    (1, 'granted')
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        """Ask a recording."""
+        self.recording = recording
+        self.scene = recording.scene
+
+    @classmethod
+    def read(cls, path: Path | str) -> Log:
+        """Return the log in a file; InputError if it is no recording."""
+        return cls(read_recording(Path(path)))
+
+    @cached_property
+    def gathered(self) -> Gathered:
+        """The edge path of the run, gathered again."""
+        return gathered(self.recording)
+
+    @property
+    def free(self) -> bool:
+        """Whether the run had no rounds."""
+        return self.recording.clock == "free"
+
+    @property
+    def rounds(self) -> int:
+        """The number of complete rounds, or the greatest level."""
+        return self.gathered.rounds
+
+    @property
+    def sites(self) -> tuple[Site, ...]:
+        """Where each module stands at the end."""
+        return tuple(self.gathered.sites)
+
+    @property
+    def goal_reached(self) -> bool:
+        """Whether the modules are at the goal."""
+        return self.gathered.reached
+
+    # What was said.
+
+    @cached_property
+    def all_messages(self) -> tuple[Seen, ...]:
+        """All messages on record in order, as they were on the wire: parts are not taken apart.
+
+        The order is that in which the coordinator heard them. Of processes that say something in
+        one phase, or without rounds at all, it says nothing of who was first.
+        """
+        records = self.recording.records
+        return tuple(
+            Seen(f"cubepath/log/{each.topic}", each.data, each.wall_ns / 1e9) for each in records
+        )
+
+    def messages(self, what: What = "", **pattern: Any) -> list[Seen]:
+        """Return the messages of a kind, or that a pattern means; the keys are those of `Pattern`.
+
+        A message is meant if one of its parts is: ``messages("claim", module=3)`` are those that
+        bring a claim of module 3. InputError for an unknown kind.
+        """
+        return [self.all_messages[place] for place in self.places(what, **pattern)]
+
+    def count(self, what: What = "", **pattern: Any) -> int:
+        """Return how many such messages there are; keys as for `messages`."""
+        return len(self.places(what, **pattern))
+
+    def places(self, what: What = "", **pattern: Any) -> list[int]:
+        """Return the places of such messages in `all_messages`; keys as for `messages`."""
+        found = pattern_of(what, **pattern)
+        return [place for place, each in enumerate(self.all_messages) if found.holds(each)]
+
+    # What was done.
+
+    @property
+    def moves(self) -> list[Executed]:
+        """The moves that were executed, by rounds or levels."""
+        return [
+            Executed(step.round, move.module, move.generator, move.at)
+            for step in self.gathered.steps
+            for move in step.executed
+        ]
+
+    def claims(
+        self,
+        module: int | None = None,
+        round: int | None = None,  # noqa: A002 - the word of all messages
+        result: Result | None = None,
+    ) -> list[Claimed]:
+        """Return who claimed what when, and what came of it, in the order of the log.
+
+        Without rounds an attempt to move is a claim, and one that was refused is lost.
+        """
+        found = self._attempts if self.free else self._claims
+        return [
+            each
+            for each in found
+            if module in (None, each.module)
+            and round in (None, each.round)
+            and result in (None, each.result)
+        ]
+
+    def grants(self, module: int | None = None) -> list[Claimed]:
+        """Return the claims that were granted."""
+        return self.claims(module, result="granted")
+
+    def losses(self, module: int | None = None) -> list[Claimed]:
+        """Return the claims that were lost."""
+        return self.claims(module, result="lost")
+
+    def _parts(self, *kinds: type[Any]) -> Iterator[Any]:
+        for seen in self.all_messages:
+            found: Any = seen.message
+            for part in getattr(found, "parts", (found,)):
+                if isinstance(part, kinds):
+                    yield part
+
+    @cached_property
+    def _claims(self) -> tuple[Claimed, ...]:
+        claims: dict[tuple[int, int], Claim] = {}
+        results: dict[tuple[int, int], Result] = {}
+        for part in self._parts(Claim, Report):
+            if isinstance(part, Claim):
+                claims.setdefault((part.round, part.module), part)
+            elif part.claim != "none":
+                results[part.round, part.module] = part.claim
+        return tuple(
+            Claimed(*name, each.generator, each.at, results.get(name, "unknown"))
+            for name, each in claims.items()
+        )
+
+    @cached_property
+    def _attempts(self) -> tuple[Claimed, ...]:
+        attempts: dict[tuple[int, int, int], Attempt] = {}
+        decided: dict[tuple[int, int, int], Decision] = {}
+        for part in self._parts(Attempt, Decision):
+            name = part.module, part.epoch, part.number
+            if isinstance(part, Decision):
+                decided.setdefault(name, part)
+            elif part.generator is not None:
+                attempts.setdefault(name, part)
+        return tuple(_came_of(each, decided.get(name)) for name, each in sorted(attempts.items()))
+
+    # What must hold.
+
+    @cached_property
+    def verification(self) -> Verification:
+        """What verifying the log finds, the rules of its modules asked again."""
+        return audit(self.recording)
+
+    def assert_legal(self) -> None:
+        """Check that everything on record is as it must be: as ``cubepath verify`` does.
+
+        Every move was admissible and claimed, what was done at one time commutes, everyone heard
+        what they should, and chose as their rule says. AssertionError tells what fails, with the
+        messages around the place.
+        """
+        __tracebackhide__ = True
+        wrong = [check for check in self.verification.checks if not check.ok]
+        if not wrong:
+            return
+        lines = [f"{check.name}: {short(check.detail)}" for check in wrong[:_CHECKS_MAX]]
+        more = len(wrong) - len(lines)
+        lines += [f"and {more} more checks"] if more > 0 else []
+        self._fail("the log is not legal: " + "\n  ".join(lines), *self._told(wrong[0].detail))
+
+    def assert_goal(self) -> None:
+        """Check that the modules are at their goal at the end; AssertionError tells who is not."""
+        __tracebackhide__ = True
+        if self.goal_reached:
+            return
+        goals = self.scene.goals or ((self.scene.goal,) if self.scene.goal else ())
+        wanted = {site for goal in goals for site in goal}
+        away = [
+            f"module_{module} at {site_text(site)}"
+            for module, site in enumerate(self.sites)
+            if site not in wanted
+        ]
+        where = f": {', '.join(away)} stand elsewhere" if away else ""
+        self._fail(short(f"the goal is not reached after {self.rounds} {self._unit}s{where}"))
+
+    def assert_same_run(self, other: Log, *, homotopic: bool = False) -> None:
+        """Check that both are the same run up to swapping neighbouring moves that commute.
+
+        With `homotopic` also up to moves that are undone: both have the same normal cube path.
+        AssertionError tells the first difference, with the first round that has other moves.
+        """
+        __tracebackhide__ = True
+        one, two = self.gathered, other.gathered
+        starts = one.scene.start_state, two.scene.start_state
+        found = difference(one.path, two.path, starts, homotopic=homotopic)
+        if found is None:
+            return
+        word = "homotopic" if homotopic else "the same run"
+        mine, theirs = (_by_round(each.moves) for each in (self, other))
+        first = next(
+            (at for at in sorted({*mine, *theirs}) if mine.get(at) != theirs.get(at)), None
+        )
+        lines = [f"not {word}: {short(found)}"]
+        if first is not None:
+            for name, moves in (("first", mine), ("second", theirs)):
+                told = ", ".join(moves.get(first, ())) or "none"
+                lines.append(f"{self._unit} {first}, {name}: {short(told)}")
+        self._fail("\n  ".join(lines), first)
+
+    def assert_order(self, first: What, then: What) -> None:
+        """Check that the first message of one kind or pattern comes before the first of another.
+
+        AssertionError if either is missing, or if they come the other way round. See
+        `all_messages` for what the order of a log means.
+        """
+        __tracebackhide__ = True
+        one, two = self.places(first), self.places(then)
+        for what, found in ((first, one), (then, two)):
+            if not found:
+                self._fail(f"no message is {_named(what)}, expected one")
+        if one[0] > two[0]:
+            self._fail(
+                f"{_named(then)} comes before {_named(first)}: message {two[0]} before {one[0]}",
+                place=two[0],
+                also=one[0],
+            )
+
+    def assert_count(self, expected: int | range, what: What = "", **pattern: Any) -> None:
+        """Check that there are so many such messages, or a number in a range; keys as `messages`.
+
+        AssertionError tells how many there are, and shows the first of them.
+        """
+        __tracebackhide__ = True
+        found = self.places(what, **pattern)
+        bounds = expected if isinstance(expected, range) else range(expected, expected + 1)
+        if len(found) in bounds:
+            return
+        due = f"{expected.start} to {expected.stop - 1}" if bounds is expected else str(expected)
+        name = _named(pattern_of(what, **pattern))
+        self._fail(
+            f"{len(found)} messages are {name}, expected {due}", place=found[0] if found else None
+        )
+
+    def assert_claimed(
+        self,
+        module: int,
+        round: int | None = None,  # noqa: A002 - as above
+        result: Result | None = None,
+    ) -> None:
+        """Check that a module made a claim, in this round, with this result.
+
+        AssertionError lists what it did claim.
+        """
+        __tracebackhide__ = True
+        if self.claims(module, round, result):
+            return
+        own = [
+            f"{self._unit} {each.round}: {each.generator} at {each.at}, {each.result}"
+            for each in self.claims(module)
+        ]
+        asked = f" in {self._unit} {round}" if round is not None else ""
+        asked += f" that was {result}" if result is not None else ""
+        told = short("; ".join(own)) if own else "it made none"
+        self._fail(f"module_{module} made no claim{asked}: {told}", round, module)
+
+    # The text of a failure.
+
+    @property
+    def _unit(self) -> str:
+        return "level" if self.free else "round"
+
+    def _told(self, detail: str) -> tuple[int | None, int | None, int | None]:
+        """Return the round, the module and the message that a line names."""
+        found = (each.search(detail) for each in (_ROUND, _MODULE, _MESSAGE))
+        at, module, message = (int(each[1]) if each is not None else None for each in found)
+        return at, module, message
+
+    def _fail(
+        self,
+        line: str,
+        at: int | None = None,
+        module: int | None = None,
+        place: int | None = None,
+        also: int | None = None,
+    ) -> NoReturn:
+        """Raise AssertionError with the messages around a place, or of a round and a module."""
+        __tracebackhide__ = True
+        everything = self.all_messages
+        marked = [each for each in (place, also) if each is not None]
+        title = "the messages around it"
+        if not marked and at is not None:
+            means: Callable[[Seen], bool] = Pattern(round=at, module=module).holds
+            marked = [each for each, seen in enumerate(everything) if means(seen)]
+            title = f"the messages around {self._unit} {at}"
+            title += "" if module is None else f" of module_{module}"
+        if marked:
+            raise AssertionError(f"{line}\n{table(everything, marked, title)}")
+        said = [each for each in everything if each.kind not in RESULTS]
+        raise AssertionError(f"{line}\n{table(said, title='the last messages')}")
+
+
+def pattern_of(what: What = "", **pattern: Any) -> Pattern:
+    """Return a pattern: itself, or of a kind and the keys of `Pattern`."""
+    if isinstance(what, Pattern):
+        return what
+    return Pattern(kind=what or pattern.pop("kind", None), **pattern)
+
+
+def _named(what: What) -> str:
+    return f"'{what}'"
+
+
+def _came_of(attempt: Attempt, decision: Decision | None) -> Claimed:
+    result: Result = "unknown"
+    level, why = None, ""
+    if decision is not None:
+        result = "lost" if decision.moved is None else "granted"
+        level = None if decision.moved is None else decision.moved.level
+        why = decision.why
+    name = attempt.generator or ""
+    return Claimed(level, attempt.module, name, attempt.at, result, why)
+
+
+def _by_round(moves: Sequence[Executed]) -> dict[int, list[str]]:
+    found: dict[int, list[str]] = {}
+    for each in moves:
+        line = f"module_{each.module} {each.generator} at {each.at}"
+        found.setdefault(each.round, []).append(line)
+    return found

@@ -1,0 +1,182 @@
+"""The plugin for pytest: fixtures, seeds by parametrisation, and recordings in the report.
+
+Room: coordinator. Named by the entry point ``pytest11``, so it is imported by every pytest where
+cubepath is installed: it imports nothing but pytest before a fixture is asked for.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Generator, Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.testing.fixtures import Places, Replay, Simulate, StartRun
+
+SEED = "cubepath_seed"
+MARKER = "cubepath"
+_TIMEOUT_S = 30.0
+_TOLD = pytest.StashKey[list[Any]]()
+"""Those that tell of recordings when a test fails."""
+_RANGE = re.compile(r"(\d+)\.\.(\d+)")
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options."""
+    group = parser.getgroup("cubepath", "runs of cubepath under test")
+    group.addoption(
+        "--cubepath-seeds",
+        metavar="SEEDS",
+        help="the seeds of each test that takes one: 5 for 0 to 4, or as 3..9, or as 1,4,7",
+    )
+    group.addoption(
+        "--cubepath-timeout",
+        metavar="SECONDS",
+        help="how long runs under test are waited for, unless a test says otherwise (30)",
+    )
+    group.addoption(
+        "--cubepath-logs",
+        metavar="DIR",
+        help="where recordings go, instead of the tmp_path of their tests",
+    )
+    parser.addini("cubepath_seeds", "as --cubepath-seeds", default="")
+    parser.addini("cubepath_timeout", "as --cubepath-timeout", default="")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Declare the marker, and check the options."""
+    config.addinivalue_line(
+        "markers",
+        f"{MARKER}(seeds=None, **options): the seeds of the test, and options of its runs, as"
+        " timeout_s=10, clock='free', links=False",
+    )
+    _seeds_asked(config)
+    _timeout_s(config)
+
+
+def _given(config: pytest.Config, name: str) -> str:
+    found = config.getoption(f"--cubepath-{name}")
+    return str(found if found is not None else config.getini(f"cubepath_{name}"))
+
+
+def seeds_in(text: str) -> list[int]:
+    """Return the seeds of a text: ``5`` for 0 to 4, ``3..9``, or ``1,4,7``; UsageError if none."""
+    found = _RANGE.fullmatch(text)
+    if found is not None and int(found[1]) <= int(found[2]):
+        return list(range(int(found[1]), int(found[2]) + 1))
+    if text.isdecimal() and int(text):
+        return list(range(int(text)))
+    parts = text.split(",")
+    if len(parts) > 1 and all(part.isdecimal() for part in parts):
+        return [int(part) for part in parts]
+    raise pytest.UsageError(f"cubepath-seeds={text}: expected a number, or as 3..9, or as 1,4,7")
+
+
+def _seeds_asked(config: pytest.Config) -> list[int]:
+    text = _given(config, "seeds")
+    return seeds_in(text) if text else []
+
+
+def _timeout_s(config: pytest.Config) -> float:
+    text = _given(config, "timeout")
+    try:
+        seconds = float(text) if text else _TIMEOUT_S
+    except ValueError:
+        seconds = 0.0
+    if not 0.0 < seconds < 3600.0:
+        raise pytest.UsageError(f"cubepath-timeout={text}: expected seconds, less than 3600")
+    return seconds
+
+
+def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
+    """Call a test that takes a seed once for each: of the command line, its marker, the ini."""
+    if SEED not in metafunc.fixturenames:
+        return
+    asked = metafunc.config.getoption("--cubepath-seeds")
+    marked: Iterable[int] | None = None
+    for marker in metafunc.definition.iter_markers(MARKER):
+        marked = marker.kwargs.get("seeds") if marked is None else marked
+    seeds = seeds_in(asked) if asked else marked
+    chosen = list(_seeds_asked(metafunc.config) if seeds is None else seeds)
+    if chosen:
+        metafunc.parametrize(SEED, chosen, indirect=True, ids=[f"seed{seed}" for seed in chosen])
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
+    """Name the recordings of a test that failed."""
+    report = yield
+    if report.failed:
+        lines = [line for teller in item.stash.get(_TOLD, []) for line in teller.told()]
+        if lines:
+            text = "\n".join([*lines, "to look at one: cubepath info FILE, or cubepath view FILE"])
+            report.sections.append(("cubepath", text))
+    return report
+
+
+@pytest.fixture
+def cubepath_seed(request: pytest.FixtureRequest) -> int:
+    """Return the seed of this test: 0, or one of those that were asked for."""
+    return int(getattr(request, "param", 0))
+
+
+@pytest.fixture
+def _cubepath_places(request: pytest.FixtureRequest) -> Places:
+    from cubepath.coordinator.testing.fixtures import Places  # noqa: PLC0415 - only when asked for
+
+    logs = request.config.getoption("--cubepath-logs")
+    if logs:
+        return Places(Path(logs), request.node.nodeid)
+    return Places(request.getfixturevalue("tmp_path"))
+
+
+def _tell(request: pytest.FixtureRequest, teller: object) -> None:
+    request.node.stash.setdefault(_TOLD, []).append(teller)
+
+
+@pytest.fixture
+def cubepath_run(
+    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: Places
+) -> Iterator[StartRun]:
+    """Return what starts a run in processes: ``cubepath_run("hex:n=7", "chain")`` is a `Rig`.
+
+    Everything that it starts is ended when the test is over, whatever happens.
+    """
+    from cubepath.coordinator.testing.fixtures import StartRun  # noqa: PLC0415 - as above
+
+    defaults: dict[str, Any] = {"seed": cubepath_seed, "timeout_s": _timeout_s(request.config)}
+    for marker in reversed(list(request.node.iter_markers(MARKER))):
+        defaults |= {key: value for key, value in marker.kwargs.items() if key != "seeds"}
+    found = StartRun(_cubepath_places, defaults)
+    _tell(request, found)
+    try:
+        yield found
+    finally:
+        found.close()
+
+
+@pytest.fixture
+def cubepath_simulate(
+    request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: Places
+) -> Simulate:
+    """Return what simulates a run under faults and checks it: the arguments are of `trial_of`."""
+    from cubepath.coordinator.testing.fixtures import Simulate  # noqa: PLC0415 - as above
+
+    found = Simulate(_cubepath_places, cubepath_seed)
+    _tell(request, found)
+    return found
+
+
+@pytest.fixture
+def cubepath_replay(request: pytest.FixtureRequest) -> Iterator[Replay]:
+    """Return what puts a recording into the code under test: a function, a node or a command."""
+    from cubepath.coordinator.testing.fixtures import Replay  # noqa: PLC0415 - as above
+
+    found = Replay(_timeout_s(request.config))
+    try:
+        yield found
+    finally:
+        found.close()

@@ -1,0 +1,152 @@
+"""Recordings replayed into the code under test: into a function or a node, or onto a wire.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from cubepath.coordinator.runs.playback import Replayed, replay
+from cubepath.coordinator.testing.commands import Command
+from cubepath.coordinator.testing.link import Link
+from cubepath.coordinator.testing.log import Log, What, pattern_of
+from cubepath.coordinator.testing.seen import RESULTS, Seen
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.wire.free_messages import free_key
+from cubepath.protocol.wire.keys import key_of
+from cubepath.protocol.wire.nodes import Effect, Node
+
+T = TypeVar("T")
+RUN = "replayed"
+_POLL_S = 0.01
+
+
+def replay_into(
+    log: Log, to: Callable[[Seen], T], what: What = "", *, run: str = RUN, **pattern: Any
+) -> list[T]:
+    """Call a function with each message of a log, in its order; return what it returned.
+
+    The bytes are those of the recording, and the keys those of a run of this name. What the
+    coordinator found at the end was on no wire, and is left out. With `what` and the keys of
+    `Pattern`, messages are those that they mean.
+    """
+    meant = pattern_of(what, **pattern)
+    return [
+        to(_on_wire(each, run))
+        for each in log.all_messages
+        if each.kind not in RESULTS and meant.holds(each)
+    ]
+
+
+def replay_into_node(
+    log: Log, node: Node, what: What = "", *, run: str = RUN, **pattern: Any
+) -> list[Effect]:
+    """Start a node and give it each message of a log; return its effects, in their order.
+
+    The rest is as for `replay_into`. The node's timers are not waited for.
+    """
+    found = list(node.start())
+
+    def give(seen: Seen) -> None:
+        found.extend(node.receive(seen.key, seen.data))
+
+    replay_into(log, give, what, run=run, **pattern)
+    return found
+
+
+def _on_wire(seen: Seen, run: str) -> Seen:
+    message: Any = seen.message
+    if message is None:
+        return seen
+    kind_has_rounds = hasattr(message, "round")
+    key = key_of(run, message) if kind_has_rounds else free_key(run, message)
+    return Seen(key, seen.data, seen.at_s)
+
+
+class Listener:
+    """A command of others to which a recording was replayed on a wire, as a context manager.
+
+    The command is started first. The replay begins when it listens to something of the run, and is
+    over when this was made; what the command does then is for the test to ask.
+    """
+
+    def __init__(
+        self,
+        log: Log,
+        command: str | Sequence[str],
+        *,
+        timeout_s: float = 30.0,
+        kinds: Collection[str] | None = None,
+        rate: float | None = None,
+        env: Mapping[str, str] | None = None,
+    ) -> None:
+        """Replay the messages of modules, of these kinds, at so many rounds a second.
+
+        ``{endpoint}`` in the command is where it listens, ``{run}`` the name of the run; they are
+        in ``CUBEPATH_ENDPOINT`` and ``CUBEPATH_RUN`` too. CheckError if it ends before it listens,
+        or does not within the time; otherwise as `cubepath.coordinator.replay`.
+        """
+        self._resources = ExitStack()
+        self._command: Command | None = None
+
+        def announce(endpoint: str, run: str) -> None:
+            link = self._resources.enter_context(Link("listener", endpoint))
+
+            def filled(text: str) -> str:
+                return text.replace("{endpoint}", link.endpoint).replace("{run}", run)
+
+            line = filled(command) if isinstance(command, str) else list(map(filled, command))
+            own = {"CUBEPATH_ENDPOINT": link.endpoint, "CUBEPATH_RUN": run, **(env or {})}
+            self._command = self._resources.enter_context(Command(line, env=own))
+            _wait_until_it_listens(self._command, link, run, timeout_s)
+
+        try:
+            self.replayed: Replayed = replay(
+                log.recording,
+                rate=rate,
+                kinds=kinds,
+                endpoint="tcp/127.0.0.1:0",
+                announce=announce,
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def command(self) -> Command:
+        """Return the command."""
+        if self._command is None:
+            raise CheckError("the command has not been started")
+        return self._command
+
+    def close(self) -> None:
+        """End the command."""
+        self._resources.close()
+
+    def __enter__(self) -> Self:
+        """Return the listener."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End the command."""
+        self.close()
+
+
+def _wait_until_it_listens(command: Command, link: Link, run: str, timeout_s: float) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not link.listens(f"cubepath/{run}/**"):
+        over = command.returncode is not None
+        if over or time.monotonic() > deadline:
+            why = "ended before" if over else f"did not within {timeout_s:g} s"
+            raise CheckError(f"{command.name} listens to the run: it {why}; {command.told}")
+        time.sleep(_POLL_S)

@@ -1,0 +1,498 @@
+"""A run under test: awaited, wounded and asked, with processes of ours and of others.
+
+Room: coordinator. With rounds it goes on only when it is told to; without, modules act when they
+are ready, and it is listened to. In both cases a test says until when, and what is to happen there.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import threading
+from collections import deque
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NoReturn, Self, TypeAlias
+
+from msgspec.json import encode
+
+from cubepath.coordinator.runs.launch import start
+from cubepath.coordinator.runs.outcome import Outcome
+from cubepath.coordinator.runs.running import Overheard, Running
+from cubepath.coordinator.testing.commands import Command, stderr_of
+from cubepath.coordinator.testing.log import Log, What, pattern_of
+from cubepath.coordinator.testing.rules import Pattern
+from cubepath.coordinator.testing.seen import RESULTS, Seen
+from cubepath.coordinator.testing.tables import short, table
+from cubepath.coordinator.testing.wire import Planned, Wire
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.wire.credentials import GUEST
+from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
+from cubepath.protocol.wire.keys import key_of
+
+TIMEOUT_S = 30.0
+HEARD_MAX = 5000
+"""So many messages that it heard last a run remembers for tests."""
+_LISTENS = re.compile(r"listening on (\S+) without TLS")
+_DIED = re.compile(r"^(\S+) has died")
+_MODULE = re.compile(r"module_(\d+)")
+_LOOPBACK = "tcp/127.0.0.1:0"
+
+When: TypeAlias = "Pattern | str | int | None"
+"""Now (None), in a round or at a level, or at the first message of a kind or a pattern."""
+Who: TypeAlias = "str | int"
+"""A process by its name, or by the number of one of its modules."""
+CommandLine: TypeAlias = "str | Sequence[str]"
+
+
+class Rig(Wire):
+    """A run under test, as a context manager that leaves nothing running, whatever happens."""
+
+    def __init__(
+        self,
+        system: Any = None,
+        rule: str | None = None,
+        *,
+        commands: Mapping[str, CommandLine] | Sequence[CommandLine] = (),
+        links: bool | Collection[str] = True,
+        timeout_s: float = TIMEOUT_S,
+        env: Mapping[str, str] | None = None,
+        **options: Any,
+    ) -> None:
+        """Plan a run; the arguments are those of `cubepath.coordinator.start`.
+
+        `commands` are the module processes of others, by names of your own, or named ``own_0`` and
+        so on; ``{endpoint}`` in one is where it joins, which is in ``CUBEPATH_ENDPOINT`` too. They
+        join runs with rounds. `links` puts a link before every process, or before those named.
+
+        What is awaited comes within `timeout_s`, unless told otherwise. InputError for what cannot
+        be run.
+        """
+        super().__init__(links=links)
+        if isinstance(commands, str):
+            raise InputError(f"commands={commands}: expected a list, or names with commands")
+        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
+        named = dict(commands) if isinstance(commands, Mapping) else numbered
+        self._command_lines: dict[str, CommandLine] = named
+        if named:
+            options.setdefault("listen", _LOOPBACK)
+            options.setdefault("wait_for", len(named))
+        if options.get("clock") == "free":
+            options.setdefault("on_crash", "continue")
+        options.setdefault("processes", 2)
+        options.setdefault("patience", timeout_s)
+        self.timeout_s = timeout_s
+        self._env = dict(env or {})
+        self.run: Running = start(system, rule, say=self._say, way=self.way, **options)
+        self.said: list[str] = []
+        """What the run said in lines: where it listens, who is waited for, who died."""
+        self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
+        """The messages that were heard last."""
+        self.commands: dict[str, Command] = {}
+        self._planned: list[Planned] = []
+        self._wounded: set[str] = set()
+        self._unexpected: list[str] = []
+        self._paused: dict[str, int] = {}
+        self._timers: list[threading.Timer] = []
+        self._parts = 0
+        self._known: dict[str, int] = {}
+        self._modules: dict[str, tuple[int, ...]] = {}
+
+    def __enter__(self) -> Self:
+        """Start everything; CheckError or InputError if that fails."""
+        try:
+            self.run.listen(self._hear)
+            self.run.__enter__()
+            self._known = self.pids
+            self._modules = {
+                link: self.run.modules_of(self._speaks_as(link) or link) for link in self._known
+            }
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """End everything."""
+        self.close(check=kind is None)
+
+    def close(self, *, check: bool = False) -> None:
+        """End everything: rules, pauses, the run, the commands, the links.
+
+        With `check`, CheckError if a rule raised or a link had too much to carry.
+        """
+        with ExitStack() as stack:
+            if check:
+                for link in self.links.values():
+                    stack.callback(link.check)
+            self.close_links(stack.callback)
+            for command in self.commands.values():
+                stack.callback(command.close)
+            stack.callback(self._close_run)
+            for name in list(self._paused):
+                stack.callback(self.resume, name)
+            for timer in self._timers:
+                stack.callback(timer.cancel)
+
+    def _close_run(self) -> None:
+        with ExitStack() as stack:
+            stack.callback(self.run.__exit__, None, None, None)
+            stack.callback(self._heal_all)
+
+    def _heal_all(self) -> None:
+        for link in self.links.values():  # who is told to stop is to hear it
+            link.up.rules = link.down.rules = []
+            link.heal()
+
+    # What is said.
+
+    def _say(self, line: str) -> None:
+        self.said.append(line)
+        found = _LISTENS.search(line)
+        if found is not None:
+            for name, command in self._command_lines.items():
+                self._start_command(name, command, found[1])
+        died = _DIED.match(line)
+        if died is not None and died[1] not in self._wounded:
+            self._unexpected.append(line)
+
+    def _start_command(self, name: str, line: CommandLine, endpoint: str) -> None:
+        where, _ = self.way(name, endpoint, GUEST)
+
+        def filled(text: str) -> str:
+            return text.replace("{endpoint}", where)
+
+        command = filled(line) if isinstance(line, str) else list(map(filled, line))
+        env = {"CUBEPATH_ENDPOINT": where, **self._env}
+        self.commands[name] = Command(command, name=name, env=env)
+
+    def _hear(self, overheard: Overheard) -> None:
+        if self._parts:  # parts follow the message that brings them
+            self._parts -= 1
+            return
+        message = overheard.message
+        self._parts = len(getattr(message, "parts", ()))
+        run = self.run.run or "run"
+        kind = overheard.kind
+        free = self.run.plan.is_free or kind in FREE_KINDS
+        key = free_key(run, message) if free else key_of(run, message)
+        seen = Seen(key, encode(message), overheard.wall_ns / 1e9)
+        self.heard.append(seen)
+        for planned in tuple(self._planned):
+            if not planned.done and planned.pattern(seen):
+                self._planned.remove(planned)
+                planned.do(seen)
+
+    # How it goes on.
+
+    def step(self, count: int = 1) -> None:
+        """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
+        __tracebackhide__ = True
+        enough = (self.run.status.moves if self.free else self.run.round) + count
+        self.until(lambda rig: (rig.moves if rig.free else rig.round) >= enough)
+
+    def until(
+        self,
+        what: Callable[[Rig], object] | What = "",
+        *,
+        timeout_s: float | None = None,
+        **pattern: Any,
+    ) -> Seen | None:
+        """Go on until something holds, or until a message comes; return the message.
+
+        `what` is a function of the run under test, or a kind or pattern of a message that comes
+        from now on, as for `Log.messages`. With rounds both are looked at between two rounds.
+
+        AssertionError tells what was seen if the run ends before, a process dies that nobody has
+        wounded, or the time is over: the last messages, and how each process is.
+        """
+        __tracebackhide__ = True
+        if callable(what):
+            self._go_on(what, "what is awaited", timeout_s)
+            return None
+        meant = pattern_of(what, **pattern)
+        planned = self._plan(meant.holds, lambda: None)
+        self._go_on(lambda _: planned.done, f"a message with {meant}", timeout_s)
+        return planned.at
+
+    def until_round(self, number: int, *, timeout_s: float | None = None) -> None:
+        """Go on until a round is over, or a level is reached."""
+        __tracebackhide__ = True
+        self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
+
+    def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
+        """Go on until there are so many moves in all."""
+        __tracebackhide__ = True
+        self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
+
+    def until_goal(self, *, timeout_s: float | None = None) -> None:
+        """Go on until the modules are at their goal, where most runs end."""
+        __tracebackhide__ = True
+        self._go_on(lambda rig: rig.goal_reached, "the goal", timeout_s)
+
+    def play(self, *, timeout_s: float | None = None) -> Outcome:
+        """Go on to the end of the run; return its outcome."""
+        __tracebackhide__ = True
+        self._go_on(lambda rig: not rig.run.goes_on, "the end of the run", timeout_s)
+        return self.run.outcome
+
+    def _go_on(self, what: Callable[[Rig], object], name: str, timeout_s: float | None) -> None:
+        __tracebackhide__ = True
+        seconds = self.timeout_s if timeout_s is None else timeout_s
+
+        def holds(_: Running) -> bool:
+            return bool(what(self)) or bool(self._unexpected)
+
+        why = ""
+        try:
+            self.run.until(holds, timeout_s=seconds)
+        except TimeoutError:
+            why = f"not within {seconds:g} s: {name}"
+        except CheckError:
+            why = f"the run ended before: {name}"
+        if self._unexpected:
+            why = f"while waiting for {name}: {self._unexpected[0]}"
+        if why:  # outside of the handlers: what was seen says more than what was raised
+            self._fail(why)
+
+    def stop(self) -> Outcome:
+        """End the run where it stands; return its outcome."""
+        for name in list(self._paused):
+            self.resume(name)
+        self._heal_all()
+        return self.run.stop()
+
+    def finish(self) -> Log:
+        """End the run where it stands, unless it has ended, and return its log."""
+        self.stop()
+        return Log.read(self.path)
+
+    # How it stands.
+
+    @property
+    def free(self) -> bool:
+        """Return whether the run has no rounds."""
+        return self.run.plan.is_free
+
+    @property
+    def _unit(self) -> str:
+        return "level" if self.free else "round"
+
+    @property
+    def round(self) -> int:
+        """Return the last complete round, or the greatest level."""
+        return self.run.round
+
+    @property
+    def moves(self) -> int:
+        """Return how many moves were made."""
+        return self.run.gathered.moves
+
+    @property
+    def sites(self) -> tuple[Site, ...]:
+        """Return where each module stands."""
+        return self.run.sites
+
+    @property
+    def goal_reached(self) -> bool:
+        """Return whether the modules are at their goal."""
+        return self.run.goal_reached
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return the outcome; CheckError while the run goes on."""
+        return self.run.outcome
+
+    @property
+    def path(self) -> Path:
+        """Return the path of the recording."""
+        return self.run.log
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Return the process ids by name, those of commands included; none of a run that ended."""
+        found: dict[str, int] = {}
+        with suppress(CubepathError):
+            found = self.run.pids
+        return found | {
+            name: command.pid
+            for name, command in self.commands.items()
+            if command.returncode is None
+        }
+
+    def name_of(self, who: Who) -> str:
+        """Return the name of a process that is given by its name, or by one of its modules."""
+        found = _MODULE.fullmatch(who) if isinstance(who, str) else None
+        if isinstance(who, str) and found is None:
+            return who
+        module = int(found[1]) if found is not None else int(who)
+        for name, modules in self._modules.items():
+            if module in modules:
+                return name
+        raise InputError(f"module_{module}: expected module_0 to module_{len(self.sites) - 1}")
+
+    def _named(self, who: str | int | None) -> str | None:
+        return None if who is None else self.name_of(who)
+
+    # What is done to it.
+
+    def kill(self, who: Who, at: When = None) -> Planned:
+        """Kill a process, now, in a round or at a level, or at a message.
+
+        A run with rounds ends by that: they tolerate pauses and loss, not death. Without rounds the
+        others go on.
+        """
+        return self._do(at, lambda: self._signal(who, signal.SIGKILL))
+
+    def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> Planned:
+        """Have a process stand still, for some seconds, or until it is resumed.
+
+        With rounds nobody goes on meanwhile: without `seconds` the next round waits in vain.
+        """
+
+        def act() -> None:
+            name = self.name_of(who)
+            pid = self._pid(name)
+            self.guard.watch(pid)  # who stands still does not notice that all others have ended
+            self._paused[name] = pid
+            self._signal(who, signal.SIGSTOP)
+            self._after(seconds, lambda: self.resume(name))
+
+        return self._do(at, act)
+
+    def _after(self, seconds: float | None, act: Callable[[], object]) -> None:
+        if seconds is not None:
+            timer = threading.Timer(seconds, act)
+            timer.daemon = True
+            self._timers.append(timer)
+            timer.start()
+
+    def resume(self, who: Who, at: When = None) -> Planned:
+        """Have a process that was paused go on; no other is changed."""
+
+        def act() -> None:
+            pid = self._paused.pop(self.name_of(who), None)
+            if pid is not None:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGCONT)
+
+        return self._do(at, act)
+
+    def restart(self, who: Who) -> None:
+        """Start a process again, in runs without rounds; one that lives is killed before.
+
+        InputError in runs with rounds, which end when a process dies.
+        """
+        __tracebackhide__ = True
+        name = self.name_of(who)
+        if not self.free:
+            self.run.restart(name)
+        before = self.pids.get(name)
+        if before is not None and name not in self._wounded:
+            self.kill(name)
+        if self.run.plan.on_crash == "restart":
+            self._go_on(lambda rig: rig.pids.get(name) not in (None, before), f"{name} again", None)
+        else:
+            self._go_on(lambda rig: name not in rig.pids, f"the end of {name}", None)
+            self.run.restart(name)
+        self._wounded.discard(name)
+
+    def cut_off(
+        self, who: Who, at: When = None, *, seconds: float | None = None, keep: bool = False
+    ) -> Planned:
+        """Cut the link of a process, for some seconds or until it is healed.
+
+        Nothing gets through, and nobody is told. What is said meanwhile is lost; with `keep` it
+        comes when the link is healed, as over a connection that outlives the cut.
+        """
+
+        def act() -> None:
+            link = self.link_of(self.name_of(who))
+            link.cut(keep=keep)
+            self._after(seconds, link.heal)
+
+        return self._do(at, act)
+
+    def heal(self, who: Who | None = None, at: When = None) -> Planned:
+        """Heal the link of a process, or all links."""
+
+        def act() -> None:
+            links = [self.link_of(self.name_of(who))] if who is not None else self.links.values()
+            for link in links:
+                link.heal()
+
+        return self._do(at, act)
+
+    def when(self, at: When, act: Callable[[], None]) -> Planned:
+        """Have a function called in a round or at a level, or at a message; it may not go on."""
+        return self._do(at, act)
+
+    def _do(self, at: When, act: Callable[[], None]) -> Planned:
+        if at is None:
+            now = Planned(lambda _: False, act)
+            now.do()
+            return now
+        if isinstance(at, int):
+            return self._plan(lambda seen: (seen.round or 0) >= at, act)
+        return self._plan(pattern_of(at).holds, act)
+
+    def _plan(self, pattern: Callable[[Seen], bool], act: Callable[[], None]) -> Planned:
+        planned = Planned(pattern, act)
+        self._planned.append(planned)
+        return planned
+
+    def _pid(self, name: str) -> int:
+        pids = self.pids
+        if name not in pids:
+            raise InputError(f"{name}: expected one of {', '.join(pids) or 'none: it has ended'}")
+        return pids[name]
+
+    def _signal(self, who: Who, number: int) -> None:
+        name = self.name_of(who)
+        if number == signal.SIGKILL:
+            self._wounded.add(name)
+        if name in self.commands:
+            self.commands[name].signal(number)
+        else:
+            os.kill(self._pid(name), number)
+
+    # The text of a failure.
+
+    def seen(self) -> str:
+        """Return what was seen so far: how the run stands, its processes, the last messages."""
+        status = self.run.status
+        at = "" if status.goal_reached else " not"
+        lines = [f"{self._unit} {status.round}, {status.moves} moves, goal{at} reached"]
+        if status.ended is not None:
+            why = f": {short(self.outcome.error)}" if self.outcome.error else ""
+            lines.append(f"the run has ended, {status.ended}{why}")
+        lines += [self._about(name, pid) for name, pid in {**self._known, **self.pids}.items()]
+        said = [seen for seen in self.heard if seen.kind not in RESULTS]
+        lines.append(table(said, title="the last messages"))
+        return "\n".join(lines)
+
+    def _about(self, name: str, pid: int) -> str:
+        """Return how a process is, in a line."""
+        paused = " paused," if name in self._paused else ""
+        is_there = self.pids.get(name) == pid
+        how = f"process id {pid}" if is_there else f"process id {pid}, has ended"
+        modules = self._modules.get(name, ())
+        whose = f", modules {', '.join(map(str, modules))}" if modules else ""
+        cut = name in self.links and self.links[name].up.cut
+        told = f", its link is cut ({cut})" if cut else ""
+        command = self.commands.get(name)
+        said = command.told if command is not None else stderr_of(pid) if is_there else ""
+        return f"{name}:{paused} {how}{whose}{told}" + (f"; {said}" if said else "")
+
+    def _fail(self, line: str) -> NoReturn:
+        __tracebackhide__ = True
+        raise AssertionError(f"{line}\n{self.seen()}")

@@ -1,0 +1,224 @@
+"""Rules of a faulty network: which messages are lost, late, doubled, held back or overtaken.
+
+Room: coordinator. A rule says nothing of time of arrival where it can be helped: with a probability
+it is the bytes of a message and the seed that decide, so the same messages are lost in every run.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from typing import Literal, TypeAlias
+
+from cubepath.coordinator.testing.seen import KNOWN, Seen
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.wire.keys import topic_in_key
+
+Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]
+Direction: TypeAlias = Literal["up", "down"]
+"""From the process to the router, or from the router to the process."""
+KEPT = 1000
+"""So many messages that it met last a rule remembers."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pattern:
+    """Which messages are meant: all of what is given must hold; None and empty stand for any.
+
+    `kind` is that of the message or of one of its parts, and then `module` is of such a part.
+    `sender` and `to` are names such as ``process_0``, ``keeper_1``, ``coordinator``; `to` may also
+    be a region or a tile. `round` is the round, or without rounds the level. `where` is asked last.
+    """
+
+    kind: str | None = None
+    round: int | range | None = None
+    phase: str | None = None
+    module: int | None = None
+    sender: str | None = None
+    to: str | None = None
+    where: Callable[[Seen], bool] | None = None
+
+    def __post_init__(self) -> None:
+        """Check the kind; InputError names the known ones."""
+        if self.kind is not None and self.kind not in KNOWN:
+            raise InputError(f"kind={self.kind}: expected one of {', '.join(sorted(KNOWN))}")
+
+    def holds(self, seen: Seen, receiver: str = "") -> bool:
+        """Return whether a message is meant; on its way down a link it has a `receiver`."""
+        return (
+            (self.sender is None or self.sender == seen.sender)
+            and (self.to is None or self.to in (receiver, seen.to))
+            and self._round(seen)
+            and (self.phase is None or self.phase == seen.phase)
+            and self._parts(seen)
+            and (self.where is None or self.where(seen))
+        )
+
+    def _round(self, seen: Seen) -> bool:
+        if self.round is None:
+            return True
+        number = seen.round
+        if isinstance(self.round, range):
+            return number is not None and number in self.round
+        return number == self.round
+
+    def _parts(self, seen: Seen) -> bool:
+        kind, module = self.kind, self.module
+        if kind is not None and kind == seen.kind and module is None:
+            return True
+        if kind is None and module is None:
+            return True
+        whole = kind in (None, seen.kind)
+        return any((whole or kind == one) and module in (None, about) for one, about in seen.parts)
+
+    def __str__(self) -> str:
+        """Return what is given, as ``kind=said, round=3``."""
+        given = {name: getattr(self, name) for name in self.__slots__}
+        told = (f"{name}={value}" for name, value in given.items() if value is not None)
+        return ", ".join(told) or "any message"
+
+
+ANYTHING = Pattern()
+"""Any message."""
+
+
+@dataclass(slots=True, kw_only=True, eq=False)
+class Rule:
+    """What happens to the messages that a pattern means; made by `drop`, `delay` and their kin.
+
+    It passes over the first `after` of them, then meets `times` of them at most, each with a
+    `probability`. `seconds` are by how much a message is late, or its second copy; `by` is how many
+    later ones overtake it.
+    """
+
+    action: Action
+    pattern: Pattern = ANYTHING
+    times: int | None = None
+    after: int = 0
+    probability: float = 1.0
+    seed: int = 0
+    seconds: float = 0.0
+    by: int = 1
+    overtaken: bool = False
+    """Whether later messages overtake one that is delayed; otherwise they wait behind it."""
+    told: frozenset[str] = frozenset()
+    """Senders whose messages it meets where they are said, and passes over on their way down."""
+    count: int = 0
+    """How many messages it met so far."""
+    met: deque[Seen] = field(default_factory=lambda: deque(maxlen=KEPT))
+    """The last of these."""
+    on: bool = True
+    _meant: int = field(default=0, init=False)
+    _copies: Counter[bytes] = field(init=False, default_factory=Counter)
+    _changed: threading.Condition = field(init=False, default_factory=threading.Condition)
+    _wake: list[Callable[[], None]] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Check the numbers; InputError names the one that is out of bounds."""
+        if self.times is not None and self.times < 1:
+            raise InputError(f"times={self.times}: expected 1 or more")
+        if self.after < 0:
+            raise InputError(f"after={self.after}: expected 0 or more")
+        if not 0.0 < self.probability <= 1.0:
+            raise InputError(f"probability={self.probability}: expected more than 0, at most 1")
+        if not 0.0 <= self.seconds <= 3600.0:
+            raise InputError(f"seconds={self.seconds}: expected 0 to 3600")
+        if self.by < 1:
+            raise InputError(f"by={self.by}: expected 1 or more")
+
+    def meets(self, seen: Seen, receiver: str = "") -> bool:
+        """Return whether it meets a message that comes by, and count it."""
+        if not self.on or (receiver and seen.sender in self.told):
+            return False
+        if not self.pattern.holds(seen, receiver):
+            return False
+        with self._changed:
+            if self.times is not None and self.count >= self.times:
+                return False
+            self._meant += 1
+            if self._meant <= self.after or not self._drawn(seen, receiver):
+                return False
+            self.count += 1
+            self.met.append(seen)
+            self._changed.notify_all()
+        return True
+
+    def _drawn(self, seen: Seen, receiver: str) -> bool:
+        """Return whether chance meets it: by its bytes, how often they came, and the seed."""
+        if self.probability == 1.0:
+            return True
+        topic = topic_in_key(seen.key)
+        what = blake2b(f"{receiver} {topic} ".encode() + seen.data, digest_size=8).digest()
+        self._copies[what] += 1
+        draw = blake2b(f"{self.seed}/{self._copies[what]}/".encode() + what, digest_size=8).digest()
+        return int.from_bytes(draw) < self.probability * (1 << 64)
+
+    def stop(self) -> None:
+        """Meet no more messages; what is held back passes."""
+        self.on = False
+        for wake in self._wake:
+            wake()
+
+    release = stop
+
+    def on_stop(self, wake: Callable[[], None]) -> None:
+        """Have this called when the rule stops; for links."""
+        self._wake.append(wake)
+
+    def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
+        """Wait until it has met so many messages; CheckError if it does not within the time."""
+        deadline = time.monotonic() + timeout_s
+        with self._changed:
+            while self.count < times:
+                if not self._changed.wait(max(0.0, deadline - time.monotonic())):
+                    raise CheckError(
+                        f"{self}: met {self.count} messages within {timeout_s:g} s, expected"
+                        f" {times}; {self._meant} were meant"
+                    )
+
+    def __str__(self) -> str:
+        """Return what it does to which messages."""
+        return f"{self.action} {self.pattern}"
+
+
+@dataclass(slots=True)
+class Fate:
+    """What the rules together do to one message."""
+
+    dropped: bool = False
+    late_s: float = 0.0
+    overtaken: bool = False
+    copies: list[float] = field(default_factory=list)
+    """By how much each further copy is later."""
+    holder: Rule | None = None
+    behind: int = 0
+
+
+def fate_of(rules: list[Rule], seen: Seen, receiver: str = "") -> Fate | None:
+    """Return what the rules that meet a message do to it; None if none meets it.
+
+    They are asked in their order, and none after one that drops it.
+    """
+    fate: Fate | None = None
+    for rule in rules:
+        if not rule.meets(seen, receiver):
+            continue
+        fate = fate or Fate()
+        match rule.action:
+            case "drop":
+                fate.dropped = True
+                return fate
+            case "delay":
+                fate.late_s += rule.seconds
+                fate.overtaken |= rule.overtaken
+            case "double":
+                fate.copies.append(rule.seconds)
+            case "hold":
+                fate.holder = fate.holder or rule
+            case "reorder":
+                fate.behind += rule.by
+    return fate

@@ -1,0 +1,165 @@
+"""A message as a test sees it: what kind, of whom, to whom, and about which modules.
+
+Room: coordinator. One view of messages with rounds and without, so that rules of links, conditions
+and tables need not know the clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from cubepath.protocol.wire.credentials import keeper_name, process_name
+from cubepath.protocol.wire.free_messages import (
+    FREE_KINDS,
+    Asks,
+    Fetch,
+    FreeMessage,
+    Passed,
+    Passes,
+    Repeat,
+    Shows,
+    Tells,
+    decode_free,
+    level_of,
+)
+from cubepath.protocol.wire.keys import topic_in_key
+from cubepath.protocol.wire.messages import (
+    KINDS,
+    Message,
+    NoMessageError,
+    Said,
+    decode,
+    kind_of,
+    parts_of,
+)
+
+_PHASES = {"reports": "settle", "observations": "observe", "acts": "observe"}
+"""The phases of the kinds that do not name theirs."""
+RESULTS = ("edges", "cube", "certificate", "summary")
+"""What the coordinator finds at the end, which nobody said."""
+PARTS = (
+    *("attempt", "enter", "hold", "look", "passed", "decision", "inquiry", "settled"),
+    *("shown", "entered", "held", "turn"),
+)
+"""The kinds of parts, in runs without rounds; with rounds they are kinds of messages as well."""
+KNOWN = frozenset((*KINDS, *FREE_KINDS, *PARTS))
+"""Every kind that a rule or a condition may name."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A message with its key, as it was on the wire.
+
+    What follows is read from the bytes when it is asked for; bytes that are no message of cubepath
+    have the kind "unknown".
+    """
+
+    key: str
+    data: bytes
+    at_s: float = 0.0
+    """When it was seen, in seconds of the run's clock."""
+
+    @cached_property
+    def message(self) -> Message | FreeMessage | None:
+        """The message; None if the bytes hold none."""
+        for read in (decode, decode_free):
+            try:
+                return read(self.data)
+            except NoMessageError:
+                continue
+        return None
+
+    @cached_property
+    def kind(self) -> str:
+        """The kind of the message, as ``said``, ``ready``, ``go``, ``ask`` or ``moved``."""
+        found: Any = self.message
+        return "unknown" if found is None else kind_of(found)
+
+    @property
+    def sender(self) -> str:
+        """Who put it: ``process_0``, ``keeper_1`` or ``coordinator``; the end of its key."""
+        return self.key.rpartition("/")[2]
+
+    @cached_property
+    def to(self) -> str:
+        """To whom it is put: a process, a keeper, a region or a tile; empty if to everyone."""
+        match self.message:
+            case Said(region=region):
+                return region
+            case Asks(keeper=keeper) | Passes(to=keeper) | Fetch(keeper=keeper):
+                return keeper_name(keeper)
+            case Tells(process=process):
+                return process_name(process)
+            case Shows(tile=tile):
+                return tile
+            case Repeat(to=name):
+                return name
+            case _:
+                topic = topic_in_key(self.key).split("/")
+                alone = topic[0] in ("go", "reset") and topic[-1].startswith("process_")
+                return topic[-1] if alone else ""
+
+    @cached_property
+    def round(self) -> int | None:
+        """The round, or without rounds the level that it tells of; None if of neither."""
+        found: Any = self.message
+        if found is None:
+            return None
+        number = getattr(found, "round", None)
+        return number if number is not None else level_of(found) or None
+
+    @cached_property
+    def phase(self) -> str:
+        """The phase, or empty without one."""
+        return str(getattr(self.message, "phase", _PHASES.get(self.kind, "")))
+
+    @cached_property
+    def parts(self) -> tuple[tuple[str, int | None], ...]:
+        """The kind of each part and the module that it is of or about; of most kinds one part."""
+        return tuple(self._parts())
+
+    def _parts(self) -> Iterator[tuple[str, int | None]]:
+        found: Any = self.message
+        if found is None:
+            return
+        for part in getattr(found, "parts", parts_of(found)):
+            module = getattr(part.attempt if isinstance(part, Passed) else part, "module", None)
+            yield kind_of(part), module if isinstance(module, int) else None
+
+    @property
+    def modules(self) -> tuple[int, ...]:
+        """The modules that it is of or about, in increasing order."""
+        return tuple(sorted({module for _, module in self.parts if module is not None}))
+
+    @property
+    def what(self) -> str:
+        """What it says, in a few words: its parts by kind and module, of a single one also more."""
+        kinds: dict[str, list[str]] = {}
+        for kind, module in self.parts:
+            if kind != self.kind or module is not None:
+                kinds.setdefault(kind, []).append("" if module is None else str(module))
+        told = [" ".join([kind, ",".join(filter(None, of))]).strip() for kind, of in kinds.items()]
+        alone = _more_of(self.message) if len(self.parts) == 1 else ""
+        return "; ".join(told) + (f" {alone}" if alone else "")
+
+
+def _more_of(message: Any) -> str:
+    """Return what the only part of a message says beyond its kind and module."""
+    (part,) = getattr(message, "parts", (message,))
+    about = getattr(part, "attempt", None) or getattr(part, "moved", None) or part
+    found = []
+    if getattr(about, "generator", None) is not None:
+        found.append(f"{about.generator} at {about.at}")
+    if hasattr(part, "granted"):
+        found.append("granted" if part.granted else "lost")
+    if isinstance(getattr(part, "claim", None), str):
+        found.append(part.claim)
+    if hasattr(part, "moved") and part.moved is None:
+        found.append(f"refused: {part.why}")
+    found += [
+        f"{name} {getattr(part, name)}" for name in ("reason", "ended") if hasattr(part, name)
+    ]
+    return ", ".join(found)

@@ -1,0 +1,141 @@
+"""The wire of a run under test: a link for each process, and the rules that hold on all of them.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cubepath.coordinator.testing.commands import Guard
+from cubepath.coordinator.testing.link import Link
+from cubepath.coordinator.testing.log import What, pattern_of
+from cubepath.coordinator.testing.rules import Action, Pattern, Rule
+from cubepath.coordinator.testing.seen import Seen
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
+from cubepath.protocol.wire.sockets import is_private
+
+_OF_RULES = ("times", "after", "probability", "seed", "by", "overtaken")
+_PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
+
+
+@dataclass(slots=True, eq=False)
+class Planned:
+    """Something that happens now, or when a message comes; `at` is that message, once it has."""
+
+    pattern: Callable[[Seen], bool]
+    act: Callable[[], None]
+    at: Seen | None = None
+    done: bool = False
+
+    def do(self, at: Seen | None = None) -> None:
+        """Have it happen."""
+        self.at, self.done = at, True
+        self.act()
+
+
+class Wire:
+    """Links by the names of their processes."""
+
+    def __init__(self, *, links: bool | Collection[str]) -> None:
+        """Put links before all processes, none, or those of these names."""
+        self._wanted = links
+        self.links: dict[str, Link] = {}
+        self._guard: Guard | None = None
+
+    @property
+    def guard(self) -> Guard:
+        """Return what ends everything if this process is killed."""
+        if self._guard is None:
+            self._guard = Guard()
+        return self._guard
+
+    def way(self, name: str, endpoint: str, credentials: Credentials) -> tuple[str, Credentials]:
+        """Return where a process finds the router: at its link, if it is to have one."""
+        wanted = self._wanted
+        if name not in self.links and not (wanted if isinstance(wanted, bool) else name in wanted):
+            return endpoint, credentials
+        if name not in self.links:  # one that is started again has its link already
+            link = self.links[name] = Link(name, endpoint, credentials)
+            if is_private(link.endpoint):
+                self.guard.watch_folder(Path(link.endpoint.partition("/")[2]).parent)
+        return self.links[name].endpoint, credentials
+
+    def link_of(self, name: str) -> Link:
+        """Return the link of a process; InputError if it has none."""
+        for link in self.links.values():
+            if name in (link.name, link.speaks_as):
+                return link
+        told = ", ".join(self.links) or "none"
+        raise InputError(f"{name}: has no link, the processes that have one: {told}")
+
+    def drop(self, what: What = "", **options: Any) -> Rule:
+        """Lose messages.
+
+        Which, say the keys of `Pattern`: `kind` (or `what`), `round`, `phase`, `module`, `sender`,
+        `to`, `where`. How many, say those of `Rule`: `times`, `after`, `probability` with a `seed`.
+        With `to` a message is lost on its way to that process, and others hear it; without, nobody
+        does. Of what the coordinator says each process has a copy of its own.
+
+        InputError for unknown kinds and keys, and processes without a link.
+        """
+        return self._rule("drop", what, options)
+
+    def delay(self, seconds: float, what: What = "", **options: Any) -> Rule:
+        """Have messages come later; those behind them wait, unless `overtaken`. Keys as `drop`."""
+        return self._rule("delay", what, options | {"seconds": seconds})
+
+    def double(self, what: What = "", *, seconds: float = 0.0, **options: Any) -> Rule:
+        """Have messages come twice, the second time so many seconds later. Keys as `drop`."""
+        return self._rule("double", what, options | {"seconds": seconds})
+
+    def hold(self, what: What = "", **options: Any) -> Rule:
+        """Hold messages back until the rule is released; others pass them. Keys as `drop`."""
+        return self._rule("hold", what, options)
+
+    def reorder(self, what: What = "", *, by: int = 1, **options: Any) -> Rule:
+        """Have messages overtaken by so many that come after them. Keys as `drop`."""
+        return self._rule("reorder", what, options | {"by": by})
+
+    def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
+        ours = {key: options.pop(key) for key in (*_OF_RULES, "seconds") if key in options}
+        strange = options.keys() - set(Pattern.__slots__)
+        if strange:
+            known = ", ".join((*Pattern.__slots__, *_OF_RULES))
+            raise InputError(f"{min(strange)}: expected one of {known}")
+        pattern = pattern_of(what, **options)
+        if not self.links:
+            raise InputError(f"{action}: no process has a link, expected links=True")
+        to, sender = self._named(pattern.to), self._speaks_as(self._named(pattern.sender))
+        if to is not None and (to in self.links or to.startswith(_PROCESS_LIKE)):
+            pattern = replace(pattern, to=None, sender=sender)
+            return self.link_of(to).add(Rule(action=action, pattern=pattern, **ours), ("down",))
+        told = frozenset(link.speaks_as for link in self.links.values())
+        rule = Rule(action=action, pattern=replace(pattern, sender=sender), told=told, **ours)
+        for link in self.links.values():
+            link.add(rule)
+        return rule
+
+    def _named(self, who: str | int | None) -> str | None:
+        """Return the name of a process that is given by its name or one of its modules."""
+        return None if who is None else str(who)
+
+    def _speaks_as(self, name: str | None) -> str | None:
+        """Return the name in keys of a process that is given by that of its link."""
+        return self.links[name].speaks_as if name in self.links else name
+
+    def clear(self) -> None:
+        """Take all rules away, and heal all links."""
+        for link in self.links.values():
+            link.clear()
+
+    def close_links(self, around: Callable[[Callable[[], None]], object]) -> None:
+        """Have all links taken away, and the guard told that all is well."""
+        if self._guard is not None:
+            around(self._guard.close)
+        for link in self.links.values():
+            around(link.close)

@@ -1,0 +1,161 @@
+"""Commands of others: told by their lines, and ended with all that they have started."""
+
+from __future__ import annotations
+
+import doctest
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cubepath.coordinator.testing import commands
+from cubepath.coordinator.testing.commands import Command, Guard
+from cubepath.protocol.core.errors import CheckError, InputError
+
+pytestmark = pytest.mark.slow
+ENOUGH_S = 30.0
+FAMILY = """
+import os, subprocess, sys, time
+# One in a session of its own, whose parent is gone at once, and one that ignores what it can.
+child = subprocess.Popen([sys.executable, "-c", "import subprocess;"
+    "print(subprocess.Popen(['sleep', '1000'], start_new_session=True).pid)"])
+child.wait()
+import signal
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+print(os.getpid(), subprocess.Popen(["sleep", "1000"]).pid, "all there")
+time.sleep(1000)
+"""
+
+
+def is_there(pid: int) -> bool:
+    """Return whether a process is running."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def gone(*pids: int) -> bool:
+    """Wait until processes are gone; return whether they are."""
+    end = time.monotonic() + ENOUGH_S
+    while any(map(is_there, pids)) and time.monotonic() < end:
+        time.sleep(0.02)
+    return not any(map(is_there, pids))
+
+
+def family(command: Command) -> list[int]:
+    """Return the process ids of all that the command has started."""
+    first = int(command.says(r"^(\d+)$")[1])
+    found = command.says(r"^(\d+) (\d+) all there$")
+    return [first, int(found[1]), int(found[2])]
+
+
+@pytest.mark.parametrize("how", ["closed", "killed", "an exception"])
+def test_nothing_is_left_of_a_command(how: str) -> None:
+    """Nor of what it has started, in whatever session and with whatever parent."""
+    command = Command([sys.executable, "-c", FAMILY])
+    pids = family(command)
+    assert all(map(is_there, pids))
+    if how == "closed":
+        command.close()
+    elif how == "killed":
+        command.signal()
+        assert command.wait() == -signal.SIGKILL
+    else:
+        with pytest.raises(ZeroDivisionError), command:
+            print(1 // 0)
+    assert gone(*pids)
+    command.close()
+
+
+OWNER = """
+import os, signal, sys, time
+from cubepath.coordinator.testing.commands import Command, Guard
+guard = Guard()
+stopped = Command(["sleep", "1000"])
+command = Command([sys.executable, "-c", sys.argv[1]])
+found = command.says("all there")
+paused = os.fork()
+if not paused:
+    os.execvp("sleep", ["sleep", "1000"])
+os.kill(paused, signal.SIGSTOP)
+guard.watch(paused)
+guard.watch_folder(sys.argv[2])
+time.sleep(0.2)
+print(command.out.split()[0], *command.says(r"(\\d+) (\\d+) all").groups(), stopped.pid, paused)
+sys.stdout.flush()
+time.sleep(1000)
+"""
+
+
+def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
+    """Its commands are ended, what it watched too, standing still, and its folder is gone."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    owner = subprocess.Popen(
+        [sys.executable, "-c", OWNER, FAMILY, str(folder)], stdout=subprocess.PIPE, text=True
+    )
+    assert owner.stdout is not None
+    with owner.stdout:
+        pids = [int(pid) for pid in owner.stdout.readline().split()]
+        assert len(pids) == 5
+        assert all(map(is_there, pids))
+        owner.kill()
+        owner.wait()
+    assert gone(*pids)
+    end = time.monotonic() + ENOUGH_S
+    while folder.exists() and time.monotonic() < end:
+        time.sleep(0.02)
+    assert not folder.exists()
+
+
+def test_a_guard_that_is_closed_harms_nobody(tmp_path: Path) -> None:
+    """What it watched goes on."""
+    guard = Guard()
+    guard.watch(os.getpid())
+    guard.close()
+    with Command("sleep 1000") as command:
+        guard = Guard()
+        guard.watch(command.pid)
+        guard.close()
+        assert is_there(command.pid)
+
+
+def test_a_command_is_told_by_its_lines_and_its_end() -> None:
+    """Of both streams; what did not come is told with what came instead."""
+    text = "import sys; print('one'); print('two', file=sys.stderr); sys.exit(3)"
+    with Command([sys.executable, "-c", text], name="mine") as command:
+        assert command.says("tw(.)")[1] == "o"
+        assert command.wait() == command.returncode == 3
+        assert (command.out, command.err) == ("one", "two")
+        with pytest.raises(
+            CheckError, match=r"^mine says 'three': it ended \(3\); stdout: one; stderr: two$"
+        ):
+            command.says("three")
+    with Command("sleep 1000") as command:
+        with pytest.raises(CheckError, match=r"^sleep did not end within 0.1 s; stdout: nothing"):
+            command.wait(0.1)
+        with pytest.raises(CheckError, match=r"^sleep says 'x': it did not within 0.1 s; "):
+            command.says("x", 0.1)
+
+
+@pytest.mark.parametrize(
+    ("command", "line"),
+    [
+        ([], "command: is empty, expected a program and its arguments"),
+        ("no-such-program now", "command: no-such-program: No such file or directory"),
+    ],
+)
+def test_a_command_that_cannot_be_started_is_one_line(command: str, line: str) -> None:
+    """As everywhere."""
+    with pytest.raises(InputError, match=f"^{line}$"):
+        Command(command)
+
+
+def test_the_example_holds() -> None:
+    """Of the docstring."""
+    assert not doctest.testmod(commands).failed

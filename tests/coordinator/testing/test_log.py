@@ -1,0 +1,156 @@
+"""Assertions on the log: what holds passes, what does not is shown with the messages around it."""
+
+from __future__ import annotations
+
+import doctest
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec.structs import replace as with_fields
+
+from command_line import GOLDEN
+from cubepath.coordinator.testing import log as log_module
+from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.rules import Pattern
+from cubepath.coordinator.testing.tables import ROWS_MAX, table
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.wire.messages import Claim, Report
+from recordings import all_edited, parts, recorded
+
+pytestmark = pytest.mark.slow
+
+LOGS = sorted(GOLDEN.glob("*.mcap"))
+LINES_MAX, LINE_MAX = 2 * ROWS_MAX, 400
+
+
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
+def test_a_golden_log_is_legal_and_the_same_as_itself(path: Path) -> None:
+    """With rounds and without; its claims are the moves that were executed, and those lost."""
+    log = Log.read(path)
+    log.assert_legal()
+    log.assert_same_run(Log.read(path))
+    log.assert_same_run(Log.read(path), homotopic=True)
+    granted = {(each.round, each.module, each.generator) for each in log.grants()}
+    assert granted == {(each.round, each.module, each.generator) for each in log.moves}
+    assert len(log.claims()) == len(log.grants()) + len(log.losses())
+    if log.goal_reached:
+        log.assert_goal()
+
+
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
+def test_every_message_has_a_line(path: Path) -> None:
+    """Its kind is that of its topic, its sender that of its key, and what it says is short."""
+    log = Log.read(path)
+    for seen, record in zip(log.all_messages, log.recording.records, strict=True):
+        assert f"{seen.kind}/{seen.sender}" == record.topic
+        assert len(table([seen]).splitlines()) == 2
+
+
+def test_claims_are_those_of_the_reports() -> None:
+    """Another way to them: module by module, from what each reported at the end of each round."""
+    recording = recorded("agv:graph=grid4x4,n=6", rounds=12)
+    log = Log(recording)
+    reported = {
+        (each.round, each.module, each.claim)
+        for each in parts(recording, "report")
+        if isinstance(each, Report) and each.claim != "none"
+    }
+    assert log.losses()
+    assert {(each.round, each.module, each.result) for each in log.claims()} == reported
+    for module in range(6):
+        assert log.claims(module) == [each for each in log.claims() if each.module == module]
+    first = log.claims()[0]
+    assert log.claims(first.module, first.round, first.result) == [first]
+
+
+def fails(check: Callable[[], object], line: str) -> str:
+    """Check that something fails with this line first, and shows a table of bounded size."""
+    with pytest.raises(AssertionError) as found:
+        check()
+    text = str(found.value)
+    assert re.search(line, text.splitlines()[0]), text
+    assert len(text.splitlines()) <= LINES_MAX
+    assert max(map(len, text.splitlines())) <= LINE_MAX
+    assert re.search(r"^ +round +phase +kind +from +to +what$", text, re.MULTILINE)
+    return text
+
+
+def test_what_is_not_legal_is_shown_where_it_is() -> None:
+    """A verdict that was changed, with the messages of that module in that round."""
+    recording = recorded("agv:graph=grid4x4,n=6", rounds=12)
+    lost = Log(recording).losses()[0]
+
+    def elsewhere(part: Claim) -> Claim:
+        chosen = (part.round, part.module) == (lost.round, lost.module)
+        return with_fields(part, at=[0, 99]) if chosen else part
+
+    text = fails(
+        Log(all_edited(recording, "claim", elsewhere)).assert_legal, "the log is not legal"
+    )
+    assert f"round {lost.round}" in text
+    assert re.search(rf"^  > {lost.round} .* process_\d", text, re.MULTILINE)
+
+
+def test_a_goal_that_is_not_reached_names_who_stands_elsewhere() -> None:
+    """After how many rounds, and where they stand."""
+    log = Log(recorded("hex:n=4", "chain", rounds=2))
+    fails(log.assert_goal, r"^the goal is not reached after 2 rounds: module_0 at ")
+
+
+def test_runs_that_differ_are_shown_where_they_first_do() -> None:
+    """The moves of both in that round."""
+    one, other = (Log(recorded("agv:graph=grid4x4,n=6", seed=seed, rounds=6)) for seed in (0, 1))
+    text = fails(lambda: one.assert_same_run(other), r"^not the same run: ")
+    assert re.search(r"^  round \d+, first: module_\d edge at", text, re.MULTILINE)
+    fails(lambda: one.assert_same_run(other, homotopic=True), r"^not homotopic: ")
+
+
+def test_rounds_that_commute_may_be_swapped() -> None:
+    """The same moves in other rounds are the same run."""
+    one = Log(recorded("hex:n=6", "chain", rounds=100))
+    other = Log(recorded("hex:n=6", "chain", hesitate=0.4, seed=3, rounds=200))
+    assert one.rounds != other.rounds
+    one.assert_same_run(other)
+
+
+def test_order_and_counts() -> None:
+    """By kinds or patterns; what is missing is told."""
+    log = Log(recorded("agv:graph=grid4x4,n=6", rounds=4))
+    log.assert_order("claim", Pattern(kind="report", round=1))
+    log.assert_count(4, "report", module=3)
+    log.assert_count(range(1, 5), "claim", round=1)
+    fails(lambda: log.assert_order("report", "claim"), "^'claim' comes before 'report': message ")
+    fails(lambda: log.assert_order("act", "claim"), "^no message is 'act', expected one")
+    fails(
+        lambda: log.assert_count(3, "report", module=3),
+        "^4 messages are 'kind=report, module=3', expected 3$",
+    )
+    fails(lambda: log.assert_count(range(5, 9), "reset"), "^0 messages .*, expected 5 to 8$")
+    fails(
+        lambda: log.assert_claimed(2, 99),
+        r"^module_2 made no claim in round 99: round \d+: edge at ",
+    )
+    found = log.claims(2)[0]
+    log.assert_claimed(2, found.round, found.result)
+    with pytest.raises(InputError, match=r"^kind=reports_: expected one of"):
+        log.count("reports_")
+
+
+@given(st.integers(0, 200), st.integers(0, 250))
+def test_a_table_has_few_lines_and_those_around_the_place(count: int, place: int) -> None:
+    """However many messages there are; the one that is marked is among them."""
+    messages = (Log.read(LOGS[0]).all_messages * 5)[:count] if count else ()
+    marked = [place] if place < count else []
+    lines = table(messages, marked).splitlines()
+    assert len(lines) <= ROWS_MAX + 2
+    assert sum(line.startswith("  >") for line in lines) == len(marked)
+
+
+def test_the_example_holds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the docstring."""
+    monkeypatch.chdir(Path(__file__).parents[3])
+    assert not doctest.testmod(log_module).failed

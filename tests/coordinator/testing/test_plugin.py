@@ -1,0 +1,270 @@
+"""The plugin for pytest, as a project that uses it has it: in processes of pytest of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cubepath.coordinator.testing.plugin import seeds_in
+
+pytestmark = pytest.mark.slow
+ENOUGH_S = 110.0
+
+
+def outcome_of(
+    folder: Path, text: str = "", *options: str, conftest: str = ""
+) -> subprocess.CompletedProcess[str]:
+    """Run pytest in a project with one file of tests; temporary files go to the project."""
+    return subprocess.run(
+        command(folder, text, *options, conftest=conftest),
+        cwd=folder,
+        env={**os.environ, "TMPDIR": str(folder), "PYTEST_ADDOPTS": ""},
+        capture_output=True,
+        text=True,
+        timeout=ENOUGH_S,
+        check=False,
+    )
+
+
+def command(folder: Path, text: str, *options: str, conftest: str = "") -> list[str]:
+    """Write a project and return the command that tests it."""
+    (folder / "pytest.ini").write_text("[pytest]\n")
+    (folder / "conftest.py").write_text(conftest)
+    if text:
+        (folder / "test_mine.py").write_text(text)
+    return [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-q", *options]
+
+
+LOADED = """
+import sys
+def pytest_unconfigure(config):
+    heavy = {"zenoh", "numba", "numpy", "msgspec", "hypothesis", "mcap", "matplotlib"}
+    print("LOADED", sorted(heavy & set(sys.modules)))
+"""
+
+
+def test_nothing_heavy_is_imported_before_a_fixture_is_asked_for(tmp_path: Path) -> None:
+    """In a project that has no tests of cubepath, with the plugin in it."""
+    bare = ("--collect-only", "-p", "no:hypothesispytest", "-p", "no:randomly")
+    found = outcome_of(tmp_path, "", *bare, conftest=LOADED)
+    assert "LOADED []" in found.stdout
+    assert "cubepath_run" in outcome_of(tmp_path, "", "--fixtures").stdout
+
+
+WITHOUT_PYTEST = """
+import importlib, sys
+sys.modules["pytest"] = None
+for face in ("protocol", "agents", "coordinator", "coordinator.testing"):
+    found = importlib.import_module(f"cubepath.{face}")
+    for name in found.__all__:
+        getattr(found, name)
+from cubepath.coordinator.commands.main import main
+sys.exit(main(["systems", "--json"]))
+"""
+
+
+def test_cubepath_works_without_pytest() -> None:
+    """Every public name, and the command line."""
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_PYTEST], capture_output=True, check=False, timeout=ENOUGH_S
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_without_hypothesis_the_strategies_say_so() -> None:
+    """In one line, with what to install."""
+    text = "import sys; sys.modules['hypothesis'] = None; from cubepath.coordinator.testing import "
+    done = subprocess.run(
+        [sys.executable, "-c", text + "faults"], capture_output=True, text=True, check=False
+    )
+    last = done.stderr.strip().splitlines()[-1]
+    assert last.endswith("strategies take hypothesis: pip install 'cubepath[testing]'")
+    subprocess.run([sys.executable, "-c", text + "Rig"], check=True)
+
+
+SEEDS = """
+import pytest
+def test_plain(cubepath_seed):
+    assert cubepath_seed in (0, 7, 8)
+@pytest.mark.cubepath(seeds=[3, 5])
+def test_marked(cubepath_seed):
+    assert cubepath_seed in (3, 5, 7, 8)
+def test_other():
+    pass
+"""
+
+
+def ids(folder: Path, *options: str) -> list[str]:
+    """Return the tests that are collected."""
+    text = outcome_of(folder, SEEDS, "--collect-only", *options).stdout
+    return re.findall(r"^test_mine.py::(\S+)$", text, re.MULTILINE)
+
+
+def test_seeds_are_those_asked_for(tmp_path: Path) -> None:
+    """On the command line, else by the marker, else in the ini; else 0, which has no name."""
+    marked = ["test_marked[seed3]", "test_marked[seed5]"]
+    assert ids(tmp_path, "-p", "no:randomly") == ["test_plain", *marked, "test_other"]
+    both = [f"{name}[seed{seed}]" for name in ("test_plain", "test_marked") for seed in (7, 8)]
+    assert ids(tmp_path, "-p", "no:randomly", "--cubepath-seeds=7..8") == [*both, "test_other"]
+    ini = ids(tmp_path, "-p", "no:randomly", "-o", "cubepath_seeds=7,8")
+    assert ini == [*both[:2], *marked, "test_other"]
+    assert "4 passed" in outcome_of(tmp_path, SEEDS).stdout
+    wrong = outcome_of(tmp_path, SEEDS, "--cubepath-seeds=x")
+    assert "cubepath-seeds=x: expected a number, or as 3..9, or as 1,4,7" in wrong.stderr
+    wrong = outcome_of(tmp_path, SEEDS, "--cubepath-timeout=never")
+    assert "cubepath-timeout=never: expected seconds, less than 3600" in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "seeds"), [("3", [0, 1, 2]), ("3..5", [3, 4, 5]), ("4,1", [4, 1]), ("0..0", [0])]
+)
+def test_seeds_are_read(text: str, seeds: list[int]) -> None:
+    """A number, a range or a list."""
+    assert seeds_in(text) == seeds
+
+
+@pytest.mark.parametrize("text", ["", "0", "-1", "5..3", "a", "1,", "1;2"])
+def test_no_seeds_are_an_error(text: str) -> None:
+    """With what is expected."""
+    with pytest.raises(pytest.UsageError, match=r"expected a number, or as 3\.\.9, or as 1,4,7$"):
+        seeds_in(text)
+
+
+FAILS = """
+import pytest
+@pytest.mark.cubepath(max_rounds=3, links=False)
+def test_run(cubepath_run, cubepath_simulate):
+    rig = cubepath_run("hex:n=3", "random", processes=0)
+    assert rig.play().rounds == 3
+    rig = cubepath_run("hex:n=3", processes=0, max_rounds=100)
+    rig.until_goal()
+    rig.finish().assert_goal()
+    assert rig.run.plan.seed == 4
+    cubepath_simulate("hex:n=3", processes=1)
+    if "{fails}":
+        from cubepath.coordinator.testing import fault
+        cubepath_simulate("hex:n=3", faults=[fault("loss", "process_0 up", 1)], check=True)
+        assert rig.moves < 0
+"""
+
+
+def test_a_test_that_fails_keeps_its_recordings_and_names_them(tmp_path: Path) -> None:
+    """Under xdist as well; one that passes says nothing. Options come from the marker."""
+    failing = FAILS.replace("{fails}", "yes")
+    found = outcome_of(tmp_path, failing, "-n1", "--cubepath-seeds=4..4", "--basetemp=base").stdout
+    logs = re.findall(r"^recording (\S+\.mcap): hex:n=3, seed 4, round \d+", found, re.MULTILINE)
+    assert len(logs) == 2, found
+    assert [Path(log).name for log in logs] == ["run.mcap", "run-2.mcap"]
+    assert all(Path(log).is_file() for log in logs)
+    assert "cubepath info FILE" in found
+    passing = FAILS.replace("{fails}", "")
+    found = outcome_of(
+        tmp_path, passing, "--cubepath-seeds=4..4", "--cubepath-logs=kept", "-p", "no:randomly"
+    ).stdout
+    assert "1 passed" in found
+    assert "recording" not in found
+    kept = sorted(path.name for path in (tmp_path / "kept").iterdir())
+    assert kept == [
+        "test_mine.py-test_run-seed4-run-2.mcap",
+        "test_mine.py-test_run-seed4-run.mcap",
+    ]
+
+
+LEAVES = """
+import os, signal, sys, time
+from pathlib import Path
+import pytest
+def test_leaves(cubepath_run, request):
+    command = [sys.executable, "-I", {own!r}, "{{endpoint}}", "1"]
+    one = cubepath_run("agv-labelled:graph=grid10x4,n=4", commands=[command])
+    one.step(2)
+    other = cubepath_run("hex:n=4", "random", clock="free", max_rounds=10**6, keepers=1)
+    other.until_moves(2)
+    other.pause("process_0")
+    told = [os.getpid(), *one.pids.values(), *other.pids.values()]
+    path = Path({pids!r})
+    path.with_suffix(".new").write_text(" ".join(map(str, told)))
+    path.with_suffix(".new").rename(path)
+    {ending}
+"""
+OWN = str(Path(__file__).parents[2] / "own_module.py")
+THOROUGH = pytest.mark.thorough
+ENDINGS = [
+    pytest.param("raise KeyError('x')", (), 0, id="exception", marks=THOROUGH),
+    pytest.param("pass", (), 0, id="none", marks=THOROUGH),
+    pytest.param("time.sleep(100)", ("-n1",), signal.SIGKILL, id="killed worker"),
+    pytest.param("time.sleep(100)", (), signal.SIGINT, id="interrupt", marks=THOROUGH),
+    pytest.param("time.sleep(100)", (), signal.SIGTERM, id="terminated", marks=THOROUGH),
+    pytest.param("os._exit(3)", (), 0, id="exit", marks=THOROUGH),
+    pytest.param("pytest.exit('no more')", (), 0, id="pytest.exit", marks=THOROUGH),
+    pytest.param(
+        "time.sleep(100)", ("--timeout=45", "--timeout-method=signal"), 0, id="timeout",
+        marks=THOROUGH,
+    ),
+    pytest.param(
+        "time.sleep(100)", ("--timeout=45", "--timeout-method=thread"), 0, id="timeout thread",
+        marks=THOROUGH,
+    ),
+    pytest.param(
+        "other.until('act', timeout_s=100)", ("-x",), signal.SIGINT, id="while waiting",
+        marks=THOROUGH,
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("ending", "options", "number"), ENDINGS)
+def test_nothing_is_left_running_however_a_test_ends(
+    ending: str, options: tuple[str, ...], number: int, tmp_path: Path
+) -> None:
+    """Our processes, one that stands still, and those of others; sockets neither."""
+    (tmp_path / "t").mkdir()
+    told = tmp_path / "pids"
+    text = LEAVES.format(own=OWN, pids=str(told), ending=ending)
+    with subprocess.Popen(
+        command(tmp_path, text, *options),
+        cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(tmp_path / "t"), "PYTEST_ADDOPTS": ""},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    ) as child:
+        until(lambda: told.exists() or child.poll() is not None)
+        if not told.exists():
+            child.kill()
+            raise AssertionError(child.communicate()[0])
+        pids = [int(pid) for pid in told.read_text().split()]
+        if number:
+            os.kill(pids[0], number)
+        try:
+            output, _ = child.communicate(timeout=ENOUGH_S)
+        finally:
+            child.kill()
+    assert len(pids) == 9
+    until(lambda: not any(map(is_there, pids)))
+    left = [pid for pid in pids if is_there(pid)]
+    assert not left, output
+    until(lambda: not list((tmp_path / "t").glob("cubepath-*")))
+    assert not list((tmp_path / "t").glob("cubepath-*")), output
+
+
+def until(what: object, patience_s: float = 40.0) -> None:
+    """Wait until something holds, or for long."""
+    assert callable(what)
+    end = time.monotonic() + patience_s
+    while not what() and time.monotonic() < end:
+        time.sleep(0.05)
+
+
+def is_there(pid: int) -> bool:
+    """Return whether a process is running."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False

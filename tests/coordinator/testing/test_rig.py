@@ -1,0 +1,219 @@
+"""Runs under test: awaited, wounded, with processes of others; what fails tells what was seen."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.testing.fixtures import StartRun
+from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.rules import Pattern
+from cubepath.coordinator.testing.seen import Seen
+from cubepath.protocol.core.errors import CheckError, InputError
+
+pytestmark = pytest.mark.slow
+SYSTEM = "hex:n=5"
+VEHICLES = "agv-labelled:graph=grid10x4,n=4"
+OWN = [sys.executable, "-I", str(Path(__file__).parents[2] / "own_module.py"), "{endpoint}", "1"]
+
+
+@pytest.fixture(scope="module")
+def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """Return the digest of the path in one process, without a link."""
+    return run(SYSTEM, processes=0, log=tmp_path_factory.mktemp("a") / "a.mcap").path_digest
+
+
+def reached(rig: Rig) -> str:
+    """Play to the end, check everything, and return the digest of the path."""
+    outcome = rig.play(timeout_s=60)
+    log = rig.finish()
+    log.assert_legal()
+    log.assert_goal()
+    return outcome.path_digest
+
+
+Wound = Callable[[Rig], Any]
+LONG: Any = pytest.mark.thorough
+WOUNDS: list[Any] = [
+    pytest.param(lambda rig: rig.double("said"), id="doubled", marks=LONG),
+    pytest.param(lambda rig: rig.drop("ready", sender="process_1", times=2), id="lost"),
+    pytest.param(
+        lambda rig: rig.drop("go", to=0, round=3, phase="claim", times=1), id="go lost", marks=LONG
+    ),
+    pytest.param(lambda rig: rig.drop(probability=0.01, seed=5), id="by chance", marks=LONG),
+    pytest.param(lambda rig: rig.delay(0.02, sender="process_0", times=20), id="late", marks=LONG),
+    pytest.param(lambda rig: rig.reorder("said", by=3), id="overtaken", marks=LONG),
+    pytest.param(lambda rig: rig.pause(0, at="claim", seconds=0.3), id="paused"),
+    pytest.param(
+        lambda rig: rig.cut_off("process_1", at=3, seconds=0.3, keep=True),
+        id="cut off",
+        marks=LONG,
+    ),
+]
+
+
+@pytest.mark.parametrize("wound", WOUNDS)
+def test_a_run_with_rounds_tolerates_it(wound: Wound, cubepath_run: StartRun, digest: str) -> None:
+    """The path is the one of a run in one process, and something did happen."""
+    rig = cubepath_run(SYSTEM)
+    done = wound(rig)
+    assert reached(rig) == digest
+    assert getattr(done, "count", 0) or getattr(done, "done", False)
+
+
+def test_ten_lines_kill_a_module(cubepath_run: StartRun) -> None:
+    """Without rounds; it is started again, and the goal is reached."""
+    rig = cubepath_run(SYSTEM, clock="free")
+    rig.until_moves(4)
+    rig.kill("process_1")
+    rig.restart("process_1")
+    rig.until_goal()
+    rig.finish().assert_legal()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["keeper_1", "process_0"])
+def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: StartRun) -> None:
+    """Paused, cut off for a while, killed and started again, with links that lose."""
+    rig = cubepath_run("hex:n=7", clock="free", keepers=2)
+    lost = rig.drop("shows", probability=0.2)
+    rig.until_moves(3)
+    rig.pause(name, seconds=0.5)
+    rig.until_moves(6)
+    rig.cut_off(name)
+    healed = rig.heal(name, at="turns")
+    rig.until(lambda _: healed.done)
+    rig.kill(name, at="moved")
+    rig.until(lambda _: name not in rig.pids)
+    rig.restart(name)
+    rig.until_goal()
+    rig.finish().assert_legal()
+    assert lost.count
+
+
+def test_processes_of_others_take_part(cubepath_run: StartRun) -> None:
+    """They are named and wounded as ours are, by a name or by one of their modules."""
+    rig = cubepath_run(VEHICLES, seed=2, commands={"mine": OWN})
+    assert rig.name_of(1) == rig.name_of("module_1") == "mine"
+    deaf = rig.drop("said", to=1, times=2)
+    mute = rig.drop("reports", sender="mine", round=7)
+    paused = rig.pause(1, at=5, seconds=0.3)
+    mute.times = 1
+    reached_by = reached(rig)
+    assert (deaf.count, mute.count) == (2, 1)
+    assert {each.sender for each in mute.met} == {"process_0"}
+    assert paused.done
+    assert rig.commands["mine"].wait() == 0
+    again = cubepath_run(VEHICLES, seed=2, commands=[OWN], links=False)
+    assert again.play().path_digest == reached_by
+    assert list(again.commands) == ["own_0"]
+
+
+def test_messages_and_states_are_awaited(cubepath_run: StartRun) -> None:
+    """A message that comes from now on is returned."""
+    rig = cubepath_run(VEHICLES, seed=2)
+    rig.step(2)
+    assert rig.round == 2
+    claim = rig.until("claim", module=1)
+    assert isinstance(claim, Seen)
+    assert (claim.kind, claim.round) == ("said", rig.round)
+    assert 1 in claim.modules
+    rig.until(lambda each: each.round >= 5 and each.moves > 3)
+    rig.until_round(7)
+    assert rig.sites == rig.run.sites
+    log = rig.finish()
+    assert rig.outcome.ended == "interrupted"
+    log.assert_legal()
+    log.assert_count(range(1, 99), "claim", module=1)
+
+
+def failing(act: Callable[[], object], line: str) -> str:
+    with pytest.raises(AssertionError, match=line) as found:
+        act()
+    return str(found.value)
+
+
+def test_what_does_not_come_is_told_with_what_came(cubepath_run: StartRun) -> None:
+    """How the run stands, each process with its modules, and the last messages."""
+    rig = cubepath_run(SYSTEM, timeout_s=3.0)
+    rig.step(3)
+    rig.cut_off(0)
+    text = failing(rig.until_goal, r"^the run ended before: the goal\nround 3, 3 moves, goal not")
+    assert "the run has ended, failed: no answer within 3 s to phase sense of round 4" in text
+    assert "process_0: process id " in text
+    assert ", modules 0, 1, its link is cut (lost)\n" in text
+    assert "the last messages:\n" in text
+    rig = cubepath_run("hex:n=4", "random", clock="free", timeout_s=1.0, patience=20.0)
+    failing(lambda: rig.until("act"), r"^not within 1 s: a message with kind=act\nlevel \d+, ")
+    os.kill(rig.pids["process_1"], signal.SIGKILL)
+    failing(
+        lambda: rig.until("act", timeout_s=20),
+        r"^while waiting for a message with kind=act: process_1 has died \(killed by signal 9\)",
+    )
+
+
+def test_what_a_command_said_is_told(cubepath_run: StartRun) -> None:
+    """A process of others that ends by itself ends the run, and its last words are shown."""
+    text = (
+        "import sys, time, zenoh, runpy; sys.argv = ['x', *sys.argv[2:]];"
+        f"print('here', file=sys.stderr); runpy.run_path({OWN[2]!r}, run_name='__main__')"
+    )
+    command = [sys.executable, "-c", text, "-", "{endpoint}", "1"]
+    rig = cubepath_run(VEHICLES, commands={"mine": command}, timeout_s=20)
+    rig.kill("mine", at=2)
+    found = failing(rig.until_goal, "^the run ended before: the goal")
+    assert "died in round 2" in found or "died in round 1" in found
+    assert "mine: process id " in found
+    assert "stderr: here" in found
+
+
+def test_with_rounds_nobody_is_started_again(cubepath_run: StartRun) -> None:
+    """One line says so."""
+    rig = cubepath_run(SYSTEM)
+    with pytest.raises(InputError, match=r"^process_1: started again only in runs without rounds"):
+        rig.restart("process_1")
+
+
+def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
+    """With what there is."""
+    rig = cubepath_run(SYSTEM)
+    wrong: list[tuple[Callable[[], object], str]] = [
+        (lambda: rig.kill("process_9"), "process_9: expected one of process_0, process_1, "),
+        (lambda: rig.cut_off("router"), "router: has no link, the processes that have one: "),
+        (lambda: rig.drop("said", to="process_7"), "process_7: has no link, "),
+        (lambda: rig.drop("calim"), "kind=calim: expected one of "),
+        (lambda: rig.drop(process=1), "process: expected one of kind, round, "),
+        (lambda: rig.kill(9), "module_9: expected module_0 to module_4"),
+        (lambda: cubepath_run(SYSTEM, commands="x"), "commands=x: expected a list, or names"),
+    ]
+    for act, line in wrong:
+        with pytest.raises(InputError, match=f"^{line}"):
+            act()
+
+
+def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str) -> None:
+    """Rules need one; named processes have one alone."""
+    rig = cubepath_run(SYSTEM, links=False)
+    with pytest.raises(InputError, match=r"^drop: no process has a link, expected links=True$"):
+        rig.drop("said")
+    assert not rig.links
+    rig = cubepath_run(SYSTEM, links=["process_1"])
+    assert list(rig.links) == ["process_1"]
+    assert reached(rig) == digest
+
+
+def test_a_rule_that_raises_fails_the_test(tmp_path: Path) -> None:
+    """When the run is closed, if nothing else has failed."""
+    with (
+        pytest.raises(CheckError, match=r"^a rule of the link of process_\d raised ZeroDivision"),
+        Rig(SYSTEM, log=tmp_path / "a.mcap") as rig,
+    ):
+        rig.drop(Pattern(where=lambda _: 1 // 0 > 0))
+        rig.step(1)

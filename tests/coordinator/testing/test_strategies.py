@@ -1,0 +1,132 @@
+"""Strategies of faults and of runs with faults: what they draw holds, and what fails shrinks."""
+
+from __future__ import annotations
+
+import doctest
+from typing import Any
+
+import pytest
+from hypothesis import find, given, settings
+from hypothesis import strategies as st
+
+from cubepath.coordinator.simulation.faults import ENDING, KINDS
+from cubepath.coordinator.simulation.free_faults import FREE_KINDS
+from cubepath.coordinator.testing import strategies, trials
+from cubepath.coordinator.testing.strategies import faults, scenarios
+from cubepath.coordinator.testing.trials import Trial, fault, trial_of
+from cubepath.protocol.core.errors import InputError
+from planted import ForgetsCounts, IsDeaf, Raises
+
+pytestmark = pytest.mark.slow
+SMALL = ["agv:graph=C6,n=2", "hex:n=3"]
+
+
+@given(scenarios(SMALL))
+@settings(max_examples=30)
+def test_what_is_tolerated_changes_nothing(trial: Trial) -> None:
+    """The path is the same, and the log legal; two systems with their own rules."""
+    found = trial.check()
+    assert found.goal_reached
+    found.log.assert_legal()
+
+
+@given(scenarios("hex:n=3", clock="free", most=4))
+@settings(max_examples=15)
+def test_runs_without_rounds_hold_under_all_faults(trial: Trial) -> None:
+    """Crashes among them."""
+    trial.check()
+
+
+@given(scenarios("hex:n=3", endings=True))
+@settings(max_examples=15)
+def test_a_run_that_a_fault_ends_says_so(trial: Trial) -> None:
+    """Whoever was struck is named: that is part of what a trial checks."""
+    found = trial.check()
+    ended = any(fault.kind in ENDING for fault in found.fired)
+    assert ended or found.goal_reached
+
+
+@given(st.sampled_from(["lockstep", "free"]), st.data())
+def test_what_is_drawn_can_come_to_pass(clock: Any, data: st.DataObject) -> None:
+    """Each kind at a place where there is such a thing, one at a place and count."""
+    known = FREE_KINDS if clock == "free" else set(KINDS) - ENDING
+    found = data.draw(faults(clock=clock, processes=3, most=12))
+    assert {fault.kind for fault in found} <= set(known)
+    assert len({(fault.where, fault.nth) for fault in found}) == len(found)
+    assert sum(fault.amount_us for fault in found if clock == "lockstep") < 30_000_000
+
+
+@pytest.mark.parametrize(
+    ("bug", "kinds"),
+    [
+        (Raises, ["loss"]),
+        pytest.param(Raises, None, marks=pytest.mark.thorough),
+        pytest.param(ForgetsCounts, None, marks=pytest.mark.thorough),
+    ],
+)
+def test_a_failing_run_shrinks_to_one_fault(bug: Any, kinds: list[str] | None) -> None:
+    """Early, and in a small run: what hypothesis shows is what one would write by hand."""
+
+    def fails(trial: Trial) -> bool:
+        return trial.play(bug).run.failure is not None
+
+    found = find(
+        scenarios("agv:graph=C6,n=2", kinds=kinds, most=3 if kinds else 8),
+        fails,
+        settings=settings(max_examples=300, database=None),
+    )
+    assert len(found.faults) <= 1
+    assert found.scenario.seed == 0
+    assert found.scenario.hesitate == 0.0
+    with pytest.raises(AssertionError) as told:
+        found.check(bug)
+    text = str(told.value)
+    assert "system agv:graph=C6,n=2, rule tswap, seed 0, " in text
+    assert text.count("fault: ") == len(found.play(bug).fired)
+    assert len(text.splitlines()) < 30
+
+
+def test_a_trial_is_the_same_run_each_time() -> None:
+    """Bit for bit, whatever was done before."""
+    struck = [fault("loss", "process_0 up", 3), fault("router", "router", 9, 0.005)]
+    trial = trial_of("hex:n=4", faults=struck)
+    one, other = trial.play(), trial.play()
+    assert one.log.recording.records == other.log.recording.records
+    assert {fault.kind for fault in one.fired} == {"loss", "router"}
+
+
+def test_a_node_of_ones_own_is_tried_as_any_other() -> None:
+    """A deaf one ends the run, and the text says who it was."""
+    with pytest.raises(AssertionError, match="tolerable faults ended it"):
+        trial_of("hex:n=3", processes=1).check(IsDeaf)
+
+
+@pytest.mark.parametrize(
+    ("make", "line"),
+    [
+        (lambda: faults(kinds=["rain"]), "fault rain: expected one of delay, "),
+        (lambda: faults(kinds=["torn"]), "fault torn: expected one of delay, "),
+        (lambda: faults(most=13), "most=13: expected 0 to 12"),
+        (lambda: trial_of("hex:n=3", faults=[fault("rain", "x")]), "fault rain: expected one"),
+        (
+            lambda: trial_of("hex:n=3", faults=[fault("router", "x")]),
+            "fault router at x: expected it at router",
+        ),
+        (lambda: trial_of("hex:n=3", "nope"), "unknown rule 'nope'"),
+        (
+            lambda: trial_of("hex:n=3", clock="free").check(IsDeaf),
+            r"make: only for runs with rounds",
+        ),
+        (lambda: trial_of("hex:n=3", clock="free").check().log, "log: a simulated run without"),
+    ],
+)
+def test_what_cannot_be_tried_is_one_line(make: Any, line: str) -> None:
+    """As everywhere."""
+    with pytest.raises(InputError, match=f"^{line}"):
+        make()
+
+
+def test_the_examples_hold() -> None:
+    """Of the docstrings."""
+    assert not doctest.testmod(strategies).failed
+    assert not doctest.testmod(trials).failed
