@@ -29,6 +29,7 @@ LEFT_OUT = {
 LONG = {"README", "extending", "free-clock", "hosts", "recordings", "schedules", "simulation"}
 """Pages that take seconds."""
 SHOWN = {
+    "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
 }
 """First lines of blocks that are only shown, and why."""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from cubepath.agents.environments.free_rollout import FreePlayed, play_free
     from cubepath.agents.environments.rollout import Played, play
     from cubepath.agents.environments.rollouts import PlayedMany, play_many
+    from cubepath.agents.environments.sb3 import sb3_env, sb3_rule, sb3_save
     from cubepath.agents.environments.vector_environment import CubepathVectorEnv, vector_env
     from cubepath.agents.environments.world import World
 else:
@@ -25,6 +26,7 @@ else:
             "free_rollout": "FreePlayed play_free",
             "rollout": "Played play",
             "rollouts": "PlayedMany play_many",
+            "sb3": "sb3_env sb3_rule sb3_save",
             "vector_environment": "CubepathVectorEnv vector_env",
             "world": "World",
         },
@@ -44,5 +46,8 @@ __all__ = [
     "play_free",
     "play_many",
     "raw_env",
+    "sb3_env",
+    "sb3_rule",
+    "sb3_save",
     "vector_env",
 ]
