@@ -26,7 +26,16 @@ LEFT_OUT = {
     "cubepath paper ": "takes ten seconds and more; tests/coordinator/paper",
 }
 """Pieces of shell that are not run, and why."""
-LONG = {"README", "extending", "free-clock", "hosts", "recordings", "schedules", "simulation"}
+LONG = {
+    "README",
+    "extending",
+    "free-clock",
+    "hosts",
+    "python",
+    "recordings",
+    "schedules",
+    "simulation",
+}
 """Pages that take seconds."""
 SHOWN = {
     "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",

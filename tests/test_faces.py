@@ -39,21 +39,22 @@ PUBLIC = {
         why_inadmissible write_certificate write_cubes write_moves write_timetable
     """,
     "cubepath.agents": """
-        Checked Choice Chosen CubepathEnv Finding FreeEnv FreePlayed FreeRule GaveUp
-        InitialKnowledge Note Observation Played Rule RuleType Seen VectorActors VectorKnowledge
-        VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text env observe
-        PlayedMany CubepathVectorEnv parallel_env play play_free play_many policy_rule raw_env
-        rule_named sb3_env sb3_rule sb3_save vector_actors_for vector_env
+        Checked Choice Chosen CubepathEnv CubepathVectorEnv Finding FreeEnv FreePlayed FreeRule
+        GaveUp InitialKnowledge Note Observation Played PlayedMany Rule RuleType Seen VectorActors
+        VectorKnowledge VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text
+        env observe parallel_env play play_free play_many policy_rule raw_env rule_named
+        sb3_env sb3_rule sb3_save vector_actors_for vector_env
     """,
     "cubepath.coordinator": """
-        Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift
-        Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Row Running
-        ShapeComplex Shortened StateComplex Status Surface Tap Task Timetable Transitions
-        Verification actions_at all_claims animate audit beyond certificate_of check_certificate
-        check_links check_proof collapse complex_from_faces compute_claims contractibility convert
-        draw_complex durations_of earliest end_state explore f_vector gathered homology improve info
-        is_cube is_normal lift lower_bound macro normal_cube_path only_class optimum recover replay
-        run run_picture shape_complex shorten start state_complex surface task_of to_networkx
+        Beyond Claim Collapsed Converted CubicalComplex Explored FaultRates Gatherer Homology
+        Improved Lift Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Row
+        Running ShapeComplex Shortened StandardInstance StateComplex Status Surface Sweep
+        SweepResults Tap Task Timetable Transitions Verification actions_at all_claims animate ask
+        audit beyond certificate_of check_certificate check_links check_proof collapse
+        complex_from_faces compute_claims contractibility convert draw_complex durations_of earliest
+        end_state explore f_vector gathered homology improve info is_cube is_normal lift lower_bound
+        macro normal_cube_path only_class optimum read_sweep recover replay run run_picture
+        shape_complex shorten standard start state_complex surface sweep task_of to_networkx
         unfilled verify write_complex
     """,
 }

@@ -21,7 +21,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -138,14 +138,19 @@ def drawn(spec: str, count: int, steps: int) -> tuple[list[np.ndarray[Any, Any]]
 
 
 def rate(
-    make: Callable[[], Callable[[Any], Any]], actions: list[Any], agents: int, *, first: int = 0
+    make: Callable[[], Callable[[Any], Any]],
+    actions: list[Any],
+    agents: int,
+    *,
+    first: int = 0,
+    repeats: int = 5,
 ) -> float:
-    """Return the median over five runs of agent-steps a second of processor time.
+    """Return the median over some runs of agent-steps a second of processor time.
 
     The first steps, so many, are not counted.
     """
     rates = []
-    for _ in range(5):
+    for _ in range(repeats):
         step = make()
         for each in actions[:first]:
             step(each)
@@ -182,7 +187,7 @@ def arrays(spec: str, count: int) -> Callable[[], Callable[[Any], Any]]:
     return make
 
 
-def single(spec: str, modules: int, steps: int) -> Iterator[str]:
+def single(spec: str, modules: int, steps: int, repeats: int) -> Iterator[str]:
     """Yield the figures of one environment, in millions of agent-steps a second."""
     actions, moved = drawn(spec, 1, steps)
     env = parallel_env(scene_of(spec))
@@ -190,13 +195,14 @@ def single(spec: str, modules: int, steps: int) -> Iterator[str]:
     named = [dict(zip(names, each[0].tolist(), strict=True)) for each in actions]
     bare = Bare(env)
     few = named[: max(2, 3000 // modules)]
+    measured = partial(rate, agents=modules, repeats=repeats)
     rates = [
-        rate(dicts(spec, world="plain"), few, modules),
-        rate(dicts(spec, world="compiled"), named, modules),
-        rate(dicts(spec, world="compiled", copy=False), named, modules),
-        rate(arrays(spec, 1), actions, modules),
-        rate(arrays(spec, 1), actions, modules, first=len(actions) // 2),
-        rate(lambda: bare.step, named, modules),
+        measured(dicts(spec, world="plain"), few),
+        measured(dicts(spec, world="compiled"), named),
+        measured(dicts(spec, world="compiled", copy=False), named),
+        measured(arrays(spec, 1), actions),
+        measured(arrays(spec, 1), actions, first=len(actions) // 2),
+        measured(lambda: bare.step, named),
     ]
     yield f"{spec:<30}{moved:>7.2f}" + "".join(f"{each / 1e6:>9.3f}" for each in rates)
 
@@ -209,21 +215,21 @@ def main() -> None:
         "--peer", action="append", default=[], help="a Python that has magent2 or pogema"
     )
     given = options.parse_args()
-    work = 20_000 if given.quick else 300_000
+    work, repeats = (2_000, 1) if given.quick else (300_000, 5)
     print("million agent-steps a second; moves: the share of agents that move in a step")
     print(f"{'one environment':<30}{'moves':>7}{'plain':>9}{'dicts':>9}{'kept':>9}", end="")
     print(f"{'arrays':>9}{'later':>9}{'floor':>9}")
-    sizes = (10, 100) if given.quick else (10, 100, 1000)
+    sizes = (10,) if given.quick else (10, 100, 1000)
     todo = [(f"{family}{size}", size) for family in FAMILIES for size in sizes]
     for spec, size in tqdm(todo, disable=None, leave=False, file=sys.stderr):
-        for line in single(spec, size, max(5, work // size)):
+        for line in single(spec, size, max(5, work // size), repeats):
             print(line, flush=True)
     wide = [(f"{family}{size}", 1) for family in WIDE for size in (1000, 10_000, 100_000)]
     for spec, count in BATCHES if given.quick else (*BATCHES, *wide):
         size = int(spec.rpartition("=")[2])
         actions, moved = drawn(spec, count, max(3, 2 * work // (size * count)))
-        found = rate(arrays(spec, count), actions, size * count)
-        later = rate(arrays(spec, count), actions, size * count, first=len(actions) // 2)
+        measured = partial(rate, arrays(spec, count), actions, size * count, repeats=repeats)
+        found, later = measured(), measured(first=len(actions) // 2)
         what = f"{spec} x {count}" if count > 1 else f"{spec}, arrays"
         print(
             f"{what:<37} moves {moved:.2f} {found / 1e6:>8.3f} later {later / 1e6:>8.3f}",

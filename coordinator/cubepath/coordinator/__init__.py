@@ -3,8 +3,8 @@
 Room: coordinator; imports the protocol, and from the agents only what starts, names and draws them.
 It offers what a user needs: run, replay and verify, shorten and convert, certificates and
 timetables, complexes and their topology, searches past the homotopy class with their bounds,
-pictures, and the paper's claims. Inside the project, import each name from the module that defines
-it.
+pictures, standard instances, and the paper's claims. Inside the project, import each name from the
+module that defines it.
 
 | room | holds | may import |
 |---|---|---|
@@ -16,6 +16,7 @@ it.
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
+| `experiments` | sweeps of many runs, and reports | `simulation`, `runs`, `search`, `normal_form` |
 | `commands` | the command line | all of these |
 """
 
@@ -54,6 +55,15 @@ if TYPE_CHECKING:
         unfilled,
         write_complex,
     )
+    from cubepath.coordinator.experiments import (
+        FaultRates,
+        StandardInstance,
+        Sweep,
+        SweepResults,
+        read_sweep,
+        standard,
+        sweep,
+    )
     from cubepath.coordinator.normal_form import (
         Timetable,
         certificate_of,
@@ -75,6 +85,7 @@ if TYPE_CHECKING:
         Status,
         Tap,
         animate,
+        ask,
         gathered,
         info,
         replay,
@@ -121,14 +132,17 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
+            "experiments": (
+                "FaultRates StandardInstance Sweep SweepResults read_sweep standard sweep"
+            ),
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
             ),
             "paper": "Claim Row all_claims compute_claims",
             "runs": (
-                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate gathered info "
-                "replay run run_picture start"
+                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate ask gathered "
+                "info replay run run_picture start"
             ),
             "search": "Improved Optimum Transitions improve lower_bound only_class optimum",
             "shortening": (
@@ -145,6 +159,7 @@ __all__ = [
     "Converted",
     "CubicalComplex",
     "Explored",
+    "FaultRates",
     "Gatherer",
     "Homology",
     "Improved",
@@ -162,9 +177,12 @@ __all__ = [
     "Running",
     "ShapeComplex",
     "Shortened",
+    "StandardInstance",
     "StateComplex",
     "Status",
     "Surface",
+    "Sweep",
+    "SweepResults",
     "Tap",
     "Task",
     "Timetable",
@@ -173,6 +191,7 @@ __all__ = [
     "actions_at",
     "all_claims",
     "animate",
+    "ask",
     "audit",
     "beyond",
     "certificate_of",
@@ -202,15 +221,18 @@ __all__ = [
     "normal_cube_path",
     "only_class",
     "optimum",
+    "read_sweep",
     "recover",
     "replay",
     "run",
     "run_picture",
     "shape_complex",
     "shorten",
+    "standard",
     "start",
     "state_complex",
     "surface",
+    "sweep",
     "task_of",
     "to_networkx",
     "unfilled",

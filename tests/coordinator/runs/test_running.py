@@ -6,16 +6,19 @@ import contextlib
 import os
 import signal
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
+from cubepath.coordinator.runs.asking import ask
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan, PlanOptions
 from cubepath.coordinator.runs.running import Overheard, Running, Tap
 from cubepath.coordinator.verification.recording import verify
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, subscribe
 
 VEHICLES = "agv-labelled:graph=grid4x4,n=6"
@@ -86,7 +89,7 @@ def test_options_are_the_fields_of_a_plan() -> None:
 @pytest.mark.slow
 def test_a_block_that_is_left_ends_the_run(tmp_path: Path) -> None:
     """By an exception, in the middle: no process stays, and the recording is whole so far."""
-    log = tmp_path / "a.mcap"
+    log, pids = tmp_path / "a.mcap", [0]
     with (
         pytest.raises(ZeroDivisionError),
         start("hex:n=5", "random", processes=2, max_rounds=10**6, log=log) as running,
@@ -147,6 +150,38 @@ def test_whoever_may_join_may_listen(tmp_path: Path) -> None:
             guest, f"cubepath/{running.run}/**", lambda each: heard.append(str(each.key_expr))
         )
         running.until(lambda _: any("/to/" in key for key in heard))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("clock", ["lockstep", "free"])
+def test_whoever_may_join_may_ask(clock: Literal["lockstep", "free"], tmp_path: Path) -> None:
+    """A guest is told where the run stands, by its name or not, and nobody answers afterwards."""
+    plan = Plan("agv-labelled:graph=grid3x3,n=2", clock=clock, processes=1, keepers=1)
+    with start(plan, log=tmp_path / "a.mcap") as running:
+        begun = ask(running.endpoint)
+        assert (begun.round, begun.sites, begun.goal_reached) == (0, running.scene.start, False)
+        running.until(lambda each: each.goal_reached)
+        endpoint, name = running.endpoint, running.run
+        if running.goes_on:
+            with pytest.raises(CheckError, match=r"0123 did not answer at unixsock"):
+                ask(endpoint, "0123", timeout_s=0.2)
+    with pytest.raises(CubepathError, match="no zenoh router at"):
+        ask(endpoint, name, timeout_s=0.2)
+
+
+def test_two_runs_at_one_router_are_told_apart(tmp_path: Path) -> None:
+    """Who asks names one; each answers for itself after each round."""
+    with Router("tcp/127.0.0.1:0") as router:
+        plan = Plan("hex:n=3", processes=0, connect=router.endpoint)
+        with (
+            start(plan, log=tmp_path / "a.mcap") as one,
+            start(plan, log=tmp_path / "b.mcap") as other,
+        ):
+            one.step(2)
+            assert (ask(router.endpoint, one.run).round, other.status.round) == (2, 0)
+            assert ask(router.endpoint, other.run) == other.status
+            with pytest.raises(CheckError, match=f"2 runs answer at .*{one.run}"):
+                ask(router.endpoint)
 
 
 def test_messages_go_on_to_the_end(tmp_path: Path) -> None:

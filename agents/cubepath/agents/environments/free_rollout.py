@@ -6,7 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from cubepath.agents.environments.free_environment import FreeEnv
@@ -28,7 +28,7 @@ Watch: TypeAlias = Callable[[FreeWorld, Acted], None]
 class FreePlayed:
     """A finished run: what was committed, in order, the turns, and how it ended."""
 
-    scene: Scene
+    scene: Scene = field(compare=False, repr=False)
     commits: tuple[Moved, ...]
     """Those without a generator wrote registers alone."""
     turns: int
@@ -37,6 +37,8 @@ class FreePlayed:
     sites: tuple[Site, ...]
     reached: bool
     failed: str | None = None
+    time: float = 0.0
+    """When the last turn began; a module of speed factor 1 takes 1 for a turn."""
 
     @property
     def moves(self) -> tuple[Moved, ...]:
@@ -123,4 +125,6 @@ def play_free(
         if watch is not None:
             watch(world, acted)
     reached = scene.reached(world.sites)
-    return FreePlayed(scene, tuple(commits), world.turns, refused, env.sites, reached, failed)
+    return FreePlayed(
+        scene, tuple(commits), world.turns, refused, env.sites, reached, failed, env.time
+    )

@@ -6,7 +6,7 @@ Room: agents.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.environment import CubepathEnv
@@ -28,7 +28,7 @@ _ROUNDS = 20
 class Played:
     """A finished run: its rounds in order, the final sites, and why a rule gave up, if one did."""
 
-    scene: Scene
+    scene: Scene = field(compare=False, repr=False)
     rounds: tuple[Round, ...]
     sites: tuple[Site, ...]
     reached: bool

@@ -150,7 +150,7 @@ class Fleet:
         joined = self._network.wait_for
         if joined:
             self._deal(self._recruit(joined))
-        credentials = self.credentials(COORDINATOR)
+        credentials = self.credentials()
         shell = Shell(self._pacer, self.endpoint, self._keep, credentials=credentials)
         self._resources.callback(shell.close)
         self._shell = shell
@@ -189,7 +189,7 @@ class Fleet:
         else:
             self._say(f"endpoint {where}, run {self.run}")
 
-    def credentials(self, name: str) -> Credentials:
+    def credentials(self, name: str = COORDINATOR) -> Credentials:
         """Return by what the one of this name shows who speaks."""
         if self._router is not None:
             return self._router.credentials(name)
@@ -203,7 +203,7 @@ class Fleet:
             self.run,
             len(self.scene.start),
             expected,
-            self.credentials(COORDINATOR),
+            self.credentials(),
         )
         self._resources.callback(recruits.close)
 

@@ -269,7 +269,6 @@ def _run(options: argparse.Namespace) -> int:
         log_time=options.log_time,
         resume=options.resume,
     )
-    to_others = options.listen or options.connect or options.secure
     free = options.clock == "free" or options.resume is not None
     with progress_bar(None, "run", " moves" if free else " rounds") as bar:
 
@@ -279,10 +278,8 @@ def _run(options: argparse.Namespace) -> int:
             bar.update(heap.moves - bar.n if free else 1)
 
         def say(line: str) -> None:
-            # Where a private run can be listened to is of interest to who looks on.
-            if to_others or sys.stderr.isatty():
-                bar.clear()
-                complain(line)
+            bar.clear()
+            complain(line)
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):

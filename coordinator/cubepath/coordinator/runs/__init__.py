@@ -11,34 +11,38 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.runs.asking import Status, ask
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
-    from cubepath.coordinator.runs.edge_path import Gathered
+    from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
+    from cubepath.coordinator.runs.free_gatherer import FreeGatherer
     from cubepath.coordinator.runs.gatherer import Gatherer
     from cubepath.coordinator.runs.gathering import gathered
     from cubepath.coordinator.runs.launch import run, start
     from cubepath.coordinator.runs.outcome import Outcome
     from cubepath.coordinator.runs.plan import Plan
     from cubepath.coordinator.runs.playback import Replayed, replay
-    from cubepath.coordinator.runs.running import Overheard, Running, Status, Tap
+    from cubepath.coordinator.runs.running import Overheard, Running, Tap
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "asking": "Status ask",
             "conductor": "Conductor Ending",
             "contents": "info render",
             "drawing": "PICTURE_SUFFIXES run_picture save_figure",
-            "edge_path": "Gathered",
+            "edge_path": "Gathered PathDigest",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
+            "free_gatherer": "FreeGatherer",
             "gatherer": "Gatherer",
             "gathering": "gathered",
             "launch": "run start",
             "outcome": "Outcome",
             "plan": "Plan",
             "playback": "Replayed replay",
-            "running": "Overheard Running Status Tap",
+            "running": "Overheard Running Tap",
         },
     )
 
@@ -48,16 +52,19 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "Conductor",
     "Ending",
+    "FreeGatherer",
     "Gathered",
     "Gatherer",
     "Outcome",
     "Overheard",
+    "PathDigest",
     "Plan",
     "Replayed",
     "Running",
     "Status",
     "Tap",
     "animate",
+    "ask",
     "gathered",
     "info",
     "render",

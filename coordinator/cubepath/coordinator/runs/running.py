@@ -21,6 +21,7 @@ import msgspec
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.network import Way, straight
+from cubepath.coordinator.runs.asking import Answers, Status
 from cubepath.coordinator.runs.conductor import Ending
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_launch import FreeRun
@@ -93,21 +94,6 @@ class Tap:
         self._waiting.append(overheard)
 
 
-class Status(msgspec.Struct, frozen=True):
-    """Where a run stands."""
-
-    round: int
-    """The last complete round, or the greatest level."""
-    sites: tuple[Site, ...]
-    """Where each module stands."""
-    moves: int
-    cubes: int
-    """How many cubes the normal cube path has so far."""
-    goal_reached: bool
-    ended: str | None
-    """How the run has ended, None if it goes on."""
-
-
 class _Driver(Protocol):
     """A run of either clock."""
 
@@ -165,6 +151,7 @@ class Running:
         self._hears: list[Hear] = []
         self._began = time.monotonic()
         self._opened: tuple[RecordingWriter, _Driver] | None = None
+        self._answers: Answers | None = None
         self._ending: Ending | None = None
         self._outcome: Outcome | None = None
 
@@ -238,7 +225,9 @@ class Running:
     def _begin(self, check: Callable[[], None]) -> None:
         self._attempt(lambda: self._driver.begin(check))
         if self._ending is None:
-            self.endpoint, self.run = self._driver.fleet.endpoint, self._driver.fleet.run
+            fleet = self._driver.fleet
+            self.endpoint, self.run = fleet.endpoint, fleet.run
+            self._answers = Answers(self.run, self.endpoint, fleet.credentials(), self.status)
 
     # How it goes on.
 
@@ -437,6 +426,15 @@ class Running:
             if ending.ended == "interrupted":
                 driver.interrupted()
         finally:
+            self._release(driver)
+
+    def _release(self, driver: _Driver) -> None:
+        """End the processes and the session that answers."""
+        answers, self._answers = self._answers, None
+        try:
+            if answers is not None:
+                answers.close()
+        finally:
             driver.end()
 
     def _conclude(self) -> None:
@@ -461,12 +459,14 @@ class Running:
         if self._opened is not None:
             writer, driver = self._opened
             try:
-                driver.end()
+                self._release(driver)
             finally:
                 with suppress(CubepathError):  # the outcome has told, if there is one
                     writer.close()
 
     def _watched(self, gathered: Gathered) -> None:
+        if self._answers is not None:
+            self._answers.set(self.status)
         if self._watch is not None:
             self._watch(gathered)
 

@@ -1,7 +1,8 @@
 """Who may speak on which keys: the access list of a router.
 
 It guards speaking, not listening: everyone who is let in may subscribe to everything. The
-coordinator may say anything, a process may put on its own keys, and nobody else says a word. A
+coordinator may say anything, a process may put on its own keys, and nobody else says a word;
+everyone may ask how a run stands. A
 denial is silent to who speaks. The names are those of `credentials`.
 """
 
@@ -38,11 +39,12 @@ def access_list(
     rules = [
         _rule("listen", _LISTENING, ("ingress", "egress"), ["**"]),
         _rule("hear", _TOLD, ("egress",), ["**"]),
+        _rule("ask", ("query",), ("ingress",), ["cubepath/*/state"]),
         _rule("lead", _TOLD, ("ingress",), ["cubepath/**"]),
     ]
     subjects: list[dict[str, Any]] = [{"id": "all"}, {"id": COORDINATOR, by: [COORDINATOR]}]
     policies = [
-        {"rules": ["listen", "hear"], "subjects": ["all"]},
+        {"rules": ["listen", "hear", "ask"], "subjects": ["all"]},
         {"rules": ["lead"], "subjects": [COORDINATOR]},
     ]
     for process in range(processes):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fractions import Fraction
 from math import cos, lcm, pi, sin
@@ -21,6 +21,9 @@ from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
+from cubepath.protocol.scenes.randomly.stream import Stream
+from cubepath.protocol.scenes.randomly.triangulations import random_triangulation
+from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import (
     SWEEPS,
@@ -37,6 +40,7 @@ _SIDE = 1000
 """Random points lie in a square of this side."""
 _RANDOM_MAX = 20_000
 """The most random points; a file may have more."""
+_RANDOM = "random"
 _NUMBER = re.compile(r"[+-]?(\d{1,30}(\.\d{0,30})?|\.\d{1,30})([eE][+-]?\d{1,2})?")
 
 
@@ -171,13 +175,17 @@ def random_points(count: int, seed: int) -> tuple[Point, ...]:
 
 
 def _triangulation(name: str, values: Values) -> Scene:
-    """Build a point set with a triangulation at the start and another as the goal."""
+    """Build a point set with a triangulation at the start and another as the goal.
+
+    The points, a random triangulation and the walk to the goal each have a stream of their own.
+    """
+    seed = whole(values, "seed", least=0)
     if values["points"]:
         found = read_points(Path(values["points"]))
         where = f"{values['points']}: "
     else:
         count = whole(values, "n", least=4, most=_RANDOM_MAX)
-        found = Points(random_points(count, whole(values, "seed", least=0)))
+        found = Points(random_points(count, seed))
         where = ""
     try:
         system = FlipSystem(found.points)
@@ -187,18 +195,26 @@ def _triangulation(name: str, values: Values) -> Scene:
     # A file lists all edges of a triangulation, or leaves out those that are in every one.
     known |= {str(n): edges | system.kept for n, edges in enumerate(found.triangulations)}
     default = ("0", "1") if len(found.triangulations) > 1 else ("right", "left")
-    start = _named(known, values, "start", default[0])
-    goal = _named(known, values, "goal", default[1])
+
+    def named(key: str, default: str) -> frozenset[Edge]:
+        value = values[key] or default
+        if value == _RANDOM:
+            return random_triangulation(system, Stream(f"{key} triangulation", seed))
+        if value not in known:
+            raise InputError(f"{key}={value}: expected one of {', '.join((*known, _RANDOM))}")
+        return known[value]
+
+    start = named("start", default[0])
+    diagonals = system.modules_of(start)
+    moves = walk_length(values, len(diagonals))
+    goal: Iterable[Edge]
+    if moves is None:
+        goal = named("goal", default[1])
+    elif values["goal"]:
+        raise InputError(f"walk={moves}: leads to the goal, so expected no goal={values['goal']}")
+    else:
+        goal = system.modules_among(walked(system, diagonals, moves, Stream("walk", seed)))
     return _scene(name, system, start, goal, spec=values["points"] or name)
-
-
-def _named(
-    known: Mapping[str, frozenset[Edge]], values: Values, key: str, default: str
-) -> frozenset[Edge]:
-    name = values[key] or default
-    if name not in known:
-        raise InputError(f"{key}={name}: expected one of {', '.join(known)}")
-    return known[name]
 
 
 def _scene(
@@ -232,9 +248,13 @@ FAMILIES = (
         {
             "points": ("", "a file: text with 'x y' a line, or JSON; random points if left out"),
             "n": ("12", f"number of random points, 4 to {_RANDOM_MAX}"),
-            "seed": ("1", "of the random points"),
-            "start": ("", "right, left, up, down (a sweep), or the number of one in the file"),
+            "seed": ("1", "of random points, triangulations and walks"),
+            "start": (
+                "",
+                "right, left, up, down (a sweep), random, or the number of one in the file",
+            ),
             "goal": ("", "likewise"),
+            "walk": WALK_KEY,
         },
         _triangulation,
         FlipSystem,

@@ -1,30 +1,40 @@
-"""Vehicles on a graph, unlabelled and labelled, from the name of a graph or from files.
+"""Vehicles on a graph, unlabelled and labelled, from the name of a graph, from files or at random.
 
 Source: Abrams and Ghrist, example of automated guided vehicles.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import islice
 from pathlib import Path
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.family import Family, Values, whole
+from cubepath.protocol.scenes.randomly.graphs import open_part, random_graph
+from cubepath.protocol.scenes.randomly.stream import SEED_MAX, Stream
+from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Graph, graph_from_name, scenario_from_json
+
+_GRAPH = "grid6x6"
 
 
 def _agv(name: str, values: Values) -> Scene:
     """Build vehicles on a graph, from a file's starts and goals or from its first vertices."""
     labelled = name == "agv-labelled"
+    if values["seed"]:
+        return _random(name, values)
+    _check_nothing_random(values)
     scenario = None
     graph: Graph | None = None
     if values["scene"]:
         scenario = scenario_from_json(Path(values["scene"]))
         graph = scenario.graph
     if graph is None or values["graph"]:
-        graph = graph_from_name(values["graph"] or "grid6x6")
+        graph = graph_from_name(values["graph"] or _GRAPH)
     if scenario is not None:
         starts, goals = scenario.starts, scenario.goals
         if values["n"]:
@@ -40,23 +50,69 @@ def _agv(name: str, values: Values) -> Scene:
         starts = vertices[:count]
         # The last vertices in reverse, so labelled vehicles must pass one another.
         goals = tuple(reversed(vertices))[:count]
-    system = GraphSystem(
+    system = _system(graph, len(starts), labelled=labelled)
+    return _scene(name, system, starts, goals)
+
+
+def _check_nothing_random(values: Values) -> None:
+    for key in ("open", "walk"):
+        if values[key]:
+            raise InputError(f"{key}={values[key]}: expected seed=NUMBER too")
+    if random_graph(values["graph"]) is not None:
+        raise InputError(f"graph={values['graph']}: expected seed=NUMBER too")
+
+
+def _random(name: str, values: Values) -> Scene:
+    """Build vehicles whose starts and goals are drawn, on a graph that may be drawn too."""
+    if values["scene"]:
+        raise InputError(
+            f"seed={values['seed']}: starts and goals are those of the scene, expected graph=FILE"
+            " for random ones"
+        )
+    seed = whole(values, "seed", least=0, most=SEED_MAX)
+    named = values["graph"] or _GRAPH
+    draw = random_graph(named)
+    graph = graph_from_name(named) if draw is None else draw(Stream(f"graph:{named}", seed))
+    if values["open"]:
+        graph = open_part(graph, values["open"], Stream("open", seed))
+    vertices = in_order(graph.vertices)
+    count = whole({"n": values["n"] or "2"}, "n", least=1)
+    if count > len(vertices):
+        raise InputError(f"n={count}: the graph has {len(vertices)} vertices")
+    starts = tuple(islice(Stream("starts", seed).drawn(vertices), count))
+    system = _system(graph, count, labelled=name == "agv-labelled")
+    moves = walk_length(values, count)
+    if moves is None:
+        goals = tuple(islice(Stream("goals", seed).drawn(vertices), count))
+    else:
+        ends = walked(system, _sites(system, starts), moves, Stream("walk", seed))
+        goals = tuple(map(system.place_of, ends))
+    return _scene(name, system, starts, goals)
+
+
+def _system(graph: Graph, count: int, *, labelled: bool) -> GraphSystem:
+    return GraphSystem(
         graph.vertices,
         graph.edges,
-        labels=len(starts) if labelled else None,
+        labels=count if labelled else None,
         compass=graph.compass,
     )
-    if labelled:
-        start: tuple[Site, ...] = tuple((v, label) for label, v in enumerate(starts))
-        goal: frozenset[Site] = frozenset((v, label) for label, v in enumerate(goals))
-    else:
-        start, goal = starts, frozenset(goals)
+
+
+def _sites(system: GraphSystem, vertices: Sequence[Site]) -> tuple[Site, ...]:
+    """Return the sites of vehicles at these vertices, the first with the first label."""
+    if system.labels is None:
+        return tuple(vertices)
+    return tuple((vertex, label) for label, vertex in enumerate(vertices))
+
+
+def _scene(name: str, system: GraphSystem, starts: Sequence[Site], goals: Sequence[Site]) -> Scene:
     return Scene(
         spec=name,
         family=name,
         system=system,
-        start=start,
-        goal=goal,
+        start=_sites(system, starts),
+        goal=frozenset(_sites(system, goals)),
         goals=tuple((v,) for v in goals),
     )
 
@@ -64,10 +120,13 @@ def _agv(name: str, values: Values) -> Scene:
 _KEYS = {
     "graph": (
         "",
-        "grid6x6, K5, C8, P9, S4 or a file: a movingai .map, or an edge list of two names a line",
+        "grid6x6, K5, C8, P9, S4, tree20, gnp20x0.2, regular20x3 or a file: .map or an edge list",
     ),
     "n": ("", "number of vehicles, 2 or all of the scene"),
     "scene": ("", "a JSON file with starts and goals"),
+    "seed": ("", "of random starts and goals, and of a random graph"),
+    "open": ("", "share of the vertices that are open; the largest connected part is taken"),
+    "walk": WALK_KEY,
 }
 FAMILIES = (
     Family("agv", "unlabelled vehicles on a graph", _KEYS, _agv, GraphSystem, "tswap"),

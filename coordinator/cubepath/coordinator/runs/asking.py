@@ -1,0 +1,109 @@
+"""Asking a run how it stands, over zenoh: whoever may join may ask.
+
+Room: coordinator. A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is
+the status after the last complete round, so it is answered at once whatever the run is doing.
+"""
+
+from __future__ import annotations
+
+import msgspec
+import zenoh
+
+from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, site_from_json, to_json
+from cubepath.protocol.wire.credentials import GUEST, Credentials
+from cubepath.protocol.wire.sessions import open_client
+
+_CONNECT_S_MAX = 10.0
+
+
+class Status(msgspec.Struct, frozen=True):
+    """Where a run stands."""
+
+    round: int
+    """The last complete round, or the greatest level."""
+    sites: tuple[Site, ...]
+    """Where each module stands."""
+    moves: int
+    cubes: int
+    """How many cubes the normal cube path has so far."""
+    goal_reached: bool
+    ended: str | None
+    """How the run has ended, None if it goes on."""
+
+
+class _Answer(msgspec.Struct, frozen=True):
+    run: str
+    round: int
+    sites: list[Json]
+    moves: int
+    cubes: int
+    goal_reached: bool
+
+
+def state_key(run: str) -> str:
+    """Return the key on which a run answers; ``*`` is every run at a router."""
+    return f"cubepath/{run}/state"
+
+
+class Answers:
+    """What a run answers, until it is closed."""
+
+    def __init__(self, run: str, endpoint: str, credentials: Credentials, status: Status) -> None:
+        """Open a session as the coordinator, and answer from now on."""
+        self._run = run
+        self._status = status
+        self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
+        self._queryable = self._session.declare_queryable(
+            state_key(run), zenoh.handlers.Callback(self._answer, indirect=False)
+        )
+
+    def set(self, status: Status) -> None:
+        """Answer this from now on."""
+        self._status = status
+
+    def _answer(self, query: zenoh.Query) -> None:
+        # In a thread of zenoh; the status is never changed, only replaced.
+        now = self._status
+        sites = [to_json(site) for site in now.sites]
+        answer = _Answer(self._run, now.round, sites, now.moves, now.cubes, now.goal_reached)
+        query.reply(state_key(self._run), msgspec.json.encode(answer))
+
+    def close(self) -> None:
+        """Answer no more, and close the session."""
+        self._session.close()
+
+
+def ask(
+    endpoint: str,
+    run: str | None = None,
+    *,
+    credentials: Credentials = GUEST,
+    timeout_s: float = 10.0,
+) -> Status:
+    """Ask a run how it stands: the one of this name, or the one that there is at the endpoint.
+
+    CheckError if none answers in time, or several do and none was named; CubepathError if there is
+    no router at the endpoint.
+
+    >>> with start("hex:n=4", processes=2, log="logs/asked.mcap") as running:
+    ...     running.step(5)
+    ...     status = ask(running.endpoint)
+    True
+    >>> status.round, status.sites == running.sites
+    (5, True)
+    """
+    with open_client(endpoint, timeout_s, credentials=credentials) as session:
+        replies = list(session.get(state_key(run or "*"), timeout=timeout_s))
+    found = [
+        msgspec.json.decode(each.ok.payload.to_bytes(), type=_Answer) for each in replies if each.ok
+    ]
+    if not found:
+        raise CheckError(f"{run or 'a run'} did not answer at {endpoint} in {timeout_s:g} s")
+    if len(found) > 1:
+        names = ", ".join(sorted(each.run for each in found))
+        raise CheckError(f"{len(found)} runs answer at {endpoint}: expected one of {names}")
+    (one,) = found
+    sites = tuple(map(site_from_json, one.sites))
+    return Status(one.round, sites, one.moves, one.cubes, one.goal_reached, None)

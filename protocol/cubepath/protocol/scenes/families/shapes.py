@@ -1,0 +1,150 @@
+"""From one random shape to another: hexagons that pivot, and squares that slide.
+
+How shapes are drawn stands in `cubepath.protocol.scenes.randomly.shapes`. Whether the goal can be
+reached is not known, unless it is where a walk leads: with catalogue 1 hexagons cannot pass concave
+corners (of the 3652 shapes of 7 hexagons 3585 reach one another), and pieces that slide or part may
+never meet again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from fractions import Fraction
+
+from cubepath.protocol.core.catalogue import Cell
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.families.hexagons import hex_catalogue, walled
+from cubepath.protocol.scenes.families.sliding import sliding_catalogue
+from cubepath.protocol.scenes.family import Family, Values, whole
+from cubepath.protocol.scenes.randomly.shapes import FOUR, SIX, grown_shape, uniform_shape
+from cubepath.protocol.scenes.randomly.shares import happens, share_of
+from cubepath.protocol.scenes.randomly.stream import SEED_MAX, Stream
+from cubepath.protocol.scenes.randomly.walks import WALK_KEY, walk_length, walked
+from cubepath.protocol.systems.lattice import LatticeSystem
+
+_UNIFORM_MAX = {SIX: 32, FOUR: 18}
+"""Up to here a uniform shape takes about half a second or less; each further cell takes 1.3 times
+as long with hexagons, 1.7 times with squares."""
+_DENSEST = "0.5"
+_LONGEST_RUN = 1_000
+
+_Build = Callable[[Sequence[Cell], Sequence[Cell]], LatticeSystem]
+"""Make the system for the obstacles and for the cells of the box around all that matters."""
+
+
+def _hexagons(name: str, values: Values) -> Scene:
+    """Build hexagons in a random shape whose goal is another, or where a random walk leads."""
+    if values["catalogue"] not in ("1", "2"):
+        raise InputError(f"catalogue={values['catalogue']}: expected 1 or 2")
+    keeps = values["catalogue"] == "1"
+
+    def build(filled: Sequence[Cell], box: Sequence[Cell]) -> LatticeSystem:
+        return LatticeSystem(
+            hex_catalogue(keeps_topology=keeps), workspace=None if keeps else box, filled=filled
+        )
+
+    return _shapes(name, values, SIX, build)
+
+
+def _squares(name: str, values: Values) -> Scene:
+    """Build squares in a random shape whose goal is another, or where a random walk leads."""
+    longest = min(whole(values, "n", least=2) - 1, _LONGEST_RUN)
+    if values["k"]:
+        longest = whole(values, "k", least=0, most=_LONGEST_RUN)
+
+    def build(filled: Sequence[Cell], box: Sequence[Cell]) -> LatticeSystem:
+        return LatticeSystem(sliding_catalogue(longest), workspace=box, filled=filled)
+
+    return _shapes(name, values, FOUR, build)
+
+
+def _shapes(name: str, values: Values, beside: tuple[Cell, ...], build: _Build) -> Scene:
+    count = whole(values, "n", least=2)
+    seed = whole(values, "seed", least=0, most=SEED_MAX)
+    density = share_of(values["density"], f"density={values['density']}", most=_DENSEST)
+    draw = _way_to_draw(values["how"], count, beside)
+    start = draw(count, beside, Stream("start shape", seed))
+    moves = walk_length(values, count)
+    end = start if moves is not None else draw(count, beside, Stream("goal shape", seed))
+    box = walled([*start, *end])
+    filled = _obstacles(box, {*start, *end}, density, Stream("obstacles", seed))
+    system = build(filled, box)
+    goal: tuple[Site, ...] = end
+    if moves is not None:
+        ends = walked(system, start, moves, Stream("walk", seed))
+        goal = in_order(ends)
+    return Scene(
+        spec=name,
+        family=name,
+        system=system,
+        start=start,
+        goal=frozenset(goal),
+        goals=(goal,) * count,
+    )
+
+
+def _way_to_draw(
+    how: str, count: int, beside: tuple[Cell, ...]
+) -> Callable[[int, Sequence[Cell], Stream], tuple[Cell, ...]]:
+    if how == "growth":
+        return grown_shape
+    if how != "uniform":
+        raise InputError(f"how={how}: expected uniform or growth")
+    if count > _UNIFORM_MAX[beside]:
+        raise InputError(
+            f"n={count},how=uniform: expected at most {_UNIFORM_MAX[beside]} cells; how=growth has"
+            " no such bound"
+        )
+    return uniform_shape
+
+
+def _obstacles(
+    box: Sequence[Cell], taken: set[Cell], density: Fraction, stream: Stream
+) -> list[Cell]:
+    """Return the obstacles: each free cell of the box with this probability."""
+    if not density:
+        return []
+    return [cell for cell in box if happens(density, stream) and cell not in taken]
+
+
+_KEYS = {
+    "n": ("6", "number of modules"),
+    "seed": ("1", "of all that is random"),
+    "how": (
+        "uniform",
+        "uniform: each shape equally likely, to n={}; growth: cell by cell",
+    ),
+    "density": ("0", "share of the other cells that are obstacles, to 0.5"),
+    "walk": WALK_KEY,
+}
+
+
+def _keys(beside: tuple[Cell, ...]) -> dict[str, tuple[str, str]]:
+    how, text = _KEYS["how"]
+    return {**_KEYS, "how": (how, text.format(_UNIFORM_MAX[beside]))}
+
+
+FAMILIES = (
+    Family(
+        "hex-shapes",
+        "hexagons from one random shape to another, or as far as a walk leads",
+        {
+            **_keys(SIX),
+            "catalogue": ("1", "1 keeps the topology, 2 may split, in a box three cells wider"),
+        },
+        _hexagons,
+        LatticeSystem,
+    ),
+    Family(
+        "sliding-shapes",
+        "squares from one random shape to another, or as far as a walk leads, in a box",
+        {
+            **_keys(FOUR),
+            "k": ("", "longest run that slides is k + 1 cells; n - 1 when left out, all there is"),
+        },
+        _squares,
+        LatticeSystem,
+    ),
+)

@@ -1,0 +1,147 @@
+"""The standard instances: every value is computed again, where it can be in two ways."""
+
+from __future__ import annotations
+
+import doctest
+
+import pytest
+
+from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.experiments import instances as module
+from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
+from cubepath.coordinator.normal_form.definitions import end_state
+from cubepath.coordinator.search.anytime import improve
+from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.protocol.scenes.registry import all_families
+from cubepath.protocol.scenes.specs import scene_from_spec
+from marked import some
+from standards import EXHAUSTIVE, bound_of, cubes_on_file, goal_of, rounds_in_the_complex, searched
+
+QUICK = {
+    "hex-4",
+    "hex-tunnel-4",
+    "sliding-2",
+    "agv-cycle-5",
+    "labelled-complete-4",
+    "labelled-corridor-4",
+    "arm-5",
+    "polygon-9",
+    "triangulation-grid-9",
+    "words-6",
+    "assembly-6",
+}
+"""Computed again every time, all others when there is time."""
+ALL = {instance.name: instance for instance in standard()}
+NAMES = some(ALL, QUICK)
+STATES_MAX = 20_000
+"""The states of a complex that is built."""
+
+
+def test_the_examples() -> None:
+    """The docstrings show what comes."""
+    results = doctest.testmod(module)
+    assert results.attempted
+    assert not results.failed
+
+
+def test_the_folder_holds_the_instances_and_nothing_else() -> None:
+    """Each has a name of its own and a schedule; each file is some instance's; all are small."""
+    assert len(ALL) == len(standard()) >= 40
+    assert ALL.keys() >= QUICK
+    files = {each.schedule.name for each in standard()} | {"standard.toml"}
+    files |= {f"{each.name}.toml" for each in standard() if each.system.endswith(".toml")}
+    assert {path.name for path in FOLDER.iterdir()} == files
+    assert sum(path.stat().st_size for path in FOLDER.iterdir()) < 200_000
+
+
+def test_every_family_with_a_goal_that_runs_has_instances() -> None:
+    """And each rule that moves towards a goal has several sizes to be compared by."""
+    scenes = [scene_from_spec(each.system) for each in standard()]
+    families = {name for name, family in all_families().items() if family.rule}
+    assert {scene.family for scene in scenes} == families
+    for rule in ("chain", "tswap", "pibt", "word"):
+        mine = [s for s in scenes if all_families()[s.family].rule == rule]
+        assert len({len(scene.start) for scene in mine}) >= 3
+    assert not [scene.spec for scene in scenes if scene.reached(scene.start)]
+
+
+@pytest.mark.slow
+def test_every_schedule_attains_the_best_known_value() -> None:
+    """From the file: cubes that commute and are admissible in turn, to the goal, and as few."""
+    for instance in standard():
+        scene = scene_from_spec(instance.system)
+        cubes = cubes_on_file(instance)
+        actions = [action for cube in cubes for action in cube]
+        assert end_state(cubes, scene.start_state) == goal_of(scene), instance.name
+        assert (len(cubes), len(actions)) == (instance.best, instance.moves)
+        assert instance.bound <= instance.best
+        assert instance.proved == (instance.bound == instance.best)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_every_bound_is_proved_again(name: str) -> None:
+    """By exhaustive search where that ends, and then by no other search or bound contradicted."""
+    instance = ALL[name]
+    scene = scene_from_spec(instance.system)
+    at_least, cubes = searched(scene)
+    assert (cubes is not None) == (instance.how == EXHAUSTIVE)
+    if cubes is None:
+        bound = bound_of(scene, instance.best, at_least)
+        assert bound.cubes == instance.bound
+        assert instance.how.endswith(f"; bound: {bound.why}")
+    else:
+        assert instance.best == instance.bound == at_least == len(cubes)
+    # What holds by other arguments and other searches.
+    start, goal = scene.start_state, goal_of(scene)
+    assert lower_bound(scene.system, start, goal, within=99).cubes <= instance.best
+    path = [action for cube in cubes_on_file(instance) for action in cube]
+    better = improve(path, start, scene.system, iterations=30, seed=len(name))
+    assert better.cubes >= instance.bound
+    assert better.cubes == instance.best
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", some(ALL, QUICK - {"hex-4"}))
+def test_every_small_optimum_is_that_of_the_state_complex(name: str) -> None:
+    """By steps from corner to opposite corner of cubes, where the complex is finite and small."""
+    instance = ALL[name]
+    found = rounds_in_the_complex(scene_from_spec(instance.system), STATES_MAX)
+    if found is None:
+        pytest.skip(f"more than {STATES_MAX} states, or without end")
+    assert found == instance.best == instance.bound
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ALL)
+def test_every_schedule_can_be_carried_out(
+    name: str, capsys: pytest.CaptureFixture[str], tmp_path: object
+) -> None:
+    """By the modules of the scene, cube by cube, to the goal."""
+    instance = ALL[name]
+    words = ["run", instance.system, "--schedule", str(instance.schedule), "--processes", "0"]
+    assert main([*words, "--log", f"{tmp_path}/run.mcap"]) == 0
+    table = dict(line.split(None, 1) for line in capsys.readouterr().out.splitlines() if line)
+    assert table["goal"].strip() == "reached"
+    assert int(table["rounds"]) == instance.best
+
+
+@pytest.mark.parametrize("name", ["hex-6", "agv-grid-6", "labelled-grid-4", "arm-12"])
+def test_no_rule_is_better_than_what_is_proved(name: str) -> None:
+    """The rule of the family reaches the goal, in at least as many rounds; `word` in as many."""
+    instance = ALL[name]
+    scene = scene_from_spec(instance.system)
+    rule = rule_named(all_families()[scene.family].rule, scene.system)
+    run = play_in_python(scene, rule, seed=1, hesitate=0.0, max_rounds=500)
+    assert run.reached
+    assert len(run.rounds) >= instance.best
+    assert (len(run.rounds) == instance.best) == (rule.name == "word")
+
+
+def test_an_instance_without_a_proof_says_so() -> None:
+    """Its best known value exceeds its bound."""
+    found = [each for each in standard() if not each.proved]
+    assert found
+    assert all(isinstance(each, StandardInstance) and each.best > each.bound for each in found)
