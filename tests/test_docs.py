@@ -39,6 +39,7 @@ LONG = {
 }
 """Pages that take seconds."""
 SHOWN = {
+    "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
 }
 """First lines of blocks that are only shown, and why."""

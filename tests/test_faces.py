@@ -42,8 +42,8 @@ PUBLIC = {
         Checked Choice Chosen CubepathEnv CubepathVectorEnv Finding FreeEnv FreePlayed FreeRule
         GaveUp InitialKnowledge Note Observation Played PlayedMany Rule RuleType Seen VectorActors
         VectorKnowledge VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text
-        env observe parallel_env play play_free play_many policy_rule raw_env rule_named
-        vector_actors_for vector_env
+        env observe parallel_env play play_free play_many policy_rule raw_env rule_named sb3_env
+        sb3_rule sb3_save vector_actors_for vector_env
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored FaultRates Gatherer Homology

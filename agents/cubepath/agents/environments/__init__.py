@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cubepath.agents.environments.made_moves import MadeMoves, made_in
     from cubepath.agents.environments.rollout import Played, play, play_in_python
     from cubepath.agents.environments.rollouts import PlayedMany, play_many
+    from cubepath.agents.environments.sb3 import sb3_env, sb3_rule, sb3_save
     from cubepath.agents.environments.vector_environment import CubepathVectorEnv, vector_env
     from cubepath.agents.environments.world import World
 else:
@@ -28,6 +29,7 @@ else:
             "made_moves": "MadeMoves made_in",
             "rollout": "Played play play_in_python",
             "rollouts": "PlayedMany play_many",
+            "sb3": "sb3_env sb3_rule sb3_save",
             "vector_environment": "CubepathVectorEnv vector_env",
             "world": "World",
         },
@@ -50,5 +52,8 @@ __all__ = [
     "play_in_python",
     "play_many",
     "raw_env",
+    "sb3_env",
+    "sb3_rule",
+    "sb3_save",
     "vector_env",
 ]

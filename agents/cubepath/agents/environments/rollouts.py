@@ -65,7 +65,7 @@ def play_many(
     `played` and `made`, of which the latter costs far less.
 
     >>> runs = play_many("hex:n=4", "chain", range(100))
-    >>> runs.reached.all(), runs.rounds.mean()
+    >>> bool(runs.reached.all()), float(runs.rounds.mean())
     (True, 14.0)
     """
     scene, rule = scene_and_rule(system, rule)
