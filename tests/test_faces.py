@@ -54,7 +54,7 @@ PUBLIC = {
         end_state explore f_vector gathered homology improve info is_cube is_normal lift lower_bound
         macro normal_cube_path only_class optimum recover replay run run_picture shape_complex
         shorten state_complex surface task_of to_networkx unfilled verify write_complex
-        FaultRates Sweep SweepResults read_sweep sweep
+        FaultRates Report Sweep SweepResults read_sweep sweep write_report
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

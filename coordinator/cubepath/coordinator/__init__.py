@@ -57,10 +57,12 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.experiments import (
         FaultRates,
+        Report,
         Sweep,
         SweepResults,
         read_sweep,
         sweep,
+        write_report,
     )
     from cubepath.coordinator.normal_form import (
         Timetable,
@@ -124,7 +126,7 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
-            "experiments": "FaultRates Sweep SweepResults read_sweep sweep",
+            "experiments": "FaultRates Report Sweep SweepResults read_sweep sweep write_report",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
@@ -159,6 +161,7 @@ __all__ = [
     "Plan",
     "Recovered",
     "Replayed",
+    "Report",
     "Row",
     "ShapeComplex",
     "Shortened",
@@ -217,4 +220,5 @@ __all__ = [
     "unfilled",
     "verify",
     "write_complex",
+    "write_report",
 ]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.experiments.report import Report, write_report
     from cubepath.coordinator.experiments.setting import FaultRates
     from cubepath.coordinator.experiments.spec import Expansion, Sweep, expand, sweep_of
     from cubepath.coordinator.experiments.sweeping import (
@@ -20,14 +21,17 @@ if TYPE_CHECKING:
         results_of,
         sweep,
     )
+    from cubepath.coordinator.experiments.tables import Table
     from cubepath.coordinator.experiments.workers import cores
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "report": "Report write_report",
             "setting": "FaultRates",
             "spec": "Expansion Sweep expand sweep_of",
             "sweeping": "SweepResults play_sweep read_sweep results_of sweep",
+            "tables": "Table",
             "workers": "cores",
         },
     )
@@ -35,8 +39,10 @@ else:
 __all__ = [
     "Expansion",
     "FaultRates",
+    "Report",
     "Sweep",
     "SweepResults",
+    "Table",
     "cores",
     "expand",
     "play_sweep",
@@ -44,4 +50,5 @@ __all__ = [
     "results_of",
     "sweep",
     "sweep_of",
+    "write_report",
 ]
