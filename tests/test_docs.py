@@ -26,7 +26,16 @@ LEFT_OUT = {
     "cubepath paper ": "takes ten seconds and more; tests/coordinator/paper",
 }
 """Pieces of shell that are not run, and why."""
-LONG = {"README", "experiments", "extending", "free-clock", "hosts", "recordings", "schedules", "simulation"}
+LONG = {
+    "README",
+    "experiments",
+    "extending",
+    "free-clock",
+    "hosts",
+    "recordings",
+    "schedules",
+    "simulation",
+}
 """Pages that take seconds."""
 SHOWN = {
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
