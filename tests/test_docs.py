@@ -28,6 +28,7 @@ LEFT_OUT = {
 """Pieces of shell that are not run, and why."""
 LONG = {
     "README",
+    "experiments",
     "extending",
     "free-clock",
     "hosts",

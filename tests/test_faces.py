@@ -60,6 +60,9 @@ PUBLIC = {
     "cubepath.coordinator.testing": """
         Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
         Trial Tried fault faults replay_into replay_into_node scenarios trial_of
+        macro normal_cube_path only_class optimum recover replay run run_picture shape_complex
+        shorten state_complex surface task_of to_networkx unfilled verify write_complex
+        FaultRates Report Sweep SweepResults read_sweep sweep write_report
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

@@ -58,12 +58,14 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.experiments import (
         FaultRates,
+        Report,
         StandardInstance,
         Sweep,
         SweepResults,
         read_sweep,
         standard,
         sweep,
+        write_report,
     )
     from cubepath.coordinator.normal_form import (
         Timetable,
@@ -134,7 +136,8 @@ else:
                 "state_complex surface to_networkx unfilled write_complex"
             ),
             "experiments": (
-                "FaultRates StandardInstance Sweep SweepResults read_sweep standard sweep"
+                "FaultRates Report StandardInstance Sweep SweepResults read_sweep standard sweep "
+                "write_report"
             ),
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
@@ -174,6 +177,7 @@ __all__ = [
     "Plan",
     "Recovered",
     "Replayed",
+    "Report",
     "Row",
     "Running",
     "ShapeComplex",
@@ -239,4 +243,5 @@ __all__ = [
     "unfilled",
     "verify",
     "write_complex",
+    "write_report",
 ]

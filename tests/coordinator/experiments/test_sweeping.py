@@ -19,6 +19,7 @@ import pytest
 from cubepath.coordinator.experiments import sweeping, workers
 from cubepath.coordinator.experiments.executors import played_by
 from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
+from cubepath.coordinator.experiments.outcomes import DIED, failed
 from cubepath.coordinator.experiments.rows import Finished, Row
 from cubepath.coordinator.experiments.setting import Batch, code_version
 from cubepath.coordinator.experiments.spec import expand, sweep_of
@@ -111,6 +112,17 @@ def test_a_process_that_dies_takes_nothing_with_it(
     assert {row["ended"] for row in found.failures} == {"died"}
     assert "died again" in found.failures[0]["reason"]
     assert not multiprocessing.active_children()
+
+
+def test_a_run_whose_process_died_is_played_again(tmp_path: Path) -> None:
+    """The next time; it may have been the machine, and the row that says so counts no more."""
+    asked = expand(sweep_of(["hex:n=4"], {"seeds": 2}))
+    with SweepFolder(tmp_path) as folder:
+        folder.begin(asked.batches)
+        folder.add([failed(asked.batches[0], 1, DIED, "it died")])
+    found = sweep("hex:n=4", seeds=2, out=tmp_path)
+    assert (found.known, [row["ended"] for row in found.rows]) == (0, ["goal", "goal"])
+    assert sweep("hex:n=4", seeds=2, out=tmp_path).known == 2
 
 
 @pytest.mark.thorough

@@ -53,6 +53,7 @@ from cubepath.coordinator.commands.plan_options import (
 )
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import add_recording_commands
+from cubepath.coordinator.commands.report import add_report_command
 from cubepath.coordinator.commands.runs import add_run_commands
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
@@ -176,6 +177,7 @@ def _parser() -> argparse.ArgumentParser:
     add_complex_commands(command)
     add_simulate_command(command)
     add_sweep_command(command)
+    add_report_command(command)
     add_certificates_command(command)
     add_check_rule_command(command)
     add_new_command(command)

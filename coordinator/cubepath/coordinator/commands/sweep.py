@@ -21,7 +21,7 @@ from cubepath.coordinator.commands.console import (
     table,
 )
 from cubepath.coordinator.commands.files import check_files
-from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.progress import Lines, progress_bar
 from cubepath.coordinator.commands.usage import AddCommand, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
@@ -217,8 +217,12 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
         def watch(runs: Sequence[Any]) -> None:
             nonlocal failures
             failures += sum(each.failed for each in runs)
-            if failures:
-                bar.set_postfix_str(f"{failures} failures", refresh=False)
+            told = [f"{failures} failures"] if failures else []
+            done = bar.n + len(runs)
+            if isinstance(bar, Lines):  # a bar on a terminal says so itself
+                seconds = (time.monotonic() - began) * (bar.total - done) / done
+                told.append(f"about {seconds:.0f} s left")
+            bar.set_postfix_str(", ".join(told), refresh=False)
             bar.update(len(runs))
             if options.interrupts.came:  # where Python runs a finalizer, the exception is dropped
                 raise KeyboardInterrupt

@@ -12,6 +12,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.experiments.instances import StandardInstance, standard
+    from cubepath.coordinator.experiments.report import Report, write_report
     from cubepath.coordinator.experiments.setting import FaultRates
     from cubepath.coordinator.experiments.spec import Expansion, Sweep, expand, sweep_of
     from cubepath.coordinator.experiments.sweeping import (
@@ -21,15 +22,18 @@ if TYPE_CHECKING:
         results_of,
         sweep,
     )
+    from cubepath.coordinator.experiments.tables import Table
     from cubepath.coordinator.experiments.workers import cores
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "instances": "StandardInstance standard",
+            "report": "Report write_report",
             "setting": "FaultRates",
             "spec": "Expansion Sweep expand sweep_of",
             "sweeping": "SweepResults play_sweep read_sweep results_of sweep",
+            "tables": "Table",
             "workers": "cores",
         },
     )
@@ -37,9 +41,11 @@ else:
 __all__ = [
     "Expansion",
     "FaultRates",
+    "Report",
     "StandardInstance",
     "Sweep",
     "SweepResults",
+    "Table",
     "cores",
     "expand",
     "play_sweep",
@@ -48,4 +54,5 @@ __all__ = [
     "standard",
     "sweep",
     "sweep_of",
+    "write_report",
 ]

@@ -19,6 +19,7 @@ from typing import IO, Any, Self
 
 import numpy as np
 
+from cubepath.coordinator.experiments.outcomes import DIED
 from cubepath.coordinator.experiments.rows import (
     ROUND_COLUMNS,
     ROUND_MEASURES,
@@ -134,10 +135,14 @@ class SweepFolder:
             stream.write(json.dumps(told, indent=1).encode())
 
     def begin(self, batches: Iterable[Batch]) -> set[str]:
-        """Take note that these are played now, and return the ids of all finished runs."""
+        """Take note that these are played now, and return the ids of all finished runs.
+
+        One whose process died is none of them: it may have been the machine.
+        """
         now = dict.fromkeys(_version(batch) for batch in batches)
         self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
-        return {row["id"] for part in parts_of(self.folder) for row in _read(part, ("id",))}
+        rows = (row for part in parts_of(self.folder) for row in _read(part, ("id", "ended")))
+        return {row["id"] for row in rows if row["ended"] != DIED}
 
     def add(self, rows: Iterable[Finished]) -> None:
         """Keep the rows of finished runs, and write a part if one is due."""
@@ -213,7 +218,7 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
     damaged.
     """
     places = {version: place for place, version in enumerate(read_mark(folder))}
-    found: dict[str, tuple[int, Row]] = {}
+    found: dict[str, tuple[tuple[int, bool], Row]] = {}
     for part in parts_of(folder):
         for row in _read(part, RUN_COLUMNS):
             told = json.loads(row["configuration"])
@@ -221,9 +226,9 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
             for name in ("best_known", "proved"):
                 del told[name]
             key = row["id"] if all_versions else json.dumps(told, sort_keys=True)
-            place = places.get(version, -1)
-            if key not in found or found[key][0] <= place:
-                found[key] = place, row
+            rank = places.get(version, -1), row["ended"] != DIED
+            if key not in found or found[key][0] <= rank:
+                found[key] = rank, row
     return in_canonical_order(row for _, row in found.values())
 
 
