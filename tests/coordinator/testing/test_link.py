@@ -127,7 +127,7 @@ def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -
         (Rule(action="double", pattern=Pattern(round=4), seconds=0.2), [0, 1, 2, 3, 4, 5, 4]),
         (Rule(action="drop", pattern=Pattern(where=lambda each: each.round == 0)), [1, 2, 3, 4, 5]),
     ],
-    ids=str,
+    ids=lambda each: "" if isinstance(each, list) else str(each).partition(" at 0x")[0],
 )
 def test_a_rule_does_what_it_says_and_no_more(
     ends: Ends, key: str, rule: Rule, due: list[int]

@@ -22,7 +22,7 @@ from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.seen import RESULTS
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import RecordingWriter
+from cubepath.protocol.recordings.writing import RecordingWriter
 
 Clock: TypeAlias = Literal["lockstep", "free"]
 _LONG_US = 20_000_000
