@@ -35,7 +35,7 @@ def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Po
     """
     read, write = os.pipe()
     try:
-        child: subprocess.Popen[bytes] = subprocess.Popen(
+        child: Any = subprocess.Popen(
             [sys.executable, "-I", "-S", str(Path(ward.__file__)), str(write), *command],
             stdin=subprocess.PIPE,
             pass_fds=(write,),
