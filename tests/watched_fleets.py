@@ -1,21 +1,18 @@
-"""A fleet without rounds that a test watches, wounds and asks what came of it."""
+"""A fleet without rounds that begins and is listened to as a test says; see also testing.rig."""
 
 from __future__ import annotations
 
 import contextlib
 import os
-import signal
 import time
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping
+from collections.abc import Callable, Collection, Generator, Iterable
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
-from cubepath.agents.free.fleet import Crash, FreeFleet
+from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.runs.collector import Collector
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.free_messages import FreeMessage, Moved, Turns
 from cubepath.protocol.wire.messages import Go
 from cubepath.protocol.wire.nodes import Keep
@@ -32,7 +29,6 @@ class Watch:
         self.gatherer = FreeGatherer(scene, fleet.keepers)
         self.collector = Collector(fleet.run, self.gatherer, fleet.keepers, fleet.modules_of)
         self.heard: list[FreeMessage] = []
-        self.crashes: list[Crash] = []
         self._shell: Shell | None = None
 
     def keep(self, kept: Keep[Any], _wall_ns: int) -> None:
@@ -44,7 +40,7 @@ class Watch:
         end = time.monotonic() + patience_s
         while not what():
             self._shell.step(0.02)
-            self.crashes += self.fleet.look()
+            self.fleet.look()
             assert time.monotonic() < end, f"not within {patience_s} s: {self.state()}"
 
     def moves(self, more: int) -> None:
@@ -68,10 +64,7 @@ class Watch:
     def state(self) -> str:
         found = self.gatherer
         turns = sum(len(each.parts) for each in self.heard if isinstance(each, Turns))
-        return f"{found.moves} moves, {turns} turns, {found.unfinished}, {self.crashes}"
-
-    def kill(self, name: str, how: int = signal.SIGKILL) -> None:
-        os.kill(self.fleet.pids[name], how)
+        return f"{found.moves} moves, {turns} turns, {found.unfinished}"
 
     def settle(self) -> None:
         """Halt the modules, and wait until everything that was committed is known."""
@@ -88,7 +81,7 @@ class Watch:
                 self._shell.carry_out(self.collector.say(Go(0, "over")))
                 self._shell.carry_out(self.collector.fetch())
             self._shell.step(0.02)
-            self.crashes += self.fleet.look()
+            self.fleet.look()
 
 
 @contextmanager
@@ -96,19 +89,12 @@ def watched(
     scene: Scene,
     rule: str,
     *,
-    ways: Mapping[str, Callable[[str], str]] | None = None,
     listening: bool = True,
     begin: Iterable[int] | None = None,
-    logs: Path | None = None,
     **options: Any,
 ) -> Generator[Watch]:
     """Start a fleet and listen to it; at the end nothing of it is left."""
-
-    def way(name: str, endpoint: str, credentials: Credentials) -> tuple[str, Credentials]:
-        own = (ways or {}).get(name)
-        return endpoint if own is None else own(endpoint), credentials
-
-    fleet = FreeFleet(scene, rule, logs=logs, way=way, **options)
+    fleet = FreeFleet(scene, rule, **options)
     with fleet:
         watch = Watch(fleet, scene)
         fleet.begin(begin)

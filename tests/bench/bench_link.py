@@ -75,7 +75,7 @@ def microseconds(router: Router, count: int, rules: Rules | None) -> float:
 
 def main() -> None:
     """Measure and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="What a link costs.")
     parser.add_argument("--quick", action="store_true", help="small sizes, once")
     quick = parser.parse_args().quick
     titles = ["messages", *(word for name in CASES for word in (name, "ratio"))]
@@ -84,7 +84,7 @@ def main() -> None:
     before: tuple[int, float] | None = None
     for count in QUICK_SIZES if quick else SIZES:
         with Router(processes=1) as router:
-            found = {name: [] for name in CASES}  # type: dict[str, list[float]]
+            found: dict[str, list[float]] = {name: [] for name in CASES}
             for _ in range(1 if quick else REPEATS):
                 for name, rules in CASES.items():  # in turn, as the machine is noisy
                     found[name].append(microseconds(router, count, rules))

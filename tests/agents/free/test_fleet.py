@@ -1,28 +1,26 @@
 """Keepers and modules in real processes, killed, stopped and cut off: nothing is lost."""
 
-import contextlib
-import signal
 import time
-from collections.abc import Callable, Generator
 from functools import partial
+from typing import Any
 
 import pytest
 
 from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.coordinator.testing.fixtures import StartRun
+from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.rig import Rig
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
-from cubepath.protocol.wire.free_messages import Moved
-from relay import Relay
-from watched_fleets import Watch, listened, watched
+from watched_fleets import PATIENCE_S, Watch, listened, watched
 
 pytestmark = pytest.mark.slow
 
 CHAIN = "hex:n=7"
 LONG = partial(pytest.param, marks=pytest.mark.thorough)
-Ways = dict[str, Callable[[str], str]]
+FREE: dict[str, Any] = {"clock": "free", "processes": 2, "keepers": 2}
 
 
 def legal(watch: Watch) -> None:
@@ -36,15 +34,21 @@ def legal(watch: Watch) -> None:
     assert state == frozenset(found.sites) | found.scene.system.filled
 
 
-def test_modules_reach_the_goal_and_each_move_is_told_once() -> None:
-    with watched(scene_from_spec(CHAIN), "chain", processes=2, keepers=2) as watch:
-        watch.until(watch.reached)
-        watch.settle()
-        legal(watch)
-        commits = [each for each in watch.heard if isinstance(each, Moved)]
-        names = [(each.module, each.epoch, each.number) for each in commits]
-        assert len(set(names)) == len(names)
-        assert watch.gatherer.moves == sum(each.generator is not None for each in commits)
+def reached(run: Rig) -> Log:
+    """Go on to the goal; return the log, on which everything holds."""
+    run.until_goal(timeout_s=PATIENCE_S)
+    log = run.finish()
+    log.assert_legal()
+    log.assert_goal()
+    return log
+
+
+def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: StartRun) -> None:
+    log = reached(cubepath_run(CHAIN, **FREE))
+    commits: list[Any] = [each.message for each in log.messages("moved")]
+    names = [(each.module, each.epoch, each.number) for each in commits]
+    assert len(set(names)) == len(names)
+    assert len(log.moves) == sum(each.generator is not None for each in commits)
 
 
 def test_a_coordinator_that_comes_late_finds_everything() -> None:
@@ -59,29 +63,22 @@ def test_a_coordinator_that_comes_late_finds_everything() -> None:
 
 
 @pytest.mark.parametrize("name", ["process_0", LONG("keeper_0"), LONG("keeper_1"), LONG("router")])
-def test_a_process_that_is_killed_and_started_again_takes_its_place(name: str) -> None:
-    scene = scene_from_spec("hex:n=9")
-    with watched(scene, "chain", processes=2, keepers=2, on_crash="restart") as watch:
-        watch.moves(5)
-        watch.kill(name)
-        watch.until(lambda: bool(watch.crashes))
-        assert watch.crashes[0].name == name
-        assert watch.crashes[0].restarted
-        watch.until(watch.reached)
-        watch.settle()
-        legal(watch)
+def test_a_process_that_is_killed_and_started_again_takes_its_place(
+    name: str, cubepath_run: StartRun
+) -> None:
+    run = cubepath_run("hex:n=9", **FREE, on_crash="restart")
+    run.until_moves(5)
+    run.kill(name)
+    reached(run)
+    assert [(each.name, each.restarted) for each in run.outcome.crashes] == [(name, True)]
 
 
 @pytest.mark.parametrize("name", [LONG("process_0"), "keeper_0", LONG("router")])
-def test_a_process_that_is_stopped_for_a_while_goes_on(name: str) -> None:
-    with watched(scene_from_spec(CHAIN), "chain", processes=2, keepers=2) as watch:
-        watch.moves(3)
-        watch.kill(name, signal.SIGSTOP)
-        time.sleep(1.0)
-        watch.kill(name, signal.SIGCONT)
-        watch.until(watch.reached)
-        watch.settle()
-        legal(watch)
+def test_a_process_that_is_stopped_for_a_while_goes_on(name: str, cubepath_run: StartRun) -> None:
+    run = cubepath_run(CHAIN, **FREE)
+    run.until_moves(3)
+    run.pause(name, seconds=1.0)
+    reached(run)
 
 
 def test_modules_join_late_and_leave() -> None:
@@ -103,74 +100,52 @@ def test_modules_join_late_and_leave() -> None:
         assert [watch.gatherer.sites[each] for each in first] == places
 
 
-def test_the_living_do_not_notice_the_dead() -> None:
+def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
     """A process dies with its vehicle, which stays where it is; the others go on."""
-    scene = scene_from_spec("agv:graph=grid6x2,n=4")
-    with watched(scene, "random", processes=4, keepers=2, on_crash="continue") as watch:
-        watch.moves(3)
-        watch.kill("process_1")
-        watch.until(lambda: bool(watch.crashes))
-        assert not watch.crashes[0].restarted
-        dead = watch.fleet.modules_of[1][0]
-        watch.moves(10)  # what it had under way is decided by then
-        place = watch.gatherer.sites[dead]
-        watch.moves(20)
-        watch.settle()
-        legal(watch)
-        assert watch.gatherer.sites[dead] == place
+    options = {**FREE, "processes": 4, "max_rounds": 10**6}
+    run = cubepath_run("agv:graph=grid6x2,n=4", "random", **options)
+    run.until_moves(3)
+    (dead,) = run.run.modules_of("process_1")
+    run.kill("process_1")
+    run.until(lambda _: "process_1" not in run.pids)
+    run.step(10)  # what it had under way is decided by then
+    place = run.sites[dead]
+    run.step(20)
+    run.finish().assert_legal()
+    assert run.sites[dead] == place
+    assert [(each.name, each.restarted) for each in run.outcome.crashes] == [("process_1", False)]
 
 
-def test_a_death_ends_the_run_unless_told_otherwise() -> None:
-    with (
-        pytest.raises(ProcessDied, match=r"^keeper_1 has ended: killed by signal 9$"),
-        watched(scene_from_spec(CHAIN), "random", processes=1, keepers=2) as watch,
-    ):
-        watch.moves(2)
-        watch.kill("keeper_1")
-        watch.moves(10**6)
-
-
-@contextlib.contextmanager
-def relays(names: list[str], delay_s: float) -> Generator[tuple[Ways, dict[str, Relay]]]:
-    """Yield the ways of processes through relays of their own."""
-    made: dict[str, Relay] = {}
-    with contextlib.ExitStack() as stack:
-
-        def way(name: str) -> Callable[[str], str]:
-            def through(endpoint: str) -> str:
-                made[name] = stack.enter_context(Relay(endpoint, delay_s=delay_s))
-                return made[name].endpoint
-
-            return through
-
-        yield {name: way(name) for name in names}, made
+def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> None:
+    run = cubepath_run(CHAIN, "random", **{**FREE, "on_crash": "stop", "max_rounds": 10**6})
+    run.until_moves(2)
+    run.kill("keeper_1")
+    assert run.play().error == "keeper_1 has ended: killed by signal 9"
 
 
 @pytest.mark.parametrize("name", ["process_0", LONG("keeper_1")])
-def test_who_is_cut_off_for_a_while_goes_on_where_it_was(name: str) -> None:
-    with (
-        relays([name], 0.0) as (ways, made),
-        watched(scene_from_spec(CHAIN), "chain", ways=ways, processes=2, keepers=2) as watch,
-    ):
-        watch.moves(3)
-        made[name].cut()
-        time.sleep(1.5)
-        made[name].heal()
-        watch.until(watch.reached)
-        assert made[name].passed
-        watch.settle()
-        legal(watch)
+@pytest.mark.parametrize("keep", [True, LONG(False)])
+def test_who_is_cut_off_for_a_while_goes_on_where_it_was(
+    name: str, keep: bool, cubepath_run: StartRun
+) -> None:
+    """What was said meanwhile comes late, or never."""
+    run = cubepath_run(CHAIN, **FREE)
+    run.until_moves(3)
+    run.cut_off(name, seconds=1.5, keep=keep)
+    reached(run)
+    assert run.link_of(name).up.passed
 
 
 @pytest.mark.thorough
-def test_slow_links_only_take_longer() -> None:
-    with (
-        relays(["keeper_0", "process_0"], 0.05) as (ways, _),
-        watched(scene_from_spec("hex:n=5"), "chain", ways=ways, processes=2, keepers=2) as watch,
-    ):
-        watch.until(watch.reached)
-        watch.settle()
-        legal(watch)
+def test_slow_links_only_take_longer(cubepath_run: StartRun) -> None:
+    run = cubepath_run("hex:n=5", **FREE)
+    late = [
+        rule
+        for name in ("keeper_0", "process_0")
+        for rule in (run.delay(0.05, sender=name), run.delay(0.05, to=name))
+    ]
+    reached(run)
+    assert all(rule.count for rule in late)
 
 
 @pytest.mark.parametrize(("key", "number"), [("processes", 0), ("keepers", 0)])

@@ -4,31 +4,24 @@ from __future__ import annotations
 
 import ast
 import json
-import os
-import re
-import signal
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
-from threading import Thread, Timer
+from threading import Thread
+from typing import Any
 
 import pytest
 import zenoh
 
-from bridge import Bridge, What
-from cubepath.agents.processes.fleet import Fleet
-from cubepath.agents.processes.network import Network
 from cubepath.coordinator.auditing.recording import audit
-from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.testing.rig import Rig
+from cubepath.coordinator.testing.seen import Seen
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.wire.messages import Message, Report, Reports
 from cubepath.protocol.wire.sessions import open_client, put
 from recordings import parts
 
@@ -40,57 +33,31 @@ LINES_MAX = 150
 END_S = 60.0
 
 
-def played(
-    log: Path, meddle: Callable[[str], AbstractContextManager[str]] | None = None
-) -> Outcome:
-    """Run the own process with others in two processes of cubepath, to the end of both.
-
-    `meddle` is given the endpoint, and returns a context for the run: of where the process joins.
-    """
-    with ExitStack() as around:
-
-        def say(line: str) -> None:
-            found = re.search(r"listening on (\S+)", line)
-            if found is None:
-                return
-            endpoint = found[1]
-            if meddle is not None:
-                endpoint = around.enter_context(meddle(endpoint))
-            around.enter_context(own_process(endpoint))
-
-        return run(
-            Plan(
-                "agv-labelled:graph=grid10x4,n=4",
-                seed=SEED,
-                processes=2,
-                max_rounds=300,
-                log=log,
-                listen="tcp/127.0.0.1:0",
-                wait_for=1,
-            ),
-            say=say,
-        )
-
-
-@contextmanager
-def own_process(endpoint: str) -> Generator[subprocess.Popen[str]]:
-    """Start the own process; it has to end by itself when the run does."""
-    child = subprocess.Popen(
-        [sys.executable, "-I", OWN, endpoint, str(MODULE)], stderr=subprocess.PIPE, text=True
+def rig(log: Path, *, links: bool = False) -> Rig:
+    """Return a run of the own process with others in two processes of cubepath."""
+    return Rig(
+        "agv-labelled:graph=grid10x4,n=4",
+        seed=SEED,
+        max_rounds=300,
+        log=log,
+        commands={"own": [sys.executable, "-I", str(OWN), "{endpoint}", str(MODULE)]},
+        links=links,
+        timeout_s=END_S,
     )
-    try:
-        yield child
-        _, errors = child.communicate(timeout=END_S)
-        assert (child.returncode, errors) == (0, "")
-    finally:
-        child.kill()
-        child.wait()
+
+
+def played(run: Rig) -> Outcome:
+    """Play to the end of the run, and of the own process, which ends by itself."""
+    outcome = run.play()
+    assert (run.commands["own"].wait(), run.commands["own"].err) == (0, "")
+    return outcome
 
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     """Return a run in which nobody meddles."""
-    return played(tmp_path_factory.mktemp("own") / "run.mcap")
+    with rig(tmp_path_factory.mktemp("own") / "run.mcap") as run:
+        return played(run)
 
 
 @pytest.mark.slow
@@ -117,7 +84,7 @@ def test_verify_accepts_its_recording(outcome: Outcome) -> None:
 
 
 @contextmanager
-def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[str]:
+def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[None]:
     """Double every message to a region, and ask the own process again for each of its own."""
     came: SimpleQueue[tuple[str, bytes] | None] = SimpleQueue()
 
@@ -148,7 +115,7 @@ def meddler(endpoint: str, heard: Counter[tuple[str, bytes]]) -> Generator[str]:
         thread = Thread(target=meddle, daemon=True)
         thread.start()
         try:
-            yield endpoint
+            yield
         finally:
             came.put(None)
             thread.join()
@@ -160,7 +127,8 @@ def test_what_comes_twice_and_is_asked_again_changes_nothing(
 ) -> None:
     """It says the same bytes again, and the path is the same."""
     all_heard: Counter[tuple[str, bytes]] = Counter()
-    found = played(tmp_path / "run.mcap", lambda endpoint: meddler(endpoint, all_heard))
+    with rig(tmp_path / "run.mcap") as run, meddler(run.run.endpoint, all_heard):
+        found = played(run)
     assert found.path_digest == outcome.path_digest
     heard = {
         data: count for (_, data), count in all_heard.items() if json.loads(data)["process"] == 0
@@ -174,59 +142,52 @@ def test_what_comes_twice_and_is_asked_again_changes_nothing(
 @pytest.mark.parametrize(
     "what", [pytest.param("the router dies", marks=pytest.mark.thorough), "it stands still"]
 )
-def test_it_goes_on_after_what_goes_wrong(what: str, outcome: Outcome) -> None:
+def test_it_goes_on_after_what_goes_wrong(what: str, outcome: Outcome, tmp_path: Path) -> None:
     """What was lost is asked for again, and the reports are the same."""
-    told: list[Report] = []
-    with ExitStack() as around:
-
-        def say(line: str) -> None:
-            found = re.search(r"listening on (\S+)", line)
-            if found is not None:
-                children.append(around.enter_context(own_process(found[1])))
-
-        def sink(message: Message, data: bytes, wall_ns: int) -> None:
-            if isinstance(message, Reports):
-                told.extend(message.parts)
-
-        children: list[subprocess.Popen[str]] = []
-        recording = read_recording(Path(outcome.log))
-        network = Network(listen="tcp/127.0.0.1:0", wait_for=1)
-        with Fleet(
-            recording.scene, "pibt", seed=SEED, network=network, say=say, sink=sink
-        ) as fleet:
-            for number in fleet.rounds(outcome.rounds):
-                if number == 3 and what == "the router dies":
-                    os.kill(fleet.pids["router"], signal.SIGKILL)
-                elif number == 3:
-                    children[0].send_signal(signal.SIGSTOP)
-                    goes_on = children[0], signal.SIGCONT
-                    Timer(STILL_S, subprocess.Popen.send_signal, goes_on).start()
-    due = parts(recording, "report")
+    with rig(tmp_path / "run.mcap") as run:
+        if what == "the router dies":
+            wound = run.kill("router", at=3)
+        else:
+            wound = run.pause("own", at=3, seconds=STILL_S)
+        assert played(run).path_digest == outcome.path_digest
+        assert wound.done
+    told, due = (parts(read_recording(Path(log)), "report") for log in (run.path, outcome.log))
     assert sorted(told, key=lambda each: (each.round, each.module)) == sorted(
         due, key=lambda each: (each.round, each.module)
     )
 
 
-LOST: frozenset[What] = frozenset(
-    {
-        (2, "said", "sense", 1),
-        (3, "go", "claim", -1),
-        (4, "said", "claim", 2),
-        (5, "said", "sense", 0),
-        (6, "ready", "claim", 0),
-        (7, "reports", "", 0),
-        (8, "go", "settle", -1),
-    }
-)
+LOST: list[dict[str, Any]] = [
+    {"what": "said", "round": 2, "phase": "sense", "sender": "process_1", "to": "own"},
+    {"what": "go", "round": 3, "phase": "claim", "to": "own"},
+    {"what": "said", "round": 4, "phase": "claim", "sender": "process_2", "to": "own"},
+    {"what": "said", "round": 5, "phase": "sense", "sender": "own"},
+    {"what": "ready", "round": 6, "phase": "claim", "sender": "own"},
+    {"what": "reports", "round": 7, "sender": "own"},
+    {"what": "go", "round": 8, "phase": "settle", "to": "own"},
+]
+
+
+def first_copies() -> Callable[[Seen], bool]:
+    """Return what holds of a message the first time that it comes."""
+    came: Counter[bytes] = Counter()
+
+    def is_first(seen: Seen) -> bool:
+        came[seen.data] += 1
+        return came[seen.data] == 1
+
+    return is_first
 
 
 @pytest.mark.thorough
 def test_what_is_lost_on_the_way_is_said_again(outcome: Outcome, tmp_path: Path) -> None:
     """In both directions, while all else comes twice; the path is the same."""
-    bridge = Bridge(LOST)
-    found = played(tmp_path / "run.mcap", bridge.across)
+    with rig(tmp_path / "run.mcap", links=True) as run:
+        lost = [run.drop(**each, where=first_copies()) for each in LOST]
+        twice = run.double(to="own")
+        found = played(run)
     assert found.path_digest == outcome.path_digest
-    assert bridge.done == LOST
+    assert all(rule.count for rule in (*lost, twice)), [rule.count for rule in lost]
 
 
 def test_it_knows_the_page_alone() -> None:

@@ -115,6 +115,11 @@ def test_seeds_are_those_asked_for(tmp_path: Path) -> None:
     assert ids(tmp_path, "-p", "no:randomly", "--cubepath-seeds=7..8") == [*both, "test_other"]
     ini = ids(tmp_path, "-p", "no:randomly", "-o", "cubepath_seeds=7,8")
     assert ini == [*both[:2], *marked, "test_other"]
+
+
+@pytest.mark.thorough
+def test_seeds_come_to_the_tests(tmp_path: Path) -> None:
+    """And options that are none end pytest in one line."""
     assert "4 passed" in outcome_of(tmp_path, SEEDS).stdout
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-seeds=x")
     assert "cubepath-seeds=x: expected a number, or as 3..9, or as 1,4,7" in wrong.stderr

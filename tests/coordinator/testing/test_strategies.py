@@ -59,7 +59,7 @@ def test_what_is_drawn_can_come_to_pass(clock: Any, data: st.DataObject) -> None
 @pytest.mark.parametrize(
     ("bug", "kinds"),
     [
-        (Raises, ["loss"]),
+        pytest.param(Raises, ["loss"], marks=pytest.mark.thorough),
         pytest.param(Raises, None, marks=pytest.mark.thorough),
         pytest.param(ForgetsCounts, None, marks=pytest.mark.thorough),
     ],
@@ -84,6 +84,22 @@ def test_a_failing_run_shrinks_to_one_fault(bug: Any, kinds: list[str] | None) -
     assert "system agv:graph=C6,n=2, rule tswap, seed 0, " in text
     assert text.count("fault: ") == len(found.play(bug).fired)
     assert len(text.splitlines()) < 30
+
+
+def test_what_fails_is_told_with_its_faults() -> None:
+    """The system, the seed, the fault and the last messages: enough to write it down by hand."""
+    trials_of = (
+        trial_of("agv:graph=C6,n=2", faults=[fault("loss", "process_0 down", nth)])
+        for nth in range(30)
+    )
+    trial = next(each for each in trials_of if each.play(Raises).run.failure is not None)
+    assert trial.check().fired == trial.faults
+    with pytest.raises(AssertionError) as told:
+        trial.check(Raises)
+    text = str(told.value)
+    assert "system agv:graph=C6,n=2, rule tswap, seed 0, 2 processes, hesitate 0" in text
+    assert f"fault: loss at process_0 down, number {trial.faults[0].nth}\n" in text
+    assert "the last messages:" in text
 
 
 def test_a_trial_is_the_same_run_each_time() -> None:

@@ -17,7 +17,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Self
+from typing import IO, Any, Self
 
 from cubepath.coordinator.testing import ward
 from cubepath.coordinator.testing.tables import short
@@ -28,14 +28,14 @@ _LINES_SHOWN = 10
 _STDERR_MAX = 1 << 14
 
 
-def new_ward(command: Sequence[str] = (), **options: object) -> tuple[subprocess.Popen[bytes], int]:
+def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Popen[bytes], int]:
     """Start a ward; return it and the descriptor at which it tells the process id of the command.
 
     `options` are those of `subprocess.Popen`.
     """
     read, write = os.pipe()
     try:
-        child = subprocess.Popen(  # type: ignore[call-overload]
+        child: Any = subprocess.Popen(
             [sys.executable, "-I", "-S", str(Path(ward.__file__)), str(write), *command],
             stdin=subprocess.PIPE,
             pass_fds=(write,),

@@ -68,7 +68,7 @@ class StartRun:
 
         The seed is that of the test, and the recording goes to its folder, unless told otherwise.
         """
-        given = {**self._defaults, "links": links, "commands": commands, **options}
+        given: dict[str, Any] = {**self._defaults, "links": links, "commands": commands, **options}
         if "log" not in given:
             given["log"] = self._places.new("run")
         rig = Rig(system, rule, **given)
@@ -156,7 +156,7 @@ class Replay:
 
     def to(self, log: Log | Path | str, command: CommandLine, **options: Any) -> Listener:
         """Start a command, replay to it on a wire, and return both; as `Listener`."""
-        given = {"timeout_s": self._timeout_s, **options}
+        given: dict[str, Any] = {"timeout_s": self._timeout_s, **options}
         return self._resources.enter_context(Listener(_log(log), command, **given))
 
     def close(self) -> None:

@@ -297,10 +297,12 @@ class Log:
         """
         __tracebackhide__ = True
         found = self.places(what, **pattern)
-        bounds = expected if isinstance(expected, range) else range(expected, expected + 1)
-        if len(found) in bounds:
+        if isinstance(expected, range):
+            holds, due = len(found) in expected, f"{expected.start} to {expected.stop - 1}"
+        else:
+            holds, due = len(found) == expected, str(expected)
+        if holds:
             return
-        due = f"{expected.start} to {expected.stop - 1}" if bounds is expected else str(expected)
         name = _named(pattern_of(what, **pattern))
         self._fail(
             f"{len(found)} messages are {name}, expected {due}", place=found[0] if found else None

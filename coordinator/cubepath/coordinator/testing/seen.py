@@ -6,7 +6,7 @@ and tables need not know the clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -125,9 +125,11 @@ class Seen:
         found: Any = self.message
         if found is None:
             return
-        for part in getattr(found, "parts", parts_of(found)):
-            module = getattr(part.attempt if isinstance(part, Passed) else part, "module", None)
-            yield kind_of(part), module if isinstance(module, int) else None
+        parts: Sequence[Any] = getattr(found, "parts", parts_of(found))
+        for part in parts:
+            about: Any = part.attempt if isinstance(part, Passed) else part
+            module = getattr(about, "module", None)
+            yield str(part.__struct_config__.tag), module if isinstance(module, int) else None
 
     @property
     def modules(self) -> tuple[int, ...]:
