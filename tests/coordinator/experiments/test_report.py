@@ -123,7 +123,7 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     for one, two in zip(found.files, again.files, strict=True):
         assert one.read_bytes() == two.read_bytes()
     names = {path.name for path in found.files}
-    assert names >= {"report.html", "growth-rounds.svg", "progress.png", "class.svg"}
+    assert names >= {"report.html", "growth-rounds.svg", "progress.png", "class.svg", "price.svg"}
     for path in found.files:
         if path.suffix == ".svg":
             ET.parse(path)  # noqa: S314 - our own
@@ -135,9 +135,9 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     assert page.loads == []
     assert len(page.ids) == len(set(page.ids))
     assert page.tags.count("svg") == len(names) // 2
-    assert page.tags.count("table") == 4
+    assert page.tags.count("table") == 5
     assert "prefers-color-scheme: dark" in text
-    assert not re.search(r"url\(#(?!growth|progress|class)", text)
+    assert not re.search(r"url\(#(?!growth|progress|class|price)", text)
 
 
 @pytest.mark.slow

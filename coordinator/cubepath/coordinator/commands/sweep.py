@@ -118,6 +118,13 @@ def _add_bounds(sweep: argparse.ArgumentParser) -> None:
         help="search for the fewest cubes from start to goal, keeping so many states at most"
         " (default 0: no search)",
     )
+    sweep.add_argument(
+        "--improve",
+        type=whole(0),
+        metavar="STEPS",
+        help="search for a path with few cubes from start to goal in so many steps, from what the"
+        " family's rule does with seed 0 (default 0: no search)",
+    )
 
 
 def _sweep(options: argparse.Namespace) -> int:
@@ -147,6 +154,7 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
         "processes": options.processes,
         "keepers": options.keepers,
         "optimum": options.optimum,
+        "improve": options.improve,
     }
     return {key: value for key, value in named.items() if value is not None}
 

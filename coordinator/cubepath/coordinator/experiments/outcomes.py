@@ -62,7 +62,7 @@ class PlayedRun:
 def finished(batch: Batch, seed: int, played: PlayedRun) -> Finished:
     """Return the rows of a run."""
     setting = batch.setting
-    facts = facts_of(setting.system, setting.optimum)
+    facts = facts_of(setting.system, setting.optimum, setting.improve)
     row = _row(batch, seed, facts)
     counts = np.diff(played.ends, prepend=0)
     ended = played.ended
@@ -77,7 +77,7 @@ def finished(batch: Batch, seed: int, played: PlayedRun) -> Finished:
     row |= {
         "bound": bound,
         "optimum": _optimum(
-            facts.optimum, bound, {setting.best_known, played.cubes if reached else None}
+            facts.optimum, bound, {row["best_known"], played.cubes if reached else None}
         ),
         "goal": reached,
         "ended": ended,
@@ -120,7 +120,9 @@ def _after_rounds(
 def failed(batch: Batch, seed: int, ended: str, reason: str, seconds: float = 0.0) -> Finished:
     """Return the row of a run of which nothing came but a reason."""
     try:
-        row = _row(batch, seed, facts_of(batch.setting.system, batch.setting.optimum))
+        setting = batch.setting
+        facts = facts_of(setting.system, setting.optimum, setting.improve)
+        row = _row(batch, seed, facts)
     except Exception:  # noqa: BLE001 - whatever ended the run may be asked for here again
         row = _row(batch, seed, None)
     row |= {
@@ -153,7 +155,7 @@ def _row(batch: Batch, seed: int, facts: SceneFacts | None) -> Row:
         "keepers": setting.keepers,
         "max_rounds": setting.max_rounds,
         "seed": seed,
-        "best_known": setting.best_known,
+        "best_known": _least(setting.best_known, None if facts is None else facts.best_found),
         "id": run_id(setting, seed, batch.code),
         "code": batch.code,
         "configuration": json.dumps({**setting.configuration(), "seed": seed}, sort_keys=True),
@@ -163,6 +165,10 @@ def _row(batch: Batch, seed: int, facts: SceneFacts | None) -> Row:
 
 def _greatest(one: int | None, other: int | None) -> int | None:
     return max((each for each in (one, other) if each is not None), default=None)
+
+
+def _least(one: int | None, other: int | None) -> int | None:
+    return min((each for each in (one, other) if each is not None), default=None)
 
 
 def _optimum(found: int | None, bound: int | None, known: set[int | None]) -> int | None:

@@ -58,7 +58,7 @@ def _told(error: Exception) -> str:
 
 def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
     setting = batch.setting
-    facts = facts_of(setting.system, setting.optimum)
+    facts = facts_of(setting.system, setting.optimum, setting.improve)
     if setting.core == "compiled":
         yield from play_compiled(setting, facts, batch.seeds)
         return

@@ -21,6 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
 from numpy.typing import NDArray
 
+from cubepath.coordinator.experiments.prices import priced, stacked
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.tables import (
     WORLD,
@@ -85,8 +86,11 @@ class Looks:
 
     def label(self, row: Row) -> str:
         """Return how the variant of a run is called: its rule, and what else differs."""
-        rest = [f"{key} {row[key]}" for key in self._keys[1:]]
-        return ", ".join([str(row["rule"]), *rest])
+        return ", ".join(filter(None, [str(row["rule"]), self.rest(row)]))
+
+    def rest(self, row: Row) -> str:
+        """Return what differs beside the rule."""
+        return ", ".join(f"{key} {row[key]}" for key in self._keys[1:])
 
     def by_variant(self, rows: Sequence[Row]) -> Iterable[tuple[dict[str, Any], list[Row]]]:
         """Yield the rows of each variant, with how its line looks."""
@@ -125,6 +129,7 @@ def plots_of(rows: Sequence[Row], rounds: Sequence[Row]) -> list[Plot]:
     priced = [row | {"class": row["cubes"] / best} for row in sized if (best := _best(row))]
     title = "Cubes over the best known, or the bound"
     found.append(_figure("class", title, priced, "base", looks, _by_size("class")))
+    found.append(price_plot(rows))
     curves = _curves(rounds)
     drawn = [row for row in rows if row["id"] in curves]
     found.append(
@@ -138,6 +143,19 @@ def plots_of(rows: Sequence[Row], rounds: Sequence[Row]) -> list[Plot]:
         )
     )
     return [each for each in found if each is not None]
+
+
+def price_plot(rows: Sequence[Row]) -> Plot | None:
+    """Return the plot of what runs paid for timing, class and rule; None if none arrived."""
+    drawn = [
+        row | {"panel": f"{without_size(row['system'])}, {row['rule']}"} for row in priced(rows)
+    ]
+    looks = Looks(drawn) if drawn else Looks(rows)
+    variants = sorted({looks.rest(row) for row in drawn}, key=natural)
+    title = "Rounds over the best known: timing x class x rule"
+    if len(variants) > 1:
+        title += f"\nbars of a size from left to right: {', then '.join(variants)}"
+    return _figure("price", title, drawn, "panel", looks, stacked(variants or [""], looks.rest))
 
 
 def _best(row: Row) -> int | None:

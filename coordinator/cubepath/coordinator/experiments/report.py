@@ -12,6 +12,7 @@ from typing import Any
 
 from cubepath.coordinator.experiments.page import page_of
 from cubepath.coordinator.experiments.plots import plots_of
+from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import (
@@ -56,7 +57,7 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     target = Path(folder) / "report" if out is None else Path(out)
     check_output_folder(target)
     rows = short_rules(results.rows)
-    tables = tuple(make(rows) for make in (runs_table, pairs_table, growth_table))
+    tables = tuple(make(rows) for make in (runs_table, price_table, pairs_table, growth_table))
     plots = plots_of(rows, results.rounds)
     page = page_of(_title(rows), _facts(rows), tables, plots)
     files = {PAGE: page.encode()}

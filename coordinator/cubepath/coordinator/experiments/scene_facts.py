@@ -15,6 +15,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.search.anytime import improve
 from cubepath.coordinator.search.budget import Budget, SpentError
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.heuristics import Potential, Ways
@@ -24,10 +27,13 @@ from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 _BOUND_STEPS = 300_000
 """What a lower bound may take: a step is a site met on the way of a module."""
+_WAY_ROUNDS = 1000
+"""In how many rounds a rule must reach the goal for a search to go out from its path."""
 _DISTANCE_STEPS = 200_000
 """For how many sites it may be asked where a module can go from there, to measure distances."""
 
@@ -52,13 +58,14 @@ Change: TypeAlias = tuple[State, State]
 class SceneFacts:
     """What is known of a scene.
 
-    `optimum` is the least number of cubes from start to goal, None if it is not known, and
-    `at_least` what a search for it has proved.
+    `optimum` is the least number of cubes from start to goal, None if it is not known, `at_least`
+    what a search for it has proved, and `best_found` the cubes of the best path that was found.
     """
 
     scene: Scene
     at_least: int | None
     optimum: int | None
+    best_found: int | None
     missing: int | None
     """How many sites of the goal are off at the start; None if there is no goal."""
     distance: int | None
@@ -111,12 +118,16 @@ class SceneFacts:
 
 
 @lru_cache(maxsize=32)
-def facts_of(system: str, max_states: int = 0) -> SceneFacts:
-    """Return what is known of a scene by name; `max_states` bounds a search for the optimum."""
+def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> SceneFacts:
+    """Return what is known of a scene by name.
+
+    `max_states` bounds a search for the optimum, `iterations` one for a path with few cubes; there
+    is none if it is 0.
+    """
     scene = scene_from_spec(system)
     steps = Transitions(scene.system)
     if scene.goal is None:
-        return SceneFacts(scene, None, None, None, None, None, steps)
+        return SceneFacts(scene, None, None, None, None, None, None, steps)
     start, goal = scene.start_state, scene.goal | scene.system.filled
     potential, best, at_least = None, None, None
     with suppress(SpentError, CubepathError):
@@ -128,6 +139,24 @@ def facts_of(system: str, max_states: int = 0) -> SceneFacts:
         found = optimum(search, *ends, max_states=max_states)
         at_least = found.at_least
         best = None if found.cubes is None else len(found.cubes)
+    found_best = best
+    if iterations and best is None:
+        found_best = _best_found(scene, iterations)
     missing = len(scene.goal - scene.start_state)
     distance = None if potential is None else potential.of(potential.start)
-    return SceneFacts(scene, at_least, best, missing, distance, potential, steps)
+    return SceneFacts(scene, at_least, best, found_best, missing, distance, potential, steps)
+
+
+def _best_found(scene: Scene, iterations: int) -> int | None:
+    """Return the cubes of the best path of a search of so many steps; None without a path.
+
+    It goes out from what the rule of the family does with seed 0, whatever rules are compared, and
+    the search has seed 0 too: so the value is one of the scene.
+    """
+    family = sound_family(scene.family)
+    own = (family.rule if family is not None else "") or "random"
+    rule = rule_named(own, scene.system)
+    run = play_in_python(scene, rule, seed=0, hesitate=0.0, max_rounds=_WAY_ROUNDS)
+    if not run.reached:
+        return None
+    return improve(run.path, scene.start_state, scene.system, iterations=iterations).cubes

@@ -31,7 +31,7 @@ DELAY_MS_MAX = 1_000_000
 _ID = 16
 _WITHOUT_RESULTS = ("commands", "paper", "auditing", "testing")
 """Rooms of the coordinator whose code decides nothing about a run."""
-_OF_REPORTS = ("report", "page", "plots", "statistics", "tables")
+_OF_REPORTS = ("report", "page", "plots", "prices", "statistics", "tables")
 """Modules of this room of which the same holds."""
 
 
@@ -102,6 +102,8 @@ class Setting:
     keepers: int
     optimum: int = 0
     """How many states a search for the optimum may keep; 0 for no search."""
+    improve: int = 0
+    """How many steps a search for a path with few cubes takes; 0 for no search."""
     best_known: int | None = None
     proved: int | None = None
     """What is known of the scene from elsewhere: cubes of the best path, and a proved bound."""

@@ -41,6 +41,7 @@ from cubepath.protocol.core.toml_text import parsed_toml
 from cubepath.protocol.scenes.registry import family_named, sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 
+_LEAST = (("max_rounds", 0), ("processes", 1), ("keepers", 1), ("optimum", 0), ("improve", 0))
 STANDARD = "standard"
 """The name that stands for all standard instances."""
 MAX_ROUNDS = 1000
@@ -59,7 +60,8 @@ class Sweep:
     the simulator if something happens to messages. `max_rounds` ends a run: so many rounds; without
     rounds so many turns of each module in one process, and so many levels of moves over the wire.
     `processes` and `keepers` are those of a run with messages. `optimum` asks for the least number
-    of cubes between start and goal, by a search that keeps so many states at most.
+    of cubes between start and goal, by a search that keeps so many states at most, and `improve`
+    for the best path that a search of so many steps finds, in any class.
     """
 
     systems: tuple[str, ...]
@@ -73,6 +75,7 @@ class Sweep:
     processes: int = 4
     keepers: int = 4
     optimum: int = 0
+    improve: int = 0
 
     def __post_init__(self) -> None:
         """Check what is wrong whatever the systems are; InputError names it."""
@@ -86,7 +89,7 @@ class Sweep:
         for share in self.hesitate:
             if not 0.0 <= share < 1.0:
                 raise InputError(f"hesitate: {share:g}, expected at least 0 and less than 1")
-        for key, least in (("max_rounds", 0), ("processes", 1), ("keepers", 1), ("optimum", 0)):
+        for key, least in _LEAST:
             if getattr(self, key) < least:
                 raise InputError(f"{key}: {getattr(self, key)}, expected {least} or more")
         checked_seeds(list(self.seeds), "seeds")
@@ -178,13 +181,14 @@ def _said(label: str, error: InputError) -> str:
 
 
 def _instances(systems: Iterable[str]) -> Iterator[_Instance]:
+    known = {each.system: each for each in _standard()}
     for text in systems:
         if text == STANDARD:
             yield from _standard()
             continue
         for name in expanded(text):
             _check_name(name)
-            yield _Instance(name, name)
+            yield replace(known.get(name, _Instance(name, name)), label=name)
 
 
 def _standard() -> Iterator[_Instance]:
@@ -256,6 +260,7 @@ def _of_scene(
             processes=0 if alone else min(sweep.processes, len(scene.start)),
             keepers=0 if alone or clock != "free" else sweep.keepers,
             optimum=sweep.optimum,
+            improve=sweep.improve,
             best_known=instance.best_known,
             proved=instance.proved,
         )

@@ -62,6 +62,16 @@ def mean_interval(numbers: Sequence[float]) -> Interval:
     return Interval(mean, low, high)
 
 
+def geometric_mean_interval(numbers: Sequence[float]) -> Interval:
+    """Return the geometric mean of positive numbers, with the interval of the mean logarithm.
+
+    >>> [round(float(each or 0), 6) for each in geometric_mean_interval([0.5, 0.5])]
+    [0.5, 0.5, 0.5]
+    """
+    mean, low, high = mean_interval([log(number) for number in numbers])
+    return Interval(exp(mean), *(None if each is None else exp(each) for each in (low, high)))
+
+
 def share_interval(hits: int, of: int) -> Interval:
     """Return a share with its exact interval (Clopper and Pearson 1934).
 

@@ -102,6 +102,7 @@ def sweep(
     processes: int | None = None,
     keepers: int | None = None,
     optimum: int | None = None,
+    improve: int | None = None,
     out: Path | str | None = None,
     jobs: int = 1,
     cluster: str | None = None,
@@ -111,7 +112,7 @@ def sweep(
     """Play all systems with all rules, clocks, hesitations, faults and seeds; return the rows.
 
     `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. Each argument
-    up to `optimum` is one value or several, as in such a file (see `Sweep`), and replaces what the
+    up to `improve` is one value or several, as in such a file (see `Sweep`), and replaces what the
     file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds.
 
     With `out`, rows are written to that folder as Parquet as they come, and runs that are finished
@@ -141,6 +142,7 @@ def sweep(
         "processes": processes,
         "keepers": keepers,
         "optimum": optimum,
+        "improve": improve,
     }
     table = {key: _plain(value) for key, value in given.items() if value is not None}
     if isinstance(systems, Sweep):

@@ -112,8 +112,6 @@ def runs_table(rows: Sequence[Row]) -> Table:
                 _mean(reached, lambda row: row["cubes"]),
                 max((row["bound"] for row in several if row["bound"] is not None), default=None),
                 best_of(several[0]),
-                _mean(reached, lambda row: row["rounds"] / row["cubes"] if row["cubes"] else None),
-                _mean(reached, _price),
                 _mean(several, lambda row: row["conflicts"]),
                 _mean(several, lambda row: row["messages"]),
                 sum(bool(row["stuck"]) for row in several),
@@ -124,8 +122,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
         "Runs",
         "Rounds, moves and cubes are means over the runs that reached their goal, with the 95%"
         " interval of 2,000 seeded bootstrap resamples; the share of these runs has its exact"
-        " interval (Clopper and Pearson). Timing is rounds over cubes, class is cubes over the"
-        " best that is known, or else over the lower bound.",
+        " interval (Clopper and Pearson).",
         (
             *keys,
             "runs",
@@ -135,8 +132,6 @@ def runs_table(rows: Sequence[Row]) -> Table:
             "cubes",
             "bound",
             "best",
-            "timing",
-            "class",
             "conflicts",
             "messages",
             "stuck",
@@ -144,11 +139,6 @@ def runs_table(rows: Sequence[Row]) -> Table:
         ),
         tuple(found),
     )
-
-
-def _price(row: Row) -> float | None:
-    best = best_of(row) or row["bound"]
-    return row["cubes"] / best if best else None
 
 
 def _mean(rows: Iterable[Row], measure: Callable[[Row], float | None]) -> Interval | None:
