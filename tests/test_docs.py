@@ -41,6 +41,8 @@ LONG = {
 """Pages that take seconds."""
 SHOWN = {
     "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",
+    "cubepath sweep docs/studies/price.toml -o price": "takes minutes; tests/test_studies.py",
+    "cubepath sweep docs/studies/free-clock.toml -o free": "takes minutes; tests/test_studies.py",
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
 }
 """First lines of blocks that are only shown, and why."""

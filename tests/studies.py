@@ -1,0 +1,311 @@
+"""The studies of docs/studies: from the folders of their sweeps to what is committed of them.
+
+``python tests/studies.py price DIR...``, or ``free-clock``, writes what each run came to as Parquet
+into docs/studies, the picture beside it, and the tables into the page, between marks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from matplotlib.figure import Figure
+
+from cubepath.coordinator.experiments.plots import price_plot
+from cubepath.coordinator.experiments.prices import FACTORS, priced
+from cubepath.coordinator.experiments.rows import RUN_COLUMNS, Row, in_canonical_order
+from cubepath.coordinator.experiments.statistics import geometric_mean_interval, mean_interval
+from cubepath.coordinator.experiments.sweeping import read_sweep
+from cubepath.coordinator.experiments.tables import groups, shown
+
+DOCS = Path(__file__).parent.parent / "docs"
+FOLDER = DOCS / "studies"
+PAGES = {
+    "price": DOCS / "price-of-decentralisation.md",
+    "free-clock": DOCS / "free-against-lockstep.md",
+}
+_OF_THE_MACHINE = {"seconds", "id", "code", "configuration", "recording", "digest"}
+"""Columns that tell how a run was played, or that do not go into tens of kilobytes."""
+JITTER = 0.5
+"""Without rounds, turns take from 1 - JITTER to 1 + JITTER of their average in compiled code."""
+
+
+def kept(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows in their order, without what is of the machine."""
+    names = [name for name in RUN_COLUMNS if name not in _OF_THE_MACHINE]
+    ordered = in_canonical_order(row | {"id": row.get("id") or ""} for row in rows)
+    return [{name: row[name] for name in names} for row in ordered]
+
+
+def committed(study: str) -> list[Row]:
+    """Return the rows of a study that are in docs/studies."""
+    rows: list[Row] = pq.read_table(FOLDER / f"{study}.parquet").to_pylist()
+    return rows
+
+
+def write_rows(study: str, rows: Sequence[Row]) -> None:
+    """Write the rows of a study; columns take the least room that their values need."""
+    types = {
+        "string": pa.string(),
+        "int64": pa.int32(),
+        "float64": pa.float64(),
+        "bool": pa.bool_(),
+    }
+    schema = pa.schema([(name, types[RUN_COLUMNS[name]]) for name in rows[0]])
+    table = pa.Table.from_pylist(list(rows), schema=schema)
+    pq.write_table(table, FOLDER / f"{study}.parquet", compression="zstd", compression_level=19)
+
+
+def markdown(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table as it stands on a page."""
+    lines = [columns, ["---"] * len(columns), *([shown(each) for each in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
+# The price of decentralisation.
+
+
+def price_tables(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tables of the page on prices: of the rules, and of chance beside them."""
+    chance = {row["system"] for row in rows if row["rule"] == "random"}
+    reached = priced(rows)
+    return {
+        "rules": _price_table(rows, reached, lambda system: system not in chance),
+        "chance": _price_table(rows, reached, lambda system: system in chance),
+    }
+
+
+def _price_table(rows: Sequence[Row], reached: Sequence[Row], mine: Callable[[str], bool]) -> str:
+    by_setting = groups(reached, ["system", "rule", "hesitate"])
+    found = []
+    for (system, rule), several in groups(rows, ["system", "rule"]).items():
+        if not mine(system):
+            continue
+        line: list[object] = [f"`{system}`", rule]
+        both = [by_setting.get((system, rule, hesitate), []) for hesitate in (0.0, 0.5)]
+        first = next((each[0] for each in both if each), None)
+        bound = max((row["bound"] for row in several if row["bound"] is not None), default=None)
+        line += [bound, None if first is None else first["best"]]
+        line += [None if first is None else first[FACTORS[2]]]
+        for each in both:
+            for name in ("class", "timing", "price"):
+                line.append(geometric_mean_interval([row[name] for row in each]) if each else None)
+        line.append(f"{sum(map(len, both))} of {len(several)}")
+        found.append(line)
+    parts = ("class", "timing", "price")
+    half = [f"{name}, h {hesitate}" for hesitate in ("0", "½") for name in parts]
+    return markdown(["system", "rule", "bound", "best", "rule", *half, "arrived"], found)
+
+
+def price_picture(rows: Sequence[Row]) -> bytes:
+    """Return the picture of the page on prices: the systems that are played by their rule alone."""
+    chance = {row["system"] for row in rows if row["rule"] == "random"}
+    plot = price_plot([row for row in rows if row["system"] not in chance])
+    assert plot is not None
+    return plot.png
+
+
+# The free clock against lockstep.
+
+
+def beat(modules: int, slow: int, factor: int) -> float:
+    """Return how long the longest turn of a round is on average, if turns vary as without rounds.
+
+    It is the mean of the maximum of independent uniform numbers, from 1 - JITTER to 1 + JITTER
+    times 1, or times the factor.
+    """
+    at = np.linspace(0.0, factor * (1 + JITTER), 20_001)
+    below = np.ones_like(at)
+    for size, count in ((1, modules - slow), (factor, slow)):
+        share = (at / size - (1 - JITTER)) / (2 * JITTER)
+        below *= np.clip(share, 0.0, 1.0) ** count
+    return float(np.trapezoid(1 - below, at))
+
+
+def ratios(rows: Sequence[Row], *, varied: bool = False) -> dict[tuple[str, str], list[float]]:
+    """Return time without rounds over time with rounds, by system and faults, on equal seeds.
+
+    With rounds every round takes as long as the slowest module's average turn; if `varied`, as long
+    as the longest turn is on average, where turns vary as they do without rounds.
+    """
+    found: dict[tuple[str, str], list[float]] = {}
+    pairs = groups([row for row in rows if row["goal"]], ["system", "faults", "seed"])
+    for (system, faults, _), pair in pairs.items():
+        times = {row["clock"]: row["time"] for row in pair}
+        if len(times) < 2:
+            continue
+        row = pair[0]
+        slow, factor = round(row["slow"] * row["modules"]), row["slow_factor"]
+        longer = beat(row["modules"], slow, factor) / (factor if slow else 1) if varied else 1.0
+        found.setdefault((system, faults), []).append(times["free"] / times["lockstep"] / longer)
+    return found
+
+
+def _faults_in_order(rows: Sequence[Row]) -> list[str]:
+    keys = {(row["slow_factor"] if row["slow"] else 1, row["slow"], row["faults"]) for row in rows}
+    return [faults for _, _, faults in sorted(keys)]
+
+
+def _named(faults: str) -> str:
+    if faults == "none":
+        return "equal"
+    given = dict(part.split("=") for part in faults.split(","))
+    return f"{100 * float(given['slow']):.0f}% by {given.get('slow_factor', '10')}"
+
+
+def free_tables(rows: Sequence[Row]) -> dict[str, str]:
+    """Return the tables of the page on clocks: ratios, and what is behind them at equal speeds."""
+    every = rows
+    rows = [row for row in every if row["core"] == "compiled"]
+    order, times = _faults_in_order(rows), ratios(rows)
+    systems = list(dict.fromkeys(row["system"] for row in rows))
+    slow = markdown(
+        ["system", *map(_named, order)],
+        [
+            [f"`{system}`", *(geometric_mean_interval(times[system, faults]) for faults in order)]
+            for system in systems
+        ],
+    )
+    varied = ratios(rows, varied=True)
+    equal = []
+    for system in systems:
+        by_clock = groups(
+            [row for row in rows if row["system"] == system and row["faults"] == "none"], ["clock"]
+        )
+        line: list[object] = [f"`{system}`"]
+        for measure in ("time", "cubes"):
+            for clock in ("lockstep", "free"):
+                times_or_cubes = [row[measure] for row in by_clock[clock,]]
+                line.append(mean_interval(times_or_cubes))
+        equal.append([*line, geometric_mean_interval(varied[system, "none"])])
+    columns = ["system", "time, lockstep", "time, free", "cubes, lockstep", "cubes, free"]
+    return {
+        "slow": slow,
+        "equal": markdown([*columns, "ratio, varied"], equal),
+        "simulated": _simulated_table(every),
+    }
+
+
+def _simulated_table(rows: Sequence[Row]) -> str:
+    """Return time without rounds over time with rounds in both cores, at equal speeds and slow.
+
+    Simulated rounds are those of modules that act at once; what the slowest thinks is added to each
+    of them. A thinking time is 10 ms there.
+    """
+    found = []
+    simulated = [row for row in rows if row["core"] == "simulated"]
+    compiled = ratios([row for row in rows if row["core"] == "compiled"])
+    for (system,), several in groups(simulated, ["system"]).items():
+        line: list[object] = [f"`{system}`"]
+        rounds = {row["seed"]: row for row in several if row["clock"] == "lockstep"}
+        for factor, faults in ((1, "none"), (10, "slow=0.25")):
+            free = [row for row in several if row["slow"] and row["slow_factor"] == factor]
+            line += [
+                geometric_mean_interval(compiled[system, faults]),
+                geometric_mean_interval(
+                    [
+                        row["time"] / (with_rounds["time"] + with_rounds["rounds"] * factor / 100)
+                        for row in free
+                        for with_rounds in [rounds[row["seed"]]]
+                    ]
+                ),
+            ]
+        found.append(line)
+    names = [f"{name}, {core}" for name in ("equal", "slow") for core in ("compiled", "simulated")]
+    return markdown(["system", *names], found)
+
+
+def free_picture(rows: Sequence[Row]) -> bytes:
+    """Return the picture of the page on clocks: ratios by the share of slow modules."""
+    rows = [row for row in rows if row["core"] == "compiled"]
+    times = {key: geometric_mean_interval(found) for key, found in ratios(rows).items()}
+    setting = {row["faults"]: (row["slow"], row["slow_factor"]) for row in rows}
+    systems = list(dict.fromkeys(row["system"] for row in rows))
+    style: Any = {"font.size": 9, "axes.spines.top": False, "axes.spines.right": False}
+    looks = {2: ("#0072B2", "o", "-"), 10: ("#D55E00", "s", "--")}
+    with mpl.rc_context(style):
+        figure = Figure(figsize=(10.8, 5.6), layout="constrained", dpi=144)
+        all_axes = figure.subplots(2, 4, sharey=True)
+        for axes, system in zip(all_axes.flat, systems, strict=True):
+            axes.axhline(1.0, color="#1b1f24", linewidth=0.8)
+            for factor, (color, marker, line) in looks.items():
+                points = sorted(
+                    (share, times[system, faults])
+                    for faults, (share, times_slow) in setting.items()
+                    if times_slow == factor or not share
+                )
+                middle = [each.estimate for _, each in points]
+                away = [
+                    [each.estimate - (each.low or 0.0) for _, each in points],
+                    [(each.high or 0.0) - each.estimate for _, each in points],
+                ]
+                axes.errorbar(
+                    [100 * share for share, _ in points],
+                    middle,
+                    yerr=away,
+                    color=color,
+                    marker=marker,
+                    linestyle=line,
+                    capsize=2,
+                    markersize=4,
+                    linewidth=1.4,
+                    label=f"slow modules take {factor} times as long",
+                )
+            axes.set_yscale("log")
+            axes.set_yticks([0.1, 0.2, 0.5, 1.0, 2.0], ["0.1", "0.2", "0.5", "1", "2"])
+            axes.minorticks_off()
+            axes.grid(visible=True, color="#8a8f98", alpha=0.35)
+            axes.set_title(system.replace(",seed=1", ""), fontsize=9)
+            axes.set_xlabel("slow modules, %")
+        figure.supylabel("time, free over lockstep", fontsize=9)
+        figure.legend(
+            *all_axes.flat[0].get_legend_handles_labels(),
+            loc="outside lower center",
+            ncols=2,
+            frameon=False,
+        )
+        stream = BytesIO()
+        figure.savefig(stream, format="png", metadata={"Software": None})
+    return stream.getvalue()
+
+
+TABLES = {"price": price_tables, "free-clock": free_tables}
+PICTURES = {"price": price_picture, "free-clock": free_picture}
+
+
+def tables_of_page(study: str) -> dict[str, str]:
+    """Return the tables that stand on the page of a study, by their marks."""
+    text = PAGES[study].read_text("utf-8")
+    return dict(re.findall(r"<!-- table (\w+) -->\n(.*?)\n<!-- end -->", text, re.DOTALL))
+
+
+def main() -> None:
+    """Write the rows, the picture and the tables of a study from the folders of its sweeps."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("study", choices=PAGES)
+    parser.add_argument("folders", nargs="*", metavar="DIR", help="default: the rows on file")
+    asked = parser.parse_args()
+    if asked.folders:
+        found = [row for folder in asked.folders for row in read_sweep(folder).rows]
+        write_rows(asked.study, kept(found))
+    rows = committed(asked.study)
+    (FOLDER / f"{asked.study}.png").write_bytes(PICTURES[asked.study](rows))
+    page = PAGES[asked.study]
+    text = page.read_text("utf-8")
+    for mark, table in TABLES[asked.study](rows).items():
+        begin, end = f"<!-- table {mark} -->\n", "<!-- end -->"
+        before, _, rest = text.partition(begin)
+        text = f"{before}{begin}{table}\n{end}{rest.partition(end)[2]}"
+    page.write_text(text, "utf-8")
+
+
+if __name__ == "__main__":
+    main()

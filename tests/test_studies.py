@@ -1,0 +1,138 @@
+"""The studies: what their pages say is what their rows say, and the rows come out again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from cubepath.coordinator.experiments.prices import FACTORS, priced
+from cubepath.coordinator.experiments.rows import Row
+from cubepath.coordinator.experiments.spec import expand, read_sweep_file
+from cubepath.coordinator.experiments.sweeping import play_sweep
+from studies import FOLDER, PAGES, PICTURES, TABLES, beat, committed, kept, tables_of_page
+
+SPECS = {
+    "price": ("price", "price-vehicles", "price-random"),
+    "free-clock": ("free-clock", "free-clock-simulated"),
+}
+SMALL = {
+    "price": ("hex:n=4", "arm:n=5,10"),
+    "price-vehicles": ("agv:graph=grid8x8,n=4,seed=1",),
+    "price-random": ("arm:n=2,3", "polygon:n=6", "words"),
+    "free-clock": ("hex:n=6", "arm:n=8"),
+    "free-clock-simulated": ("arm:n=8",),
+}
+"""Systems of each file that are played again."""
+_RUN = ("system", "rule", "clock", "core", "hesitate", "faults", "seed")
+
+
+def _unwatched(_runs: object) -> None:
+    """Nobody waits."""
+
+
+def _named(row: Row) -> tuple[object, ...]:
+    return tuple(row[name] for name in _RUN)
+
+
+@pytest.mark.parametrize("study", PAGES)
+def test_a_page_has_the_tables_of_its_rows(study: str) -> None:
+    """Each table between its marks; the picture is there, and all is small."""
+    assert tables_of_page(study) == TABLES[study](committed(study))
+    assert f"studies/{study}.png" in PAGES[study].read_text("utf-8")
+    assert (FOLDER / f"{study}.parquet").stat().st_size < 100_000
+
+
+@pytest.mark.parametrize("study", PAGES)
+def test_the_rows_are_those_of_the_sweeps(study: str) -> None:
+    """One for each run that the files name, and none beside them."""
+    runs = [
+        (each.label, each.rule, each.clock, each.core, each.hesitate, each.faults.text(), seed)
+        for name in SPECS[study]
+        for batch in expand(read_sweep_file(FOLDER / f"{name}.toml")).batches
+        for each in [batch.setting]
+        for seed in batch.seeds
+    ]
+    assert sorted(map(_named, committed(study)), key=str) == sorted(runs, key=str)
+
+
+def test_prices_multiply_in_every_row() -> None:
+    """To rounds over the best known, which nothing goes below; a proved optimum is that."""
+    rows = committed("price")
+    found = priced(rows)
+    assert len(found) > 3000
+    for row in found:
+        timing, class_, rule = (row[name] for name in FACTORS)
+        assert timing * class_ * rule == pytest.approx(row["rounds"] / row["best"])
+        assert min(timing, class_, rule) >= 1
+        assert row["rounds"] >= row["cubes"] >= row["best"] >= row["bound"]
+        assert row["optimum"] in {None, row["best"]}
+
+
+def test_what_the_pages_say_of_all_runs_holds_in_every_row() -> None:
+    """The arm is optimal on time, chains take one number of cubes, a slow module slows all."""
+    arms = [row for row in committed("price") if row["rule"] == "word" and not row["hesitate"]]
+    assert arms
+    assert all(row["goal"] and row["rounds"] == row["bound"] for row in arms)
+    bends = [row for row in committed("price") if row["family"] in {"hex", "hex-open"}]
+    bends = [row for row in bends if "bend" not in row["system"]]
+    assert {row["rule"] for row in bends} == {"chain"}
+    for row in bends:
+        n = row["modules"]
+        assert row["goal"]
+        assert row["cubes"] == (5 * n - 6 if row["family"] == "hex" else 4 * n - 4)
+    for row in committed("free-clock"):
+        if row["clock"] == "lockstep" and row["core"] == "compiled":
+            assert row["time"] == row["rounds"] * (row["slow_factor"] if row["slow"] else 1)
+
+
+def test_the_longest_turn_of_a_round() -> None:
+    """Of n equal modules it is 1/2 + n / (n + 1) on average; slow ones alone decide from 3 on."""
+    assert beat(4, 0, 10) == pytest.approx(0.5 + 4 / 5, abs=1e-3)
+    assert beat(9, 2, 10) == pytest.approx(10 * (0.5 + 2 / 3), abs=1e-2)
+    assert 2 * (0.5 + 1 / 2) < beat(9, 1, 2) < 3
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("study", PAGES)
+def test_pictures_are_drawn_from_the_rows(study: str) -> None:
+    """Whole, and the same again."""
+    rows = committed(study)
+    assert PICTURES[study](rows) == PICTURES[study](rows)
+    assert PICTURES[study](rows).startswith(b"\x89PNG")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("study", "name"), [(study, name) for study, names in SPECS.items() for name in names]
+)
+def test_rows_come_out_again(study: str, name: str) -> None:
+    """Small systems and two seeds, played again: the same but for seconds."""
+    spec = read_sweep_file(FOLDER / f"{name}.toml")
+    small = replace(spec, systems=SMALL[name], seeds=spec.seeds[:2])
+    again = kept(
+        play_sweep(expand(small), None, jobs=1, cluster=None, record=False, watch=_unwatched).rows
+    )
+    known = {_named(row): row for row in committed(study)}
+    assert again
+    assert [known[_named(row)] for row in again] == again
+
+
+def test_one_run_of_each_kind_comes_out_again() -> None:
+    """The short sibling: one small system with one seed of each study."""
+    for study, system in (("price", "words"), ("free-clock", "arm:n=8")):
+        spec = read_sweep_file(FOLDER / f"{SPECS[study][-1 if study == 'price' else 0]}.toml")
+        small = replace(spec, systems=(system,), seeds=(3,))
+        again = kept(
+            play_sweep(
+                expand(small),
+                None,
+                jobs=1,
+                cluster=None,
+                record=False,
+                watch=_unwatched,
+            ).rows
+        )
+        known = {_named(row): row for row in committed(study)}
+        assert len(again) > 1
+        assert [known[_named(row)] for row in again] == again
