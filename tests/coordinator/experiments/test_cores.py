@@ -114,9 +114,9 @@ def test_the_distance_is_zero_at_the_goal_alone(system: str, rule: str, _: float
 
 def test_the_optimum_is_looked_for_if_asked() -> None:
     """It is proved by a search that keeps so many states; with too few there is a bound alone."""
-    (found,) = runs("hex:n=4", "chain", seeds=(0,), optimum=20_000)
-    assert (found.run["bound"], found.run["optimum"]) == (9, 9)
-    (found,) = runs("hex:n=4", "chain", seeds=(0,), optimum=3)
+    (found,) = runs("hex:n=5", "chain", seeds=(0,), optimum=20_000)
+    assert (found.run["bound"], found.run["optimum"]) == (13, 13)
+    (found,) = runs("hex:n=5", "chain", seeds=(0,), optimum=3)
     assert found.run["optimum"] is None
 
 
