@@ -62,9 +62,10 @@ def searched(scene: Scene) -> tuple[int, Cubes | None]:
     return found.at_least, [[steps.actions[each] for each in cube] for cube in found.cubes]
 
 
-def bound_of(scene: Scene, best: int, at_least: int) -> Bound:
-    """Return the best bound where a search has only shown `at_least`, and how it is known."""
+def bound_of(scene: Scene, best: int) -> Bound:
+    """Return the best bound, and how it is known; there is no search where it is met already."""
     proved = lower_bound(scene.system, scene.start_state, goal_of(scene), within=best)
+    at_least = proved.cubes if proved.cubes == best else searched(scene)[0]
     if at_least > proved.cubes:
         return Bound(at_least, f"{EXHAUSTIVE} of {SEARCHED} states")
     return proved
@@ -123,7 +124,7 @@ def computed(instance: StandardInstance, seconds: float) -> tuple[StandardInstan
         if run.reached:
             paths.append([[move.action for move in each.moves.values()] for each in run.rounds])
         path = min(paths, key=len)
-        bound = bound_of(scene, len(path), at_least)
+        bound = bound_of(scene, len(path))
         actions: Iterable[Action] = [action for cube in path for action in cube]
         better = improve(
             actions, scene.start_state, scene.system, seconds=seconds, enough=bound.cubes
@@ -164,9 +165,7 @@ def main() -> None:
             continue
         found, cubes = computed(instance, asked.seconds)
         known[place] = found
-        if cubes is not None:
-            scene = scene_from_spec(instance.system)
-            write_cubes(instance.schedule, named(scene, cubes))
+        write_cubes(instance.schedule, named(scene_from_spec(instance.system), cubes))
         write(known)
         print(f"{found.name}: {found.best} cubes, at least {found.bound}: {found.how}")
 

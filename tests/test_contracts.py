@@ -108,6 +108,10 @@ BREAKS = {
         "coordinator.simulation.faults",
         "coordinator.complexes.cliques",
     ),
+    "experiments start runs by what runs them": (
+        "coordinator.experiments.spec",
+        "coordinator.complexes.chains",
+    ),
     "audits use verification, and rules alone of the agents": (
         "coordinator.auditing.assigning",
         "coordinator.normal_form.heap",

@@ -28,6 +28,7 @@ LEFT_OUT = {
 """Pieces of shell that are not run, and why."""
 LONG = {
     "README",
+    "experiments",
     "extending",
     "free-clock",
     "hosts",
@@ -39,6 +40,7 @@ LONG = {
 }
 """Pages that take seconds."""
 SHOWN = {
+    "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
 }
 """First lines of blocks that are only shown, and why."""

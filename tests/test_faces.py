@@ -42,23 +42,27 @@ PUBLIC = {
         Checked Choice Chosen CubepathEnv CubepathVectorEnv Finding FreeEnv FreePlayed FreeRule
         GaveUp InitialKnowledge Note Observation Played PlayedMany Rule RuleType Seen VectorActors
         VectorKnowledge VectorRule View check_rule draw_below draw_fraction draw_pixels draw_text
-        env observe parallel_env play play_free play_many policy_rule raw_env rule_named
-        vector_actors_for vector_env
+        env observe parallel_env play play_free play_many policy_rule raw_env rule_named sb3_env
+        sb3_rule sb3_save vector_actors_for vector_env
     """,
     "cubepath.coordinator": """
-        Beyond Claim Collapsed Converted CubicalComplex Explored Gatherer Homology Improved Lift
-        Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Row Running
-        ShapeComplex Shortened StandardInstance StateComplex Status Surface Tap Task Timetable
-        Transitions Verification actions_at all_claims animate ask audit beyond certificate_of
-        check_certificate check_links check_proof collapse complex_from_faces compute_claims
-        contractibility convert draw_complex durations_of earliest end_state explore f_vector
-        gathered homology improve info is_cube is_normal lift lower_bound macro normal_cube_path
-        only_class optimum recover replay run run_picture shape_complex shorten standard start
-        state_complex surface task_of to_networkx unfilled verify write_complex
+        Beyond Claim Collapsed Converted CubicalComplex Explored FaultRates Gatherer Homology
+        Improved Lift Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Row
+        Running ShapeComplex Shortened StandardInstance StateComplex Status Surface Sweep
+        SweepResults Tap Task Timetable Transitions Verification actions_at all_claims animate ask
+        audit beyond certificate_of check_certificate check_links check_proof collapse
+        complex_from_faces compute_claims contractibility convert draw_complex durations_of earliest
+        end_state explore f_vector gathered homology improve info is_cube is_normal lift lower_bound
+        macro normal_cube_path only_class optimum read_sweep recover replay run run_picture
+        shape_complex shorten standard start state_complex surface sweep task_of to_networkx
+        unfilled verify write_complex
     """,
     "cubepath.coordinator.testing": """
         Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
         Trial Tried fault faults replay_into replay_into_node scenarios trial_of
+        macro normal_cube_path only_class optimum recover replay run run_picture shape_complex
+        shorten state_complex surface task_of to_networkx unfilled verify write_complex
+        FaultRates Report Sweep SweepResults read_sweep sweep write_report
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

@@ -34,6 +34,9 @@ if TYPE_CHECKING:
         play_free,
         play_many,
         raw_env,
+        sb3_env,
+        sb3_rule,
+        sb3_save,
         vector_env,
     )
     from cubepath.agents.local import Note, Observation, View, observe
@@ -63,7 +66,8 @@ else:
         {
             "environments": (
                 "CubepathEnv CubepathVectorEnv FreeEnv FreePlayed Played PlayedMany env"
-                " parallel_env play play_free play_many raw_env vector_env"
+                " parallel_env play play_free play_many raw_env sb3_env sb3_rule sb3_save "
+                "vector_env"
             ),
             "local": "Note Observation View observe",
             "locality": "Checked Finding check_rule",
@@ -113,6 +117,9 @@ __all__ = [
     "policy_rule",
     "raw_env",
     "rule_named",
+    "sb3_env",
+    "sb3_rule",
+    "sb3_save",
     "vector_actors_for",
     "vector_env",
 ]

@@ -16,8 +16,8 @@ module that defines it.
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
+| `experiments` | sweeps of many runs, and reports | `simulation`, `runs`, `search`, `normal_form` |
 | `testing` | for the tests of others, and pytest | `runs`, `simulation`, `shortening` |
-| `experiments` | standard instances with known and proved values | none |
 | `commands` | the command line | all of these |
 """
 
@@ -56,7 +56,17 @@ if TYPE_CHECKING:
         unfilled,
         write_complex,
     )
-    from cubepath.coordinator.experiments import StandardInstance, standard
+    from cubepath.coordinator.experiments import (
+        FaultRates,
+        Report,
+        StandardInstance,
+        Sweep,
+        SweepResults,
+        read_sweep,
+        standard,
+        sweep,
+        write_report,
+    )
     from cubepath.coordinator.normal_form import (
         Timetable,
         certificate_of,
@@ -125,7 +135,10 @@ else:
                 "contractibility draw_complex explore f_vector homology lift macro shape_complex "
                 "state_complex surface to_networkx unfilled write_complex"
             ),
-            "experiments": "StandardInstance standard",
+            "experiments": (
+                "FaultRates Report StandardInstance Sweep SweepResults read_sweep standard sweep "
+                "write_report"
+            ),
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
@@ -150,6 +163,7 @@ __all__ = [
     "Converted",
     "CubicalComplex",
     "Explored",
+    "FaultRates",
     "Gatherer",
     "Homology",
     "Improved",
@@ -163,6 +177,7 @@ __all__ = [
     "Plan",
     "Recovered",
     "Replayed",
+    "Report",
     "Row",
     "Running",
     "ShapeComplex",
@@ -171,6 +186,8 @@ __all__ = [
     "StateComplex",
     "Status",
     "Surface",
+    "Sweep",
+    "SweepResults",
     "Tap",
     "Task",
     "Timetable",
@@ -209,6 +226,7 @@ __all__ = [
     "normal_cube_path",
     "only_class",
     "optimum",
+    "read_sweep",
     "recover",
     "replay",
     "run",
@@ -219,9 +237,11 @@ __all__ = [
     "start",
     "state_complex",
     "surface",
+    "sweep",
     "task_of",
     "to_networkx",
     "unfilled",
     "verify",
     "write_complex",
+    "write_report",
 ]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from cubepath.agents.arrays import warming
+from cubepath.agents.arrays import batch, warming
 from cubepath.agents.environments.rollout import play, play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.rules.chain import CHAIN
@@ -41,6 +42,57 @@ def test_each_run_is_that_of_its_seed(spec: str, rule: RuleType, hesitate: float
         assert many.moves[run] == sum(len(each.moves) for each in one.rounds)
         assert many.lost[run] == sum(len(each.lost) for each in one.rounds)
         assert many.failed.get(run) == one.failed
+
+
+@pytest.mark.parametrize(("spec", "rule", "hesitate"), RUNS)
+def test_moves_as_arrays_are_those_of_the_rounds(
+    spec: str, rule: RuleType, hesitate: float
+) -> None:
+    """By run, round and module, each with its move; and the lost claims of each round."""
+    scene, seeds = scene_from_spec(spec), [3, 4, 9]
+    asked: dict[str, Any] = {"hesitate": hesitate, "max_rounds": 25, "keep_moves": True}
+    many = play_many(scene, rule, seeds, keep_rounds=True, **asked)
+    plain = play_many(scene, replace(rule, vectorised=None), seeds, **asked)
+    assert many.played is not None
+    rows = [
+        (run, each.number, module, move)
+        for run, rounds in enumerate(many.played)
+        for each in rounds
+        for module, move in each.moves.items()
+    ]
+    for found in (many, plain):
+        made = found.made
+        assert made is not None
+        assert len(set(made.moves)) == len(made.moves)
+        moves = [made.moves[number] for number in made.move]
+        assert list(zip(made.run, made.round, made.module, moves, strict=True)) == rows
+        lost = [[len(each.lost) for each in rounds] for rounds in many.played]
+        assert [each.tolist() for each in made.lost] == lost
+
+
+def test_moves_are_named_by_the_tables_that_they_were_made_with(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A batch that forgets places on its way, and numbers others anew, keeps the same moves."""
+    scene = scene_from_spec("hex-open:n=6")
+    expected = play_many(scene, RANDOM, [1, 2], max_rounds=40, keep_moves=True).made
+    monkeypatch.setattr(batch, "PLACES_MAX", 0)
+    monkeypatch.setattr(batch, "PLACES_EACH", 1)
+    forgotten: list[int] = []
+    forget = batch.Batch._forget
+
+    def noted(self: batch.Batch) -> None:
+        forgotten.append(int(self.round.max()))
+        forget(self)
+
+    monkeypatch.setattr(batch.Batch, "_forget", noted)
+    forgetful = play_many(scene, RANDOM, [1, 2], max_rounds=40, keep_moves=True).made
+    assert forgotten
+    assert expected is not None
+    assert forgetful is not None
+    assert [expected.moves[n] for n in expected.move] == [
+        forgetful.moves[n] for n in forgetful.move
+    ]
 
 
 def test_a_rule_without_a_vectorised_form_is_played_all_the_same() -> None:

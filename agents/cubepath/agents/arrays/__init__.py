@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from cubepath.agents.arrays.relative import RelativeArrays
     from cubepath.agents.arrays.state import GRANTED, ILLEGAL, LOST
     from cubepath.agents.arrays.tables import Tables
-    from cubepath.agents.arrays.warming import is_due
+    from cubepath.agents.arrays.warming import compile_world, is_compiled, is_due
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -23,7 +23,7 @@ else:
             "relative": "RelativeArrays",
             "state": "GRANTED ILLEGAL LOST",
             "tables": "Tables",
-            "warming": "is_due",
+            "warming": "compile_world is_compiled is_due",
         },
     )
 
@@ -35,5 +35,7 @@ __all__ = [
     "RelativeArrays",
     "Tables",
     "UntabledError",
+    "compile_world",
+    "is_compiled",
     "is_due",
 ]

@@ -261,6 +261,10 @@ class Batch:
         """Return the numbers of the places of the modules of an environment, and what they show."""
         return self._place[environment].copy(), self._code[environment].copy()
 
+    def standings(self) -> tuple[Ints, Ints]:
+        """Return what `standing` does for all environments, shape (environments, modules) each."""
+        return self._place.copy(), self._code.copy()
+
     @property
     def tables(self) -> Tables:
         """Return the tables that have the numbers of `standing`, now."""

@@ -38,7 +38,7 @@ class _Compiler:
         if self._ready:
             return True
         if self._process is None:
-            if all(each.kept() for each in _kernels()):
+            if is_compiled():
                 self._ready = True
                 return True
             self._start()
@@ -80,11 +80,21 @@ def _kernels() -> tuple[Compiled[..., Any], ...]:
     )
 
 
+def is_compiled() -> bool:
+    """Return whether everything that worlds are made of is compiled and on disk."""
+    return all(each.kept() for each in _kernels())
+
+
 def compile_all() -> None:
+    """Compile everything that worlds are made of, beside more urgent work."""
+    os.nice(_NICE)
+    compile_world()
+
+
+def compile_world() -> None:
     """Compile everything that worlds are made of, and keep it on disk."""
     from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415 - here alone
 
-    os.nice(_NICE)
     batch = Batch(scene_from_spec("hex:n=2"), note_length=1)
     batch.reset([0])
     batch.observe()

@@ -1,7 +1,8 @@
 """The PettingZoo environments, in one process and over zenoh, and playing a rule in them.
 
 Room: agents. It imports all other rooms of the agents, and the protocol. It is for outside users;
-in the project only the simulator imports it, to compare its runs with `play`, and `locality`.
+in the project only the simulator imports it, to compare its runs with `play`, `locality`, and
+experiments, which play runs in it.
 """
 
 from typing import TYPE_CHECKING
@@ -12,8 +13,10 @@ if TYPE_CHECKING:
     from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
     from cubepath.agents.environments.free_environment import FreeEnv
     from cubepath.agents.environments.free_rollout import FreePlayed, play_free
-    from cubepath.agents.environments.rollout import Played, play
+    from cubepath.agents.environments.made_moves import MadeMoves, made_in
+    from cubepath.agents.environments.rollout import Played, play, play_in_python
     from cubepath.agents.environments.rollouts import PlayedMany, play_many
+    from cubepath.agents.environments.sb3 import sb3_env, sb3_rule, sb3_save
     from cubepath.agents.environments.vector_environment import CubepathVectorEnv, vector_env
     from cubepath.agents.environments.world import World
 else:
@@ -23,8 +26,10 @@ else:
             "environment": "CubepathEnv env parallel_env raw_env",
             "free_environment": "FreeEnv",
             "free_rollout": "FreePlayed play_free",
-            "rollout": "Played play",
+            "made_moves": "MadeMoves made_in",
+            "rollout": "Played play play_in_python",
             "rollouts": "PlayedMany play_many",
+            "sb3": "sb3_env sb3_rule sb3_save",
             "vector_environment": "CubepathVectorEnv vector_env",
             "world": "World",
         },
@@ -35,14 +40,20 @@ __all__ = [
     "CubepathVectorEnv",
     "FreeEnv",
     "FreePlayed",
+    "MadeMoves",
     "Played",
     "PlayedMany",
     "World",
     "env",
+    "made_in",
     "parallel_env",
     "play",
     "play_free",
+    "play_in_python",
     "play_many",
     "raw_env",
+    "sb3_env",
+    "sb3_rule",
+    "sb3_save",
     "vector_env",
 ]

@@ -94,7 +94,7 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
         self.possible_agents = list(self.scene.modules)
         self._module = {name: number for number, name in enumerate(self.possible_agents)}
         self._scheduling = scheduler, dict(speeds or {}), jitter
-        self._make_scheduler(0)
+        self._scheduler = self._make_scheduler(0)
         self.agents: list[str] = []
         self._shown = Shown(self.scene, observation)
         space = self._shown.space(note_length, register=True)
@@ -132,6 +132,11 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
     def sites(self) -> tuple[Site, ...]:
         """Return the site of each module, by number; before the first reset, the start."""
         return self.scene.start if self._world is None else tuple(self._world.sites)
+
+    @property
+    def time(self) -> float:
+        """Return when the current turn began; a module of speed factor 1 takes 1 for a turn."""
+        return self._scheduler.time
 
     def reset(
         self,

@@ -37,6 +37,8 @@ class FreePlayed:
     sites: tuple[Site, ...]
     reached: bool
     failed: str | None = None
+    time: float = 0.0
+    """When the last turn began; a module of speed factor 1 takes 1 for a turn."""
 
     @property
     def moves(self) -> tuple[Moved, ...]:
@@ -123,4 +125,6 @@ def play_free(
         if watch is not None:
             watch(world, acted)
     reached = scene.reached(world.sites)
-    return FreePlayed(scene, tuple(commits), world.turns, refused, env.sites, reached, failed)
+    return FreePlayed(
+        scene, tuple(commits), world.turns, refused, env.sites, reached, failed, env.time
+    )

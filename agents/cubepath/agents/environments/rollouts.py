@@ -15,6 +15,7 @@ from cubepath.agents.arrays.batch import Batch
 from cubepath.agents.arrays.kinds import UntabledError
 from cubepath.agents.arrays.state import GRANTED, LOST
 from cubepath.agents.environments.array_world import ArrayRound
+from cubepath.agents.environments.made_moves import MadeMoves, MoveKeeper, made_in
 from cubepath.agents.environments.rollout import Played, play_in_python
 from cubepath.agents.environments.world import Round
 from cubepath.agents.rules.asked import scene_and_rule
@@ -43,6 +44,8 @@ class PlayedMany:
     """Where the modules are at the end of each run."""
     played: tuple[tuple[Round, ...], ...] | None = None
     """The rounds of each run, if they were to be kept."""
+    made: MadeMoves | None = None
+    """The moves of all runs as arrays, if they were to be kept."""
 
 
 def play_many(
@@ -53,20 +56,22 @@ def play_many(
     hesitate: float = 0.0,
     max_rounds: int = 1000,
     keep_rounds: bool = False,
+    keep_moves: bool = False,
 ) -> PlayedMany:
     """Play a rule once for each seed; each run is that of `play` with the seed.
 
     `system` and `rule` may be names, as for `play`. Rules in plain Python, and systems that fit
-    into no tables, are played one run after another.
+    into no tables, are played one run after another. `keep_rounds` and `keep_moves` ask for
+    `played` and `made`, of which the latter costs far less.
 
     >>> runs = play_many("hex:n=4", "chain", range(100))
-    >>> runs.reached.all(), runs.rounds.mean()
+    >>> bool(runs.reached.all()), float(runs.rounds.mean())
     (True, 14.0)
     """
     scene, rule = scene_and_rule(system, rule)
     scene = local_only(scene, "environment")
     if not seeds:
-        return _summed((), [], keep_rounds=keep_rounds)
+        return _summed((), [], keep_rounds=keep_rounds, keep_moves=keep_moves)
     actors = vector_actors_for(scene, rule, seeds=seeds, hesitate=hesitate)
     if actors is not None:
         try:
@@ -75,15 +80,19 @@ def play_many(
             actors = None
         else:
             batch.reset(list(seeds))
-            return _Playing(batch, actors, tuple(seeds), max_rounds, keep_rounds).result()
+            keeper = MoveKeeper(batch) if keep_moves else None
+            playing = _Playing(batch, actors, tuple(seeds), max_rounds, keep_rounds, keeper)
+            return playing.result()
     runs = [
         play_in_python(scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds)
         for seed in seeds
     ]
-    return _summed(tuple(seeds), runs, keep_rounds=keep_rounds)
+    return _summed(tuple(seeds), runs, keep_rounds=keep_rounds, keep_moves=keep_moves)
 
 
-def _summed(seeds: tuple[int, ...], runs: list[Played], *, keep_rounds: bool) -> PlayedMany:
+def _summed(
+    seeds: tuple[int, ...], runs: list[Played], *, keep_rounds: bool, keep_moves: bool
+) -> PlayedMany:
     return PlayedMany(
         seeds,
         np.array([len(run.rounds) for run in runs], np.int64),
@@ -93,6 +102,7 @@ def _summed(seeds: tuple[int, ...], runs: list[Played], *, keep_rounds: bool) ->
         {number: run.failed for number, run in enumerate(runs) if run.failed is not None},
         tuple(run.sites for run in runs),
         tuple(run.rounds for run in runs) if keep_rounds else None,
+        made_in([run.rounds for run in runs]) if keep_moves else None,
     )
 
 
@@ -105,6 +115,7 @@ class _Playing:
     seeds: tuple[int, ...]
     max_rounds: int
     keep_rounds: bool
+    keeper: MoveKeeper | None
     failed: dict[int, str] = field(default_factory=dict)
 
     def result(self) -> PlayedMany:
@@ -122,11 +133,14 @@ class _Playing:
             self.failed.update(self.actors.failed)
             tables = batch.tables
             before = [batch.standing(run) for run in range(runs)] if self.keep_rounds else []
+            kept_before = None if self.keeper is None else self.keeper.before()
             told = (speaks & playing[:, None], self.actors.notes) if batch.note_length else None
             chosen = actions.astype(np.int64)
             outcomes = batch.step(chosen, told=told, live=playing.astype(np.uint8))
             moves += (outcomes == GRANTED).sum(axis=1)
             lost += (outcomes == LOST).sum(axis=1)
+            if self.keeper is not None and kept_before is not None:
+                self.keeper.keep(kept_before, actions, playing)
             if self.keep_rounds:
                 for run in np.flatnonzero(playing).tolist():
                     number = int(batch.round[run])
@@ -146,4 +160,5 @@ class _Playing:
             tuple(tuple(each.round() for each in run) for run in kept)
             if self.keep_rounds
             else None,
+            None if self.keeper is None else self.keeper.result(),
         )

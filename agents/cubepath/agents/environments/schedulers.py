@@ -29,6 +29,11 @@ class Scheduler(Protocol):
         """Return which module acts, given what came of the turn before; False at first."""
         raise NotImplementedError
 
+    @property
+    def time(self) -> float:
+        """Return when the last turn began; a module of speed factor 1 takes 1 for a turn."""
+        raise NotImplementedError
+
 
 class Turns:
     """One after the other, by number."""
@@ -36,13 +41,19 @@ class Turns:
     def __init__(self, modules: int) -> None:
         """Begin with module 0."""
         self._modules = modules
-        self._next = 0
+        self._next = self._turns = 0
 
     def next(self, *, committed: bool) -> int:
         """Return the next number."""
         del committed
         found, self._next = self._next, (self._next + 1) % self._modules
+        self._turns += 1
         return found
+
+    @property
+    def time(self) -> float:
+        """Return how many turns each module has had before, on average."""
+        return max(self._turns - 1, 0) / self._modules
 
 
 class AtRandom:
@@ -56,6 +67,7 @@ class AtRandom:
         self._random = np.random.default_rng(seed)
         self._periods = [_TICKS * speeds.get(module, 1) for module in range(modules)]
         self._jitter = jitter
+        self._now = 0
         self._due = [
             (int(self._random.integers(period)), module)
             for module, period in enumerate(self._periods)
@@ -69,7 +81,13 @@ class AtRandom:
         spread = int(self._periods[module] * self._jitter)
         pause = self._periods[module] + int(self._random.integers(-spread, spread + 1))
         heapreplace(self._due, (due + max(pause, 1), module))
+        self._now = due
         return module
+
+    @property
+    def time(self) -> float:
+        """Return when the last turn began."""
+        return self._now / _TICKS
 
 
 class Unfair:
@@ -104,6 +122,11 @@ class Unfair:
         self._acted[found] = self._turn
         self._last = found
         return found
+
+    @property
+    def time(self) -> float:
+        """Return how many turns each module has had before, on average."""
+        return max(self._turn - 1, 0) / len(self._acted)
 
 
 def scheduler_named(

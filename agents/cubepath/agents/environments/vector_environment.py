@@ -27,7 +27,7 @@ from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 Arrays = dict[str, NDArray[Any]]
-_SEEDS = 1 << 31
+LATER_SEEDS = 1 << 31
 """Later episodes of an environment have seeds below this."""
 
 
@@ -127,7 +127,7 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
         return self._observations(), self._infos(np.zeros((count, self.batch.modules), np.bool_))
 
     def _next_seed(self, number: int) -> int:
-        return int(self._streams[number].integers(_SEEDS))
+        return int(self._streams[number].integers(LATER_SEEDS))
 
     def _restart(self, chosen: NDArray[np.intp]) -> None:
         self.batch.reset(self._seeds[chosen].tolist(), chosen.tolist())

@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from cubepath.agents.locality.plays import Access, Conditions
+from cubepath.agents.rules.network import read_network
 from cubepath.agents.rules.streams import NoSeed
 
 CLOCK, RANDOM, PROCESS, ENVIRONMENT = "clock", "random", "process", "environment"
@@ -70,7 +71,13 @@ _EVENTS = {
 _FRAME_ATTRIBUTES = {"tb_frame", "gi_frame", "cr_frame", "ag_frame"}
 _BY_FRAMES = {inspect.__file__, traceback.__file__}
 """A library may look at frames for itself; through these a rule does."""
-_READS_SOURCES = {linecache.__file__, inspect.__file__, traceback.__file__}
+_READS_SOURCES = {
+    linecache.__file__,
+    inspect.__file__,
+    traceback.__file__,
+    read_network.__code__.co_filename,
+}
+"""What reads sources may look at files; a network that was learned is as much a part of a rule."""
 _CLOCKS = ("time", "monotonic", "perf_counter", "process_time", "thread_time")
 _BEGAN_S = 1_900_000_000.0
 _ROUND_S = 10.0

@@ -23,5 +23,10 @@ def draw_text(scene: Scene, sites: Sequence[Site]) -> str:
     line for each vertex, with its neighbours. The frame holds start, goal and finite workspaces, so
     pictures of one run line up while modules stay in it. For chords and letters see
     `cubepath.agents.rendering.chords` and `letters`.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x2,n=2")
+    >>> print(draw_text(scene, scene.start))
+    o . +
+    o . +
     """
     return style_of(scene).text(scene, sites)

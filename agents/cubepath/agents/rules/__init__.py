@@ -14,6 +14,14 @@ if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
     from cubepath.agents.rules.asked import own_rule, scene_and_rule
     from cubepath.agents.rules.attempting import attempt_of
+    from cubepath.agents.rules.network import (
+        ACTIVATIONS,
+        FORMAT,
+        Layer,
+        Network,
+        network_rule,
+        read_network,
+    )
     from cubepath.agents.rules.policy import policy_rule
     from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
@@ -36,6 +44,7 @@ else:
             "actor": "Actor actors_for",
             "asked": "own_rule scene_and_rule",
             "attempting": "attempt_of",
+            "network": ("ACTIVATIONS FORMAT Layer Network network_rule read_network"),
             "policy": "policy_rule",
             "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
@@ -49,7 +58,9 @@ else:
     )
 
 __all__ = [
+    "ACTIVATIONS",
     "BUILT_IN",
+    "FORMAT",
     "HESITATE",
     "RULE",
     "SCHEDULE",
@@ -59,6 +70,8 @@ __all__ = [
     "FreeRule",
     "GaveUp",
     "InitialKnowledge",
+    "Layer",
+    "Network",
     "NoSeed",
     "Rule",
     "RuleType",
@@ -72,8 +85,10 @@ __all__ = [
     "draw_fraction",
     "find_rule",
     "is_in_file",
+    "network_rule",
     "own_rule",
     "policy_rule",
+    "read_network",
     "rule_named",
     "rules",
     "scene_and_rule",

@@ -88,6 +88,9 @@ def policy_rule(
     def make(knowledge: InitialKnowledge) -> Rule:
         return _for_one(policy, knowledge, relative=relative, batched=batched, random=random)
 
+    # Who asks whether a rule keeps anything outside its modules looks where it was made.
+    make.__module__ = getattr(policy, "__module__", None) or make.__module__
+
     def vectorised(knowledge: VectorKnowledge) -> VectorRule:
         return _for_all(policy, knowledge, relative=relative, random=random)
 

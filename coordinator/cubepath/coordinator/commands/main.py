@@ -53,6 +53,7 @@ from cubepath.coordinator.commands.plan_options import (
 )
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.recordings import add_recording_commands
+from cubepath.coordinator.commands.report import add_report_command
 from cubepath.coordinator.commands.runs import add_run_commands
 from cubepath.coordinator.commands.search_options import (
     add_beyond_options,
@@ -62,6 +63,7 @@ from cubepath.coordinator.commands.search_options import (
 )
 from cubepath.coordinator.commands.secure import add_certificates_command
 from cubepath.coordinator.commands.simulate import add_simulate_command
+from cubepath.coordinator.commands.sweep import add_sweep_command
 from cubepath.coordinator.commands.usage import Parser
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -174,6 +176,8 @@ def _parser() -> argparse.ArgumentParser:
     add_view_command(command)
     add_complex_commands(command)
     add_simulate_command(command)
+    add_sweep_command(command)
+    add_report_command(command)
     add_certificates_command(command)
     add_check_rule_command(command)
     add_new_command(command)

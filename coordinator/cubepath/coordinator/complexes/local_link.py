@@ -15,7 +15,12 @@ from cubepath.protocol.core.system import Scene
 
 
 def actions_at(scene: Scene, state: State) -> list[Action]:
-    """Return the actions that may be executed at the state, by site and slot."""
+    """Return the actions that may be executed at the state, by site and slot.
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> [action.label for action in actions_at(scene, scene.start_state)][:2]
+    ['pivot-1-right at [0, 0]', 'pivot-2-right at [1, -1]']
+    """
     system = scene.system
     found = {
         move.action: None

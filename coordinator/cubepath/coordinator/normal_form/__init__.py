@@ -20,16 +20,12 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.normal_form.compiled_heap import (
         FastHeap,
+        PathCounter,
         cancellations,
         cubes_of,
         normal_form_of,
     )
-    from cubepath.coordinator.normal_form.definitions import (
-        end_state,
-        is_cube,
-        is_normal,
-        too_late,
-    )
+    from cubepath.coordinator.normal_form.definitions import end_state, is_cube, is_normal, too_late
     from cubepath.coordinator.normal_form.heap import Heap, normal_cube_path
     from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
 else:
@@ -39,7 +35,7 @@ else:
             "admissibility": "InadmissibleMove carried_out end_of",
             "array_heap": "NormalForm",
             "certificate": "certificate_of certificate_of_numbered encodable_certificate link",
-            "compiled_heap": "FastHeap cancellations cubes_of normal_form_of",
+            "compiled_heap": "FastHeap PathCounter cancellations cubes_of normal_form_of",
             "definitions": "end_state is_cube is_normal too_late",
             "heap": "Heap normal_cube_path",
             "timetable": "Timetable durations_of earliest",
@@ -51,6 +47,7 @@ __all__ = [
     "Heap",
     "InadmissibleMove",
     "NormalForm",
+    "PathCounter",
     "Timetable",
     "cancellations",
     "carried_out",

@@ -89,6 +89,35 @@ def _rows(lists: Sequence[Sequence[int]]) -> tuple[Numbers, Numbers]:
     return starts, np.array([site for found in lists for site in found], dtype=np.int32)
 
 
+class PathCounts(NamedTuple):
+    """The moves of a path that are left after cancellation, its cubes, and the largest of them."""
+
+    reduced_moves: int
+    cubes: int
+    max_cube_dimension: int
+
+
+class PathCounter:
+    """Counts of many paths of the same actions, which are numbered once for all of them."""
+
+    def __init__(self, actions: Iterable[Action]) -> None:
+        """Take the actions that the numbers of moves mean; equal ones may stand there twice."""
+        numbering = Numbering()
+        self._numbers = np.array([numbering.number(action) for action in actions], dtype=np.int32)
+        self._table = numbering.table()
+
+    def count(self, moves: NDArray[np.int64]) -> PathCounts:
+        """Return the counts of a path, given by the numbers of its moves, shape (moves,).
+
+        >>> step, far = Action([1, 2], [1, 2], [1], [2]), Action([5, 6], [5, 6], [5], [6])
+        >>> PathCounter([step, far]).count(np.array([0, 1, 0]))
+        PathCounts(reduced_moves=1, cubes=1, max_cube_dimension=1)
+        """
+        heap = NumberedHeap(self._table)
+        heap.append(self._numbers[moves])
+        return PathCounts(heap.reduced_moves, heap.cubes, heap.max_cube_dimension)
+
+
 def cancellations(actions: Iterable[Action]) -> NormalForm:
     """Return what becomes of each move of an edge path; see `NormalForm`.
 

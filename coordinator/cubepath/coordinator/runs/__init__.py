@@ -15,8 +15,9 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
     from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
-    from cubepath.coordinator.runs.edge_path import Gathered
+    from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
+    from cubepath.coordinator.runs.free_gatherer import FreeGatherer
     from cubepath.coordinator.runs.gatherer import Gatherer
     from cubepath.coordinator.runs.gathering import gathered
     from cubepath.coordinator.runs.launch import run, start
@@ -32,8 +33,9 @@ else:
             "conductor": "Conductor Ending",
             "contents": "info render",
             "drawing": "PICTURE_SUFFIXES run_picture save_figure",
-            "edge_path": "Gathered",
+            "edge_path": "Gathered PathDigest",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
+            "free_gatherer": "FreeGatherer",
             "gatherer": "Gatherer",
             "gathering": "gathered",
             "launch": "run start",
@@ -50,10 +52,12 @@ __all__ = [
     "PICTURE_SUFFIXES",
     "Conductor",
     "Ending",
+    "FreeGatherer",
     "Gathered",
     "Gatherer",
     "Outcome",
     "Overheard",
+    "PathDigest",
     "Plan",
     "Replayed",
     "Running",

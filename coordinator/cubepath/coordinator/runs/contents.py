@@ -45,6 +45,11 @@ def info(recording: Recording) -> dict[str, Any]:
 
     The numbers are those of its summary. If it has none, rounds and moves are counted from the
     coordinator's edges. Of a file that is whole only its end is read.
+
+    >>> from pathlib import Path
+    >>> found = info(read_recording(Path("logs/golden/hex-5.mcap")))
+    >>> found["rounds"], found["moves"], found["ended"]
+    (29, 28, 'goal')
     """
     parameters = recording.parameters
     summary, rounds, moves = _result(recording)

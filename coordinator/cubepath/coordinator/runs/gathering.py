@@ -20,6 +20,12 @@ def gathered(recording: Recording) -> Gathered:
     Incomplete rounds are left out, and commits that depend on others which are not on record.
     InputError if a message on record is malformed, CheckError as for `Gatherer.receive` and
     `FreeGatherer.receive`.
+
+    >>> from pathlib import Path
+    >>> from cubepath.protocol import read_recording
+    >>> path = gathered(read_recording(Path("logs/golden/hex-5.mcap")))
+    >>> path.rounds, len(path.path), path.reached
+    (29, 28, True)
     """
     return _free(recording) if recording.clock == "free" else _lockstep(recording)
 

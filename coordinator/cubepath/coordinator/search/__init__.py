@@ -11,9 +11,10 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.search.anytime import CubePath, Improved, improve
-    from cubepath.coordinator.search.budget import Budget, Stage
+    from cubepath.coordinator.search.budget import Budget, SpentError, Stage
     from cubepath.coordinator.search.endless import wandering
     from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
+    from cubepath.coordinator.search.heuristics import Potential, Ways
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
     from cubepath.coordinator.search.space_time_routes import prepare
@@ -23,9 +24,10 @@ else:
         __name__,
         {
             "anytime": "CubePath Improved improve",
-            "budget": "Budget Stage",
+            "budget": "Budget SpentError Stage",
             "endless": "wandering",
             "exact": "MAX_STATES Optimum optimum too_wide",
+            "heuristics": "Potential Ways",
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
             "space_time_routes": "prepare",
@@ -39,8 +41,11 @@ __all__ = [
     "CubePath",
     "Improved",
     "Optimum",
+    "Potential",
+    "SpentError",
     "Stage",
     "Transitions",
+    "Ways",
     "improve",
     "lower_bound",
     "maskable",

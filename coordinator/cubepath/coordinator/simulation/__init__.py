@@ -2,7 +2,7 @@
 
 Room: coordinator. The nodes are those of a run, on a simulated wire. It imports `runs` and
 `verification`, and of the agents `processes`, `rules` and the environment, which is the other way
-to the edge path of a run. The command `simulate` uses it.
+to the edge path of a run. The command `simulate` uses it, and so do experiments.
 """
 
 from typing import TYPE_CHECKING
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.simulation.free_faults import FREE_KINDS, STARTS
     from cubepath.coordinator.simulation.free_scenarios import FreeScenario
     from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
+    from cubepath.coordinator.simulation.lockstep import Lockstep
     from cubepath.coordinator.simulation.scenarios import Asked, Scenario, built, check
     from cubepath.coordinator.simulation.simulated import (
         MakeNode,
@@ -38,6 +39,7 @@ else:
             "free_faults": "FREE_KINDS STARTS",
             "free_scenarios": "FreeScenario",
             "free_simulated": "FreeSimulated free_simulate",
+            "lockstep": "Lockstep",
             "scenarios": "Asked Scenario built check",
             "simulated": "MakeNode Simulated host_node simulate",
             "swarm": "Kept Tally simulate_seeds simulator_of",
@@ -58,6 +60,7 @@ __all__ = [
     "FreeSimulated",
     "Kept",
     "Listed",
+    "Lockstep",
     "MakeNode",
     "Scenario",
     "Simulated",

@@ -70,6 +70,9 @@ class FreeScenario:
     """After this time, too."""
     files: bool
     seed: int
+    ends_at_goal: bool | None = None
+    """Whether the run ends at its goal, and else when its faults are over, as in an experiment;
+    None if that follows from the rule, and whatever is left has to be done after the faults."""
 
     @property
     def scene(self) -> Scene:
@@ -79,6 +82,8 @@ class FreeScenario:
     @property
     def to_goal(self) -> bool:
         """Return whether the rule moves towards a goal; those of other people may not."""
+        if self.ends_at_goal is not None:
+            return self.ends_at_goal
         return self.rule in BUILT_IN and self.rule != "random"
 
     def smaller(self) -> list[FreeScenario]:

@@ -35,7 +35,15 @@ from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.credentials import keeper_name, process_name
-from cubepath.protocol.wire.free_messages import Asks, Attempt, Enter, Hold, Look, decode_free
+from cubepath.protocol.wire.free_messages import (
+    Asks,
+    Attempt,
+    Enter,
+    Hold,
+    Look,
+    Moved,
+    decode_free,
+)
 from cubepath.protocol.wire.messages import encode
 from cubepath.protocol.wire.nodes import Effect, Node, Put
 from cubepath.protocol.wire.tiles import Tiles
@@ -68,6 +76,12 @@ class FreeSimulated:
     seconds: float
     """The virtual time that it took."""
     came_to: FreeOutcome
+    commits: tuple[Moved, ...]
+    """What was committed, keeper by keeper."""
+    messages: int
+    """How many messages were put on the wire."""
+    moved_seconds: float
+    """The virtual time of the last move."""
 
     @property
     def long(self) -> int:
@@ -114,6 +128,9 @@ def free_simulate(
         steps=network.steps,
         seconds=network.now_us / SECOND_US,
         came_to=run.came_to,
+        commits=tuple(commit for commits in run.oracle.commits.values() for commit in commits),
+        messages=run.messages,
+        moved_seconds=run.moved_us / SECOND_US,
     )
 
 
@@ -133,8 +150,10 @@ class _Run:
         self.scene = scenario.scene
         self.came_to: FreeOutcome = "moves"
         self.oracle = Oracle(self.scene, scenario.keepers)
+        self.messages = 0
         self.phase: Phase = "faults"
-        self._since_us = self._moved_us = 0
+        self.moved_us = 0
+        self._since_us = self._asked_us = 0
         self._moves = self._moves_then = self._ticks = 0
         self._make = make
         self._tiles = Tiles(self.scene.system, scenario.keepers)
@@ -228,6 +247,7 @@ class _Run:
 
     def _through(self, _: str, put: Put) -> Put | None:
         """Show what is put to the oracle; at rest no attempt goes onto the wire."""
+        self.messages += 1
         self._log()
         message = decode_free(put.data)
         if self.phase == "rest" and isinstance(message, Asks):
@@ -248,12 +268,12 @@ class _Run:
         self._log()
         moves, now_us = self.oracle.state.moves, self.network.now_us
         if moves != self._moves:
-            self._moves, self._moved_us = moves, now_us
+            self._moves, self.moved_us, self._asked_us = moves, now_us, now_us
             if self.scenario.to_goal and self.phase in ("faults", "on"):
                 self._look_for_goal()
         if self.phase == "faults":
             if moves >= self.scenario.moves or now_us >= self.scenario.long_us:
-                self._begin("on")
+                self._begin("on" if self.scenario.ends_at_goal is None else "rest")
         elif self.phase == "on":
             self._on()
         elif self._watch.ticks > self._ticks:
@@ -272,8 +292,8 @@ class _Run:
         network = self.network
         if not self.scenario.to_goal and self._moves - self._moves_then >= MORE_MOVES:
             self._begin("rest")
-        elif network.now_us - max(self._moved_us, self._since_us) > _STUCK_US:
-            self._moved_us = network.now_us  # it is not asked again at once
+        elif network.now_us - max(self._asked_us, self._since_us) > _STUCK_US:
+            self._asked_us = network.now_us  # it is not asked again at once
             if not network.away and self._blocked():
                 self.came_to = "blocked"
                 self._begin("rest")

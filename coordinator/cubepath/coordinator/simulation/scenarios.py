@@ -13,7 +13,9 @@ from math import ceil, sqrt
 from random import Random
 from typing import Literal
 
+from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.registry import rule_named, rules
+from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.registry import all_families
@@ -206,10 +208,23 @@ def scenario_of(seed: int, asked: Asked = ANYTHING) -> Scenario:
 
 
 def fitting(scene: Scene, clock: str = "lockstep") -> list[str]:
-    """Return the names of the rules that hold for a scene under a clock."""
+    """Return the names of the rules that hold for a scene under a clock.
+
+    A rule that refuses the scene at birth, as `chain` does a goal that is no chain, is none.
+    """
     return [
-        rule.name for rule in rules().values() if clock in rule.clocks and rule.fits(scene.system)
+        rule.name
+        for rule in rules().values()
+        if clock in rule.clocks and rule.fits(scene.system) and _begins(rule, scene, clock)
     ]
+
+
+def _begins(rule: RuleType, scene: Scene, clock: str) -> bool:
+    try:
+        actors_for(scene, rule, seed=0, hesitate=0.0, clock=clock)
+    except InputError:
+        return False
+    return True
 
 
 def drawn_system(

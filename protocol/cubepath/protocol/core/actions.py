@@ -164,6 +164,10 @@ def commute(one: Action, other: Action) -> bool:
 
     This is the one definition: it decides safety among agents, cubes of the complex, and
     shortening. An action never commutes with itself.
+
+    >>> one, other, far = (Action([x, y], [x, y], [x], [y]) for x, y in ("ab", "bc", "cd"))
+    >>> commute(one, other), commute(one, far), commute(one, one)
+    (False, True, False)
     """
     return one.trace.isdisjoint(other.support) and other.trace.isdisjoint(one.support)
 
@@ -189,12 +193,22 @@ def end_at(action: Action, state: State) -> int | None:
 
 
 def admissible(action: Action, state: State) -> bool:
-    """Return whether the action applies at the state: one of its local states is shown there."""
+    """Return whether the action applies at the state: one of its local states is shown there.
+
+    >>> step = Action(support=["a", "b"], trace=["a", "b"], before=["a"], after=["b"])
+    >>> admissible(step, frozenset({"a", "c"})), admissible(step, frozenset({"a", "b"}))
+    (True, False)
+    """
     return end_at(action, state) is not None
 
 
 def apply(action: Action, state: State) -> frozenset[Site]:
-    """Return the state after the action; InputError if it is not admissible there."""
+    """Return the state after the action; InputError if it is not admissible there.
+
+    >>> step = Action(support=["a", "b"], trace=["a", "b"], before=["a"], after=["b"])
+    >>> sorted(apply(step, frozenset({"a", "c"})))
+    ['b', 'c']
+    """
     result = set(state)
     apply_in_place(action, result)
     return frozenset(result)
@@ -210,7 +224,12 @@ def apply_in_place(action: Action, state: set[Site]) -> None:
 
 
 def why_inadmissible(action: Action, state: State) -> str:
-    """Return one line on why the action is not admissible at the state, naming the first site."""
+    """Return one line on why the action is not admissible at the state, naming the first site.
+
+    >>> step = Action(["a", "b"], ["a", "b"], ["a"], ["b"], label="step")
+    >>> why_inadmissible(step, frozenset({"a", "b"}))
+    "step is not admissible: site 'b' is on, expected off"
+    """
     name = action.label or repr(action)
     wrong = [in_order((end ^ (action.support & state)) - action.free) for end in action.ends]
     sites = min(wrong, key=len)

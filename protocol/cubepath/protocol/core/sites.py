@@ -28,6 +28,9 @@ def site_from_json(value: object, deep: int = DEPTH_MAX) -> Site:
     """Return the site that a JSON value stands for: lists become tuples, up to `deep` levels.
 
     Raises InputError for objects and null, which name no place, and for lists nested deeper.
+
+    >>> site_from_json([[0, 1], "x"])
+    ((0, 1), 'x')
     """
     if isinstance(value, list | tuple):
         if not deep:
@@ -63,7 +66,11 @@ def site_text(site: Site) -> str:
 
 
 def in_order(sites: Iterable[Site]) -> tuple[Site, ...]:
-    """Return the sites in canonical order, which depends on their content alone."""
+    """Return the sites in canonical order, which depends on their content alone.
+
+    >>> in_order({(1, 0), (0, 2), (0, 1)})
+    ((0, 1), (0, 2), (1, 0))
+    """
     found: tuple[Any, ...] = tuple(sites)
     if len(found) < 2:
         return found

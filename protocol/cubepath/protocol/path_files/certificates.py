@@ -85,5 +85,9 @@ def companion(cubes: Path) -> Path:
 
 
 def certificate_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a certificate."""
+    """Return the JSON Schema (2020-12) of a certificate.
+
+    >>> certificate_schema()["type"]
+    'object'
+    """
     return line_schema(Certificate)

@@ -12,7 +12,12 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.protocol.scenes.families.hexagons import hex_catalogue
     from cubepath.protocol.scenes.family import Family
-    from cubepath.protocol.scenes.registry import all_families, families_of, sound_family
+    from cubepath.protocol.scenes.registry import (
+        all_families,
+        families_of,
+        family_named,
+        sound_family,
+    )
     from cubepath.protocol.scenes.specs import scene_from_spec
     from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
 else:
@@ -21,7 +26,7 @@ else:
         {
             "families.hexagons": "hex_catalogue",
             "family": "Family",
-            "registry": "all_families families_of sound_family",
+            "registry": "all_families families_of family_named sound_family",
             "specs": "scene_from_spec",
             "toml": "read_scene scene_from_toml scene_to_toml",
         },
@@ -31,6 +36,7 @@ __all__ = [
     "Family",
     "all_families",
     "families_of",
+    "family_named",
     "hex_catalogue",
     "read_scene",
     "scene_from_spec",

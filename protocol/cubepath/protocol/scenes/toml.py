@@ -38,7 +38,12 @@ def read_scene(path: Path) -> Scene:
 
 
 def scene_from_toml(text: str, where: str) -> Scene:
-    """Read a scene from TOML text; `where` names the text in errors."""
+    """Read a scene from TOML text; `where` names the text in errors.
+
+    >>> text = scene_to_toml(scene_from_spec("hex:n=3"))
+    >>> scene_from_toml(text, "a copy").start
+    ((0, 0), (1, 0), (2, 0))
+    """
     try:
         table = parsed_toml(text)
     except InputError as error:

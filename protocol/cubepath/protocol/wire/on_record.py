@@ -55,7 +55,11 @@ SHOWN = "shown"
 
 
 def schema_of(kind: str) -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a kind of message, as recordings hold it."""
+    """Return the JSON Schema (2020-12) of a kind of message, as recordings hold it.
+
+    >>> schema_of("claim")["required"]
+    ['kind', 'round', 'module', 'site', 'generator', 'at']
+    """
     # Viewers want the top object itself, not a reference to it.
     top, definitions = schema_with_definitions({**KINDS, **FREE_KINDS}[kind])
     return {**top, "$defs": definitions} if definitions else top

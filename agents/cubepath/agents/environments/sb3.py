@@ -1,0 +1,173 @@
+"""Learning with Stable-Baselines3: environments for it, and what it has learned as a rule.
+
+Room: agents. The library is an extra, ``pip install 'cubepath[learning]'``, imported when needed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from gymnasium import spaces
+
+from cubepath.agents.environments.environment import parallel_env
+from cubepath.agents.environments.shown import Shown
+from cubepath.agents.environments.vector_environment import CubepathVectorEnv
+from cubepath.agents.local.relative import Showing
+from cubepath.agents.rules.network import (
+    ACTIVATIONS,
+    FORMAT,
+    Layer,
+    Network,
+    network_rule,
+    read_network,
+)
+from cubepath.agents.rules.rule import RuleType
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import written_whole
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+if TYPE_CHECKING:
+    from cubepath.agents.environments.sb3_vec_env import ModulesVecEnv, Worlds
+
+
+def sb3_env(
+    system: str | Scene = "hex",
+    *,
+    num_envs: int = 1,
+    max_cycles: int = 500,
+    observation: Showing = "relative",
+    transport: Literal["local", "zenoh"] = "local",
+    processes: int = 2,
+) -> ModulesVecEnv:
+    """Return environments of a system as a `VecEnv` of Stable-Baselines3, with masks.
+
+    Every module of every environment is a row, so one policy is learned for all: with n modules,
+    row ``n * i + m`` is module m of environment i.
+
+    >>> from sb3_contrib import MaskablePPO
+    >>> env = sb3_env("agv:graph=grid3x3,n=2", num_envs=8, max_cycles=20)
+    >>> model = MaskablePPO("MlpPolicy", env, n_steps=32, batch_size=64, seed=0).learn(1024)
+    >>> env.num_envs, env.reset().shape, sb3_rule("learned", model).name
+    (16, (16, 27), 'learned')
+
+    Args:
+        system: a system by name or file as on the command line, or a scene.
+        num_envs: how many environments.
+        max_cycles: an episode is truncated after so many rounds.
+        observation: "relative", float32 between -1 and 1, or "absolute", int32.
+        transport: "local" is compiled code in this process; with "zenoh" each environment has
+            processes of its own, which `close` ends. What comes out is the same.
+        processes: with "zenoh" how many for each environment; 0 keeps the modules here.
+
+    `action_masks`, as `MaskablePPO` asks for it, is bool of shape (rows, moves + 1). The reward is
+    that of PettingZoo, the same for all modules of an environment, which end together: an episode
+    that is over begins anew in the same step, with ``terminal_observation``,
+    ``TimeLimit.truncated`` and ``is_success`` in the infos of its rows. ``seed(s)`` gives
+    environment i the seed s + i, later episodes draw theirs from it as those of `vector_env` do.
+
+    InputError if Stable-Baselines3 is missing, or as for `parallel_env`.
+    """
+    try:
+        from cubepath.agents.environments.sb3_vec_env import (  # noqa: PLC0415 - an extra
+            ArrayWorlds,
+            DictWorlds,
+            ModulesVecEnv,
+        )
+    except ImportError:
+        raise InputError(
+            "sb3_env takes Stable-Baselines3: pip install 'cubepath[learning]'"
+        ) from None
+    scene = scene_from_spec(system) if isinstance(system, str) else system
+    scene = local_only(scene, "environment")
+    worlds: Worlds
+    if transport == "local":
+        worlds = ArrayWorlds(
+            CubepathVectorEnv(
+                scene,
+                num_envs=num_envs,
+                max_cycles=max_cycles,
+                observation=observation,
+                autoreset_mode="Disabled",
+            )
+        )
+    else:
+        if num_envs < 1:
+            raise InputError(f"num_envs={num_envs}: expected 1 or more")
+        worlds = DictWorlds(
+            [
+                parallel_env(
+                    scene,
+                    max_cycles=max_cycles,
+                    observation=observation,
+                    transport=transport,
+                    processes=processes,
+                )
+                for _ in range(num_envs)
+            ]
+        )
+    space = Shown(scene, observation).space(0)["observation"]
+    if not isinstance(space, spaces.Box):
+        raise TypeError("an observation is a box of numbers")
+    return ModulesVecEnv(worlds, len(scene.start), space, scene.system.move_slots + 1)
+
+
+def sb3_save(model: Any, path: str | Path) -> None:
+    """Write the network of a `MaskablePPO` to a new file, ``.npz``, which `sb3_rule` reads.
+
+    What reads it needs numpy alone: no process of a run has to load torch. InputError if the model
+    has a policy of another form than ``MlpPolicy``, or if the file exists or cannot be written.
+    """
+    network, path = _network_of(model), Path(path)
+    if path.suffix != ".npz":
+        raise InputError(f"{path}: expected a name that ends in .npz")
+    if path.exists():
+        raise InputError(f"{path}: exists already, expected a new file")
+    arrays: dict[str, Any] = {"format": FORMAT, "observation": network.observation}
+    for number, layer in enumerate(network.layers):
+        for key, value in layer._asdict().items():
+            arrays[f"{key}_{number}"] = value
+    with written_whole(path) as stream:
+        np.savez(stream, **arrays)
+
+
+def sb3_rule(name: str, model: Any, *, deterministic: bool = False) -> RuleType:
+    """Return what was learned in an `sb3_env` as a rule: it runs on the wire as any other.
+
+    `model` is a `MaskablePPO` with an ``MlpPolicy``, or the path of a file of `sb3_save`. A module
+    draws its action from the probabilities of the network, by its own random stream; with
+    `deterministic` it takes the most probable one, and the first of several. The rule is for
+    systems whose observations have the shape of those that it was trained with.
+
+    InputError if the policy has another form, or the file cannot be read.
+    """
+    network = read_network(Path(model)) if isinstance(model, str | Path) else _network_of(model)
+    return network_rule(name, network, deterministic=deterministic)
+
+
+def _network_of(model: Any) -> Network:
+    """Return the part of a model that decides, as numpy has it."""
+    try:
+        policy, space = model.policy, model.observation_space
+        parts = [*policy.pi_features_extractor.children(), *policy.mlp_extractor.policy_net]
+        parts.append(policy.action_net)
+    except (AttributeError, TypeError):
+        raise InputError(
+            f"{type(model).__name__}: expected a model with an MlpPolicy, such as a MaskablePPO"
+        ) from None
+    layers: list[Layer] = []
+    for part in parts:
+        kind = type(part).__name__.lower()
+        if kind == "linear":
+            weight, bias = (each.detach().cpu().numpy() for each in (part.weight, part.bias))
+            layers.append(Layer(weight.T.astype(np.float64), bias.astype(np.float64), "none"))
+        elif kind in ACTIVATIONS and layers:
+            layers[-1] = layers[-1]._replace(activation=kind)
+        elif kind != "flatten":
+            raise InputError(
+                f"the policy has a part {type(part).__name__}, expected Linear, Tanh and ReLU:"
+                " policy_rule takes any other as a function"
+            )
+    return Network("relative" if space.dtype == np.float32 else "absolute", tuple(layers))

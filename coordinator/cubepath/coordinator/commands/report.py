@@ -1,0 +1,50 @@
+"""The command that tells what came of a sweep: ``cubepath report``.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from cubepath.coordinator.commands.console import DONE, answer
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand
+from cubepath.protocol.core.control_characters import visible
+
+if TYPE_CHECKING:  # a command starts faster without it
+    from cubepath.coordinator.experiments.tables import Table
+
+
+def add_report_command(command: AddCommand) -> None:
+    """Add the command and its options."""
+    report = command("report", _report, "tables, plots and a page on the runs of a sweep")
+    report.add_argument("folder", type=Path, metavar="DIR", help="the folder of 'cubepath sweep'")
+    report.add_argument(
+        "-o", "--out", type=Path, metavar="OUT", help="folder for the files (default: DIR/report)"
+    )
+
+
+def _report(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.experiments.report import write_report  # noqa: PLC0415
+
+    with progress_bar(None, "report", ""):
+        report = write_report(options.folder, options.out)
+    lines = [line for table in report.tables for line in _lines(table)]
+    lines += [f"written to {path}" for path in report.files[:1]]
+    answer(options, report.document(), "\n".join(map(visible, lines)))
+    return DONE
+
+
+def _lines(table: Table) -> list[str]:
+    """Return a table in columns; none without rows."""
+    if not table.rows:
+        return []
+    # What is empty throughout tells nothing.
+    texts = [list(table.columns), *table.texts()]
+    kept = [n for n in range(len(table.columns)) if any(row[n] for row in texts[1:])]
+    widths = {n: max(len(row[n]) for row in texts) for n in kept}
+    rows = ["  ".join(f"{row[n]:<{widths[n]}}" for n in kept).rstrip() for row in texts]
+    return [f"{table.title}:", *rows, ""]

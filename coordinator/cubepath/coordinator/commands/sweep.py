@@ -1,0 +1,290 @@
+"""The command that plays many runs and keeps what comes of them: ``cubepath sweep``.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cubepath.coordinator.commands.console import (
+    DONE,
+    FAILED,
+    INTERRUPTED,
+    answer,
+    complain,
+    table,
+)
+from cubepath.coordinator.commands.files import check_files
+from cubepath.coordinator.commands.progress import Lines, progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.errors import InputError
+
+if TYPE_CHECKING:  # a command starts faster without it
+    from cubepath.coordinator.experiments.spec import Expansion
+    from cubepath.coordinator.experiments.sweeping import SweepResults
+
+_TOLD_MAX = 5
+"""So many lines are told of a kind; the document has all."""
+
+
+def add_sweep_command(command: AddCommand) -> None:
+    """Add the command and its options."""
+    sweep = command("sweep", _sweep, "play many runs: systems by rules by seeds, and more")
+    sweep.add_argument(
+        "systems",
+        nargs="+",
+        metavar="SYSTEM",
+        help="systems as for 'cubepath run', with ranges and lists in their keys, as in"
+        " hex:n=4..40 or agv:graph=K5,C8,n=2; or one SPEC.toml with all of a sweep",
+    )
+    sweep.add_argument(
+        "--rule",
+        action="append",
+        metavar="RULE,...",
+        help="rules, names or FILE.py:NAME (default: the one that reaches the goal)",
+    )
+    sweep.add_argument(
+        "--seeds", metavar="N", help="N seeds from 0 on; or A..B, or a list as 3,7, (default 10)"
+    )
+    sweep.add_argument(
+        "--clock", action="append", metavar="CLOCK,...", help="lockstep, free (default lockstep)"
+    )
+    sweep.add_argument(
+        "--hesitate",
+        metavar="P,...",
+        help="each module skips a round with this probability (default 0)",
+    )
+    sweep.add_argument(
+        "--faults",
+        action="append",
+        metavar="KEY=RATE,...",
+        help="what goes wrong, at these rates: loss, delay (of delay_ms), duplicate, crash, slow"
+        " (by slow_factor), each with one value or several, or none; may be given several times",
+    )
+    sweep.add_argument(
+        "--core",
+        metavar="CORE",
+        help="where runs are played: compiled, simulated or wire (default: compiled, or simulated"
+        " if something happens to messages)",
+    )
+    _add_bounds(sweep)
+    sweep.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="folder for the results, where finished runs are not played again (default: one in"
+        " logs/sweeps that is named by the first SYSTEM)",
+    )
+    sweep.add_argument(
+        "--record", action="store_true", help="keep a recording of each run with messages"
+    )
+    sweep.add_argument(
+        "--jobs", type=whole(1), metavar="N", help="processes (default: one for each core)"
+    )
+    sweep.add_argument(
+        "--cluster", metavar="ADDRESS", help="play on a dask cluster, by its scheduler's address"
+    )
+    sweep.add_argument("--dry-run", action="store_true", help="list what would be played")
+
+
+def _add_bounds(sweep: argparse.ArgumentParser) -> None:
+    sweep.add_argument(
+        "--max-rounds", type=whole(0), metavar="N", help="end a run after N rounds (default 1000)"
+    )
+    sweep.add_argument(
+        "--processes",
+        type=whole(1),
+        metavar="N",
+        help="module processes of a run with messages (default 4)",
+    )
+    sweep.add_argument(
+        "--keepers",
+        type=whole(1),
+        metavar="N",
+        help="keepers of a run with messages and without rounds (default 4)",
+    )
+    sweep.add_argument(
+        "--optimum",
+        type=whole(0),
+        metavar="STATES",
+        help="search for the fewest cubes from start to goal, keeping so many states at most"
+        " (default 0: no search)",
+    )
+
+
+def _sweep(options: argparse.Namespace) -> int:
+    from cubepath.coordinator.experiments.spec import expand, sweep_of  # noqa: PLC0415
+
+    check_files(options, [])
+    expansion = expand(sweep_of(options.systems, _given(options)))
+    for line in _few(expansion.left_out):
+        complain(f"left out: {line}")
+    if options.dry_run:
+        return _dry_run(options, expansion)
+    return _play(options, expansion)
+
+
+def _given(options: argparse.Namespace) -> dict[str, object]:
+    """Return the options that were given, as they would stand in a file."""
+    named = {
+        "rules": _split(options.rule),
+        "clocks": _split(options.clock),
+        "hesitate": None
+        if options.hesitate is None
+        else [_share(text) for text in options.hesitate.split(",")],
+        "faults": options.faults,
+        "seeds": options.seeds,
+        "core": options.core,
+        "max_rounds": options.max_rounds,
+        "processes": options.processes,
+        "keepers": options.keepers,
+        "optimum": options.optimum,
+    }
+    return {key: value for key, value in named.items() if value is not None}
+
+
+def _split(several: Iterable[str] | None) -> list[str] | None:
+    return None if several is None else [each for text in several for each in text.split(",")]
+
+
+def _share(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--hesitate: expected numbers as 0,0.5, found {text!r}") from None
+
+
+def _few(lines: Sequence[str]) -> list[str]:
+    more = len(lines) - _TOLD_MAX
+    return [*lines[:_TOLD_MAX], *([f"and {more} more"] if more > 0 else [])]
+
+
+def _dry_run(options: argparse.Namespace, expansion: Expansion) -> int:
+    settings: dict[tuple[Any, ...], list[int]] = {}
+    for batch in expansion.batches:
+        told = batch.setting
+        key = (told.label, told.rule, told.clock, told.hesitate, told.faults.text(), told.core)
+        settings.setdefault(key, []).extend(batch.seeds)
+    names = ("system", "rule", "clock", "hesitate", "faults", "core")
+    document = {
+        "runs": expansion.runs,
+        "settings": [
+            {**dict(zip(names, key, strict=True)), "seeds": seeds}
+            for key, seeds in settings.items()
+        ],
+        "left_out": list(expansion.left_out),
+    }
+    lines = [
+        f"{system}, rule {rule}, {clock}, hesitate {hesitate:g}, faults {faults}, {core}:"
+        f" {len(seeds)} runs"
+        for (system, rule, clock, hesitate, faults, core), seeds in settings.items()
+    ]
+    answer(options, document, "\n".join(map(visible, [*lines, f"{expansion.runs} runs"])))
+    return DONE
+
+
+def _folder(options: argparse.Namespace) -> Path:
+    if options.out is not None:
+        out: Path = options.out
+        return out
+    first = options.systems[0]
+    name = Path(first).stem if first.endswith(".toml") else first.partition(":")[0]
+    return Path("logs") / "sweeps" / name
+
+
+def _play(options: argparse.Namespace, expansion: Expansion) -> int:
+    from cubepath.coordinator.experiments.sweeping import play_sweep, results_of  # noqa: PLC0415
+    from cubepath.coordinator.experiments.workers import cores  # noqa: PLC0415
+
+    folder, began = _folder(options), time.monotonic()
+    interrupted, known, failures = False, 0, 0
+    with progress_bar(expansion.runs, "sweep", " runs") as bar:
+
+        def begin(before: int) -> None:
+            nonlocal known
+            known = before
+            bar.total = expansion.runs - before
+            bar.refresh()
+
+        def watch(runs: Sequence[Any]) -> None:
+            nonlocal failures
+            failures += sum(each.failed for each in runs)
+            told = [f"{failures} failures"] if failures else []
+            done = bar.n + len(runs)
+            if isinstance(bar, Lines):  # a bar on a terminal says so itself
+                seconds = (time.monotonic() - began) * (bar.total - done) / done
+                told.append(f"about {seconds:.0f} s left")
+            bar.set_postfix_str(", ".join(told), refresh=False)
+            bar.update(len(runs))
+            if options.interrupts.came:  # where Python runs a finalizer, the exception is dropped
+                raise KeyboardInterrupt
+
+        try:
+            results = play_sweep(
+                expansion,
+                folder,
+                jobs=options.jobs or cores(),
+                cluster=options.cluster,
+                record=options.record,
+                watch=watch,
+                begin=begin,
+            )
+        except KeyboardInterrupt:
+            interrupted = True
+            results = results_of(expansion, folder, known)
+    return _told(options, expansion, results, time.monotonic() - began, interrupted=interrupted)
+
+
+def _told(
+    options: argparse.Namespace,
+    expansion: Expansion,
+    results: SweepResults,
+    seconds: float,
+    *,
+    interrupted: bool,
+) -> int:
+    failures, rows = results.failures, results.rows
+    ended = dict(sorted(Counter(row["ended"] for row in rows).items()))
+    document = {
+        "folder": str(results.folder),
+        "runs": expansion.runs,
+        "finished": len(rows),
+        "known": results.known,
+        "failures": len(failures),
+        "ended": ended,
+        "left_out": list(expansion.left_out),
+        "failed": [
+            {key: row[key] for key in ("system", "rule", "seed", "ended", "reason", "id")}
+            for row in failures
+        ],
+        "seconds": round(seconds, 3),
+    }
+    text = table(
+        [
+            ("runs", expansion.runs),
+            ("finished", f"{len(rows)}, of which {results.known} before"),
+            ("ended", ", ".join(f"{count} {name}" for name, count in ended.items()) or "none"),
+            ("failures", len(failures)),
+            ("time", f"{seconds:.2f} s"),
+            ("results", results.folder),
+        ]
+    )
+    answer(options, document, text)
+    for line in _few([_failure(row) for row in failures]):
+        complain(line)
+    if interrupted:
+        complain("interrupted")
+        return INTERRUPTED
+    return FAILED if failures else DONE
+
+
+def _failure(row: Mapping[str, Any]) -> str:
+    return "{system}, rule {rule}, seed {seed}: {ended}: {reason}".format_map(row)

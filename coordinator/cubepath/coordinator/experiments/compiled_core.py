@@ -1,0 +1,159 @@
+"""Runs in this process, without messages: with rounds in compiled code, many seeds side by side.
+
+Room: coordinator. These are the runs of `cubepath.agents.play_many` and `play_free`, which the same
+seeds have under the simulator and over the wire.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.agents.environments.free_rollout import play_free
+from cubepath.agents.environments.made_moves import MadeMoves, made_in
+from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.experiments.gathered_runs import gathered_run
+from cubepath.coordinator.experiments.outcomes import GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
+from cubepath.coordinator.experiments.scene_facts import SceneFacts
+from cubepath.coordinator.experiments.setting import Setting
+from cubepath.coordinator.experiments.slow_modules import slow_modules
+from cubepath.coordinator.normal_form.compiled_heap import PathCounter
+from cubepath.coordinator.runs.edge_path import PathDigest
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, to_json
+from cubepath.protocol.wire.messages import Executed
+
+_FEW = 200
+"""With fewer modules in all runs together it is not worth while to load compiled code."""
+_JITTER = 0.5
+
+
+def play_compiled(
+    setting: Setting, facts: SceneFacts, seeds: tuple[int, ...]
+) -> Iterator[PlayedRun]:
+    """Yield the runs of a setting, one for each seed."""
+    if setting.clock == "free":
+        for seed in seeds:
+            yield _free(setting, facts, seed)
+        return
+    scene = facts.scene
+    rule = rule_named(setting.rule, scene.system)
+    began = time.monotonic()
+    if len(seeds) * len(scene.start) < _FEW:
+        runs = [
+            play_in_python(
+                scene, rule, seed=seed, hesitate=setting.hesitate, max_rounds=setting.max_rounds
+            )
+            for seed in seeds
+        ]
+        made = made_in([run.rounds for run in runs])
+        ends = [(run.sites, run.reached, run.failed) for run in runs]
+    else:
+        many = play_many(
+            scene,
+            rule,
+            seeds,
+            hesitate=setting.hesitate,
+            max_rounds=setting.max_rounds,
+            keep_moves=True,
+        )
+        if many.made is None:  # they were asked for
+            raise AssertionError("no moves were kept")
+        made = many.made
+        ends = [
+            (many.sites[run], bool(many.reached[run]), many.failed.get(run))
+            for run in range(len(seeds))
+        ]
+    kinds = _kinds(made, facts)
+    share = (time.monotonic() - began) / len(seeds)
+    for run, seed in enumerate(seeds):
+        began = time.monotonic()
+        played = _played(made, kinds, run, ends[run])
+        slow = slow_modules(setting, scene, seed)
+        played.time = float(len(played.ends) * (setting.faults.slow_factor if slow else 1))
+        played.seconds = share + time.monotonic() - began
+        yield played
+
+
+class _Kinds(NamedTuple):
+    """What is the same for all moves of a kind, in the order of `MadeMoves.moves`."""
+
+    names: list[tuple[str, Json]]
+    """The generator and the place."""
+    counter: PathCounter
+    measures: NDArray[np.int64]
+
+
+def _kinds(made: MadeMoves, facts: SceneFacts) -> _Kinds:
+    motions = (
+        (frozenset(site for site, _ in move.motion), frozenset(site for _, site in move.motion))
+        for move in made.moves
+    )
+    return _Kinds(
+        [(move.generator, to_json(move.at)) for move in made.moves],
+        PathCounter(move.action for move in made.moves),
+        facts.measures((before - after, after - before) for before, after in motions),
+    )
+
+
+def _played(
+    made: MadeMoves, kinds: _Kinds, run: int, end: tuple[tuple[Site, ...], bool, str | None]
+) -> PlayedRun:
+    first, last = np.searchsorted(made.run, [run, run + 1]).tolist()
+    moves, lost = made.move[first:last], made.lost[run]
+    ends = np.searchsorted(made.round[first:last], np.arange(1, len(lost) + 1), side="right")
+    counts = kinds.counter.count(moves)
+    sites, reached, failed = end
+    return PlayedRun(
+        moves=moves,
+        measures=kinds.measures,
+        ends=ends,
+        sites=sites,
+        reduced=counts.reduced_moves,
+        cubes=counts.cubes,
+        largest_cube=counts.max_cube_dimension,
+        digest=_digest(kinds, made.module[first:last].tolist(), moves.tolist(), ends.tolist()),
+        ended=GOAL if reached else MAX_ROUNDS if failed is None else GAVE_UP,
+        reason=failed,
+        conflicts=lost,
+    )
+
+
+def _digest(kinds: _Kinds, modules: list[int], moves: list[int], ends: list[int]) -> str:
+    names = kinds.names
+    executed = [Executed(module, *names[move]) for module, move in zip(modules, moves, strict=True)]
+    digest, at = PathDigest(), 0
+    for number, end in enumerate(ends, 1):
+        if at < end:
+            digest.add(number, executed[at:end])
+        at = end
+    return digest.text()
+
+
+def _free(setting: Setting, facts: SceneFacts, seed: int) -> PlayedRun:
+    began, scene = time.monotonic(), facts.scene
+    slow = slow_modules(setting, scene, seed)
+    played = play_free(
+        scene,
+        rule_named(setting.rule, scene.system, "free"),
+        seed=seed,
+        hesitate=setting.hesitate,
+        max_cycles=setting.max_rounds,
+        speeds=dict.fromkeys(slow, setting.faults.slow_factor),
+        jitter=_JITTER,
+    )
+    gatherer = FreeGatherer(scene, 1)
+    for commit in played.commits:
+        gatherer.take(commit)
+    found = gathered_run(gatherer, facts, GAVE_UP if played.failed else MAX_ROUNDS, played.failed)
+    found.lost = played.refused
+    found.time = played.time
+    found.seconds = time.monotonic() - began
+    return found

@@ -1,0 +1,135 @@
+"""Batches handed out to executors, whose processes may die.
+
+Room: coordinator. All that is asked of an executor is what `concurrent.futures.Executor` promises.
+A process that dies takes nothing with it: each run that it may have died of is played once more,
+alone, and has a row with the reason if that ends in the same way.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    BrokenExecutor,
+    CancelledError,
+    Executor,
+    Future,
+    wait,
+)
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Protocol
+
+from cubepath.coordinator.experiments.outcomes import DIED, failed
+from cubepath.coordinator.experiments.playing import play_batch
+from cubepath.coordinator.experiments.rows import Finished
+from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.warming import warm
+
+_AHEAD = 2
+"""So many batches for each worker are handed out at a time."""
+_LOOK_S = 0.5
+
+
+class Workers(Protocol):
+    """Executors one after another: a new one each time that the last one is broken."""
+
+    count: int
+    """How many workers there are, once they are started."""
+
+    def start(self) -> Executor:
+        """Return an executor that works; InputError if there can be none."""
+        ...
+
+    def end(self, *, at_once: bool) -> None:
+        """End what was started last; `at_once` whatever it is doing."""
+        ...
+
+
+def played_here(batches: Iterable[Batch], recordings: Path | None) -> Iterator[list[Finished]]:
+    """Play batches in this process, one after another."""
+    for batch in batches:
+        yield play_batch(batch, recordings)
+
+
+def played_by(
+    workers: Workers, batches: Iterable[Batch], recordings: Path | None
+) -> Generator[list[Finished]]:
+    """Yield the rows of batches as they are finished; whatever happens, no worker is left at it."""
+    playing = _Playing(workers, deque(batches), recordings)
+    done = False
+    try:
+        yield from playing.results()
+        done = True
+    finally:
+        for future in playing.running:
+            future.cancel()
+        workers.end(at_once=not done)
+
+
+@dataclass(slots=True)
+class _Playing:
+    """What is handed out, and what has to be played alone."""
+
+    workers: Workers
+    left: deque[Batch]
+    recordings: Path | None
+    running: dict[Future[list[Finished]], Batch] = field(default_factory=dict)
+    _suspects: deque[Batch] = field(default_factory=deque)
+    """Runs during which a process died: each has to be played alone."""
+    _alone: bool = False
+    """Whether one of these is played now."""
+
+    def results(self) -> Iterator[list[Finished]]:
+        executor = self.workers.start()
+        with suppress(Exception):  # whoever plays a run meets it again, and says so in its row
+            warm(executor, self.left)
+        while self.left or self._suspects or self.running:
+            self._hand_out(executor)
+            # With a timeout, so that an interrupt is noticed wherever it is that one waits.
+            done = wait(self.running, timeout=_LOOK_S, return_when=FIRST_COMPLETED).done
+            broken = any(isinstance(_error(future), BrokenExecutor) for future in done)
+            if broken:  # and so are all others, or they are finished
+                done = wait(self.running).done
+            for future in done:
+                batch, error = self.running.pop(future), _error(future)
+                if error is None:
+                    yield future.result()
+                elif self._alone:
+                    yield [failed(batch, seed, DIED, _why(error)) for seed in batch.seeds]
+                else:
+                    self._suspects.extend(replace(batch, seeds=(seed,)) for seed in batch.seeds)
+            if broken:
+                self.workers.end(at_once=True)
+                executor = self.workers.start()
+
+    def _hand_out(self, executor: Executor) -> None:
+        if self._suspects or self._alone:
+            # One at a time: only what it does itself can then end its process.
+            if not self.running:
+                self._alone = bool(self._suspects)
+                if self._suspects:
+                    self._submit(executor, self._suspects.popleft())
+            return
+        while self.left and len(self.running) < _AHEAD * self.workers.count:
+            self._submit(executor, self.left.popleft())
+
+    def _submit(self, executor: Executor, batch: Batch) -> None:
+        try:
+            future = executor.submit(play_batch, batch, self.recordings)
+        except BrokenExecutor as error:
+            future = Future()
+            future.set_exception(error)
+        self.running[future] = batch
+
+
+def _error(future: Future[list[Finished]]) -> BaseException | None:
+    return CancelledError("cancelled") if future.cancelled() else future.exception()
+
+
+def _why(error: BaseException) -> str:
+    if isinstance(error, BrokenExecutor):
+        return "its process died, and died again when the run was played alone"
+    return f"its process failed twice: {type(error).__name__}: {error}"

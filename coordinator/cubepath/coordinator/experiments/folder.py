@@ -1,0 +1,253 @@
+"""The folder of a sweep: Parquet files that are written as runs are finished, each whole.
+
+Room: coordinator. The folder has a dataset of runs and one of rounds, in parts; a part of rounds
+counts only if there is one of runs of the same name, which is written after it. So the folder may
+be cut off at any moment, and what is on disk is right. Parts are written under another name first.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import IO, Any, Self
+
+import numpy as np
+
+from cubepath.coordinator.experiments.outcomes import DIED
+from cubepath.coordinator.experiments.rows import (
+    ROUND_COLUMNS,
+    ROUND_MEASURES,
+    RUN_COLUMNS,
+    Finished,
+    Row,
+    in_canonical_order,
+)
+from cubepath.coordinator.experiments.setting import Batch
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
+
+MARK = "sweep.json"
+_FORMAT = "cubepath-sweep-1"
+_LOCK = ".lock"
+_RUNS_MAX, _SECONDS_MAX = 256, 2.0
+"""After so many runs, or this time, a part is written."""
+
+
+def arrow() -> Any:
+    """Return pyarrow with its Parquet; InputError says how to install it."""
+    try:
+        import_module("pyarrow.parquet")
+        return import_module("pyarrow")
+    except ImportError:
+        raise InputError(
+            "results of sweeps need pyarrow, expected it installed"
+            " (pip install 'cubepath[experiments]')"
+        ) from None
+
+
+def table_of(rows: Sequence[Row], columns: Mapping[str, str]) -> Any:
+    """Return rows as a pyarrow table with these columns."""
+    pa = arrow()
+    types = {"bool": pa.bool_(), "string": pa.string(), "int64": pa.int64()}
+    schema = pa.schema([(name, types.get(kind) or pa.float64()) for name, kind in columns.items()])
+    values = {name: [row[name] for row in rows] for name in columns}
+    return pa.table(values, schema=schema)
+
+
+def _rounds_table(runs: Sequence[Finished]) -> Any:
+    """Return the rounds of runs as a pyarrow table, made from their arrays."""
+    pa = arrow()
+    counts = [each.run["rounds"] or 0 for each in runs]
+    ids = pa.array([each.run["id"] for each in runs], pa.string())
+    columns = {
+        "id": ids.take(pa.array(np.repeat(np.arange(len(runs)), counts))),
+        "round": np.concatenate([np.arange(1, count + 1) for count in counts]),
+    }
+    for name in ROUND_MEASURES:
+        parts = [
+            pa.nulls(count, pa.int64()) if each.rounds[name] is None else each.rounds[name]
+            for each, count in zip(runs, counts, strict=True)
+        ]
+        columns[name] = pa.concat_arrays([pa.array(part, pa.int64()) for part in parts])
+    return pa.table(columns)
+
+
+class SweepFolder:
+    """A folder that is open for writing, by one sweep at a time."""
+
+    def __init__(self, folder: Path) -> None:
+        """Name the folder; nothing is done before it is entered."""
+        self.folder = folder
+        self._lock: IO[bytes] | None = None
+        self._waiting: list[Finished] = []
+        self._written_s = 0.0
+
+    def __enter__(self) -> Self:
+        """Make the folder, or take up an earlier sweep; InputError if neither can be."""
+        arrow()
+        check_output_folder(self.folder)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._check()
+            self._lock = (self.folder / _LOCK).open("ab")
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            for part in self.folder.glob("r*/.*.part"):  # of a sweep that was killed
+                part.unlink()
+            for name in ("runs", "rounds"):
+                (self.folder / name).mkdir(exist_ok=True)
+        except BlockingIOError:
+            self._release()
+            raise InputError(
+                f"{self.folder}: another sweep is writing there, expected it to end first"
+            ) from None
+        except OSError as error:
+            self._release()
+            raise unwritable(self.folder, error) from None
+        except InputError:
+            self._release()
+            raise
+        self._written_s = time.monotonic()
+        return self
+
+    def _check(self) -> None:
+        """Raise InputError if the folder is that of something else; mark a new one."""
+        mark = self.folder / MARK
+        if mark.exists():
+            read_mark(self.folder)
+            return
+        held = sorted(each.name for each in self.folder.iterdir() if each.name != _LOCK)
+        if held:
+            raise InputError(
+                f"{self.folder}: holds {held[0]!r} and no {MARK}, expected a new or empty folder,"
+                " or that of a sweep"
+            )
+        self._mark([])
+
+    def _mark(self, versions: Sequence[str]) -> None:
+        told = {"format": _FORMAT, "versions": list(versions)}
+        with written_whole(self.folder / MARK) as stream:
+            stream.write(json.dumps(told, indent=1).encode())
+
+    def begin(self, batches: Iterable[Batch]) -> set[str]:
+        """Take note that these are played now, and return the ids of all finished runs.
+
+        One whose process died is none of them: it may have been the machine.
+        """
+        now = dict.fromkeys(_version(batch) for batch in batches)
+        self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
+        rows = (row for part in parts_of(self.folder) for row in _read(part, ("id", "ended")))
+        return {row["id"] for row in rows if row["ended"] != DIED}
+
+    def add(self, rows: Iterable[Finished]) -> None:
+        """Keep the rows of finished runs, and write a part if one is due."""
+        self._waiting += rows
+        late = time.monotonic() - self._written_s > _SECONDS_MAX
+        if len(self._waiting) >= _RUNS_MAX or (self._waiting and late):
+            self.write()
+
+    def write(self) -> None:
+        """Write what is not yet written."""
+        if not self._waiting:
+            return
+        runs = [each.run for each in self._waiting]
+        name = sha256("".join(row["id"] for row in runs).encode()).hexdigest()[:16]
+        self._write("rounds", name, _rounds_table(self._waiting))
+        self._write("runs", name, table_of(runs, RUN_COLUMNS))
+        self._waiting.clear()
+        self._written_s = time.monotonic()
+
+    def _write(self, what: str, name: str, table: Any) -> None:
+        with written_whole(self.folder / what / f"{name}.parquet") as stream:
+            arrow().parquet.write_table(table, stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+
+    def __exit__(self, *_: object) -> None:
+        """Write what is left, and let others in."""
+        try:
+            self.write()
+        finally:
+            self._release()
+
+    def _release(self) -> None:
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+
+def read_mark(folder: Path) -> list[str]:
+    """Return the versions whose runs a folder has, the last one last; InputError if it is no sweep.
+
+    A version is that of the code, with what the scene and the rule were then.
+    """
+    mark = folder / MARK
+    try:
+        told = json.loads(mark.read_bytes())
+        if told["format"] == _FORMAT:
+            versions: list[str] = told["versions"]
+            return versions
+    except FileNotFoundError:
+        raise InputError(f"{folder}: has no {MARK}, expected the folder of a sweep") from None
+    except OSError as error:
+        raise InputError(f"{mark}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, KeyError, TypeError):
+        pass
+    raise InputError(f"{mark}: expected that of a sweep, of the format {_FORMAT}")
+
+
+def _version(batch: Batch) -> str:
+    return f"{batch.code} {batch.setting.scene} {batch.setting.source}"
+
+
+def parts_of(folder: Path) -> list[Path]:
+    """Return the parts of the dataset of runs, in the order of their names."""
+    return sorted((folder / "runs").glob("[!.]*.parquet"))
+
+
+def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
+    """Return the rows of all runs of a folder in canonical order.
+
+    Of runs that were played with several versions of the code, the scene or the rule, those of the
+    last one are returned, or with `all_versions` all. InputError if the folder is no sweep's, or is
+    damaged.
+    """
+    places = {version: place for place, version in enumerate(read_mark(folder))}
+    found: dict[str, tuple[tuple[int, bool], Row]] = {}
+    for part in parts_of(folder):
+        for row in _read(part, RUN_COLUMNS):
+            told = json.loads(row["configuration"])
+            version = f"{row['code']} {told.pop('scene')} {told.pop('source')}"
+            for name in ("best_known", "proved"):
+                del told[name]
+            key = row["id"] if all_versions else json.dumps(told, sort_keys=True)
+            rank = places.get(version, -1), row["ended"] != DIED
+            if key not in found or found[key][0] <= rank:
+                found[key] = rank, row
+    return in_canonical_order(row for _, row in found.values())
+
+
+def read_rounds(folder: Path, ids: Iterable[str] | None = None) -> list[Row]:
+    """Return the rows of rounds, those of these runs or all, ordered by run and round."""
+    wanted = None if ids is None else set(ids)
+    rows: dict[tuple[str, int], Row] = {}
+    for part in parts_of(folder):
+        for row in _read(folder / "rounds" / part.name, ROUND_COLUMNS):
+            if wanted is None or row["id"] in wanted:
+                rows[row["id"], row["round"]] = row
+    return [rows[key] for key in sorted(rows)]
+
+
+def _read(path: Path, columns: Iterable[str]) -> list[Row]:
+    pa = arrow()
+    try:
+        found: list[Row] = pa.parquet.read_table(path, columns=list(columns)).to_pylist()
+    except (OSError, pa.ArrowException) as error:
+        text = " ".join(str(error).split())
+        raise InputError(f"{path}: cannot be read: {text}") from None
+    return found

@@ -1,0 +1,272 @@
+"""The plots of a report: growth with the size, and the way to the goal round by round.
+
+Room: coordinator. Rules differ in colour, marker and line, so that no plot needs its colours. The
+same data gives the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from math import ceil
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator
+from numpy.typing import NDArray
+
+from cubepath.coordinator.experiments.rows import Row, natural
+from cubepath.coordinator.experiments.tables import (
+    WORLD,
+    best_of,
+    by_size,
+    groups,
+    varying,
+    without_size,
+)
+
+INK, PALE = "#1b1f24", "#8a8f98"
+"""The colour of letters, which a page replaces by its own, and that of lines behind the data."""
+_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
+"""Those of Okabe and Ito that can be told apart by all, on white and on black."""
+_MARKERS, _DASHES = "os^Dv<>p*X", ("-", "--", "-.", ":")
+_PANELS_MAX, _ACROSS = 9, 3
+_WIDE, _HIGH = 3.6, 2.9
+_DOTS = 144
+_DECADE = 10
+_NUMBERS = FuncFormatter(lambda number, _: f"{number:g}")
+_STYLE: dict[str, Any] = {
+    "svg.fonttype": "none",
+    "font.size": 9,
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 9,
+    "text.color": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": PALE,
+    "grid.alpha": 0.35,
+    "axes.grid": True,
+    "legend.frameon": False,
+}
+
+Draw = Callable[[Axes, Sequence[Row], "Looks"], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Plot:
+    """A plot: its name, what it shows, and its bytes as SVG and PNG."""
+
+    name: str
+    title: str
+    svg: bytes
+    png: bytes
+
+
+class Looks:
+    """What lines look like: one look for each variant, the same in all panels."""
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        """Take the variants in the order of their names."""
+        self._keys = varying(rows, ("rule", *WORLD[1:]))
+        labels = sorted({self.label(row) for row in rows}, key=natural)
+        self._places = {label: place for place, label in enumerate(labels)}
+
+    def label(self, row: Row) -> str:
+        """Return how the variant of a run is called: its rule, and what else differs."""
+        rest = [f"{key} {row[key]}" for key in self._keys[1:]]
+        return ", ".join([str(row["rule"]), *rest])
+
+    def by_variant(self, rows: Sequence[Row]) -> Iterable[tuple[dict[str, Any], list[Row]]]:
+        """Yield the rows of each variant, with how its line looks."""
+        found: dict[str, list[Row]] = {}
+        for row in rows:
+            found.setdefault(self.label(row), []).append(row)
+        for label in sorted(found, key=natural):
+            place = self._places[label]
+            look = {
+                "label": label,
+                "color": _COLOURS[place % len(_COLOURS)],
+                "marker": _MARKERS[place % len(_MARKERS)],
+                "linestyle": _DASHES[place // len(_COLOURS) % len(_DASHES)],
+            }
+            yield look, found[label]
+
+
+def plots_of(rows: Sequence[Row], rounds: Sequence[Row]) -> list[Plot]:
+    """Return the plots that the data has something for."""
+    looks = Looks(rows)
+    reached = [row for row in rows if row["goal"]]
+    sized = [
+        row
+        for several in groups(
+            (row | {"base": without_size(row["system"])} for row in reached), ["base"]
+        ).values()
+        if len({row["modules"] for row in several}) > 1
+        for row in several
+    ]
+    found: list[Plot | None] = []
+    for measure, title in (("rounds", "Rounds to the goal"), ("cubes", "Cubes of the schedule")):
+        draw = _by_size(measure)
+        found.append(
+            _figure(f"growth-{measure}", f"{title}, by modules", sized, "base", looks, draw)
+        )
+    priced = [row | {"class": row["cubes"] / best} for row in sized if (best := _best(row))]
+    title = "Cubes over the best known, or the bound"
+    found.append(_figure("class", title, priced, "base", looks, _by_size("class")))
+    curves = _curves(rounds)
+    drawn = [row for row in rows if row["id"] in curves]
+    found.append(
+        _figure(
+            "progress",
+            "Distance to the goal that is left, by round",
+            drawn,
+            "system",
+            looks,
+            _progress(curves),
+        )
+    )
+    return [each for each in found if each is not None]
+
+
+def _best(row: Row) -> int | None:
+    return best_of(row) or row["bound"]
+
+
+def _by_size(measure: str) -> Draw:
+    def draw(axes: Axes, rows: Sequence[Row], looks: Looks) -> None:
+        for look, several in looks.by_variant(rows):
+            means = by_size(several, measure)
+            low = [each.estimate - (each.low or each.estimate) for each in means.values()]
+            high = [(each.high or each.estimate) - each.estimate for each in means.values()]
+            axes.errorbar(
+                list(means),
+                [each.estimate for each in means.values()],
+                yerr=[low, high],
+                capsize=2,
+                markersize=4,
+                linewidth=1.4,
+                **look,
+            )
+        axes.set_xscale("log")
+        if measure != "class":
+            axes.set_yscale("log")
+            bottom, top = axes.get_ylim()
+            narrow = top / bottom < _DECADE
+            axes.yaxis.set_major_locator(
+                MaxNLocator(5) if narrow else LogLocator(subs=(1.0, 2.0, 5.0))
+            )
+            axes.yaxis.set_major_formatter(_NUMBERS)
+        sizes = sorted({row["modules"] for row in rows})
+        shown = sizes if len(sizes) <= 6 else [sizes[0], sizes[len(sizes) // 2], sizes[-1]]
+        axes.set_xticks(shown, [str(size) for size in shown])
+        axes.minorticks_off()
+        axes.set_xlabel("modules")
+        axes.set_ylabel("cubes over best" if measure == "class" else measure)
+
+    return draw
+
+
+def _curves(rounds: Sequence[Row]) -> Mapping[str, NDArray[np.float64]]:
+    """Return for each run its distance after each round, over that after the first."""
+    found: dict[str, list[int]] = {}
+    for row in rounds:
+        left: int | None = row["missing"] if row["distance"] is None else row["distance"]
+        if left is not None:
+            found.setdefault(row["id"], []).append(left)
+    return {run: np.array(each, np.float64) / each[0] for run, each in found.items() if each[0]}
+
+
+def _progress(curves: Mapping[str, NDArray[np.float64]]) -> Draw:
+    def draw(axes: Axes, rows: Sequence[Row], looks: Looks) -> None:
+        longest = max(len(curves[row["id"]]) for row in rows)
+        for look, several in looks.by_variant(rows):
+            lines = np.zeros((len(several), longest))
+            for line, row in zip(lines, several, strict=True):
+                curve = curves[row["id"]]
+                line[: len(curve)] = curve
+                line[len(curve) :] = curve[-1]  # a run that is over stays as it is
+            shown = np.unique(np.geomspace(1, longest, 160).astype(int)) - 1
+            low, middle, high = np.percentile(lines[:, shown], [25, 50, 75], axis=0)
+            axes.fill_between(shown + 1, low, high, color=look["color"], alpha=0.18, linewidth=0)
+            every = max(1, len(shown) // 6)
+            axes.plot(shown + 1, middle, linewidth=1.4, markersize=4, markevery=every, **look)
+        axes.set_xscale("log")
+        axes.xaxis.set_major_formatter(_NUMBERS)
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("round")
+        axes.set_ylabel("distance over first round's")
+
+    return draw
+
+
+def _figure(  # noqa: PLR0917 - a figure is all of these
+    name: str, title: str, rows: Sequence[Row], panel: str, looks: Looks, draw: Draw
+) -> Plot | None:
+    """Draw a panel for each value of a column; of many, nine that lie evenly in their order."""
+    if not rows:
+        return None
+    panels = groups(rows, [panel])
+    keys = sorted(panels, key=lambda key: natural(key[0]))
+    more = ""
+    if len(keys) > _PANELS_MAX:
+        more = f" ({_PANELS_MAX} of {len(keys)} systems)"
+        keys = [keys[place] for place in np.linspace(0, len(keys) - 1, _PANELS_MAX).astype(int)]
+    across = min(_ACROSS, len(keys))
+    down = ceil(len(keys) / across)
+    style: Any = _STYLE | {"svg.hashsalt": name}
+    with mpl.rc_context(style):
+        figure = Figure(
+            figsize=(max(_WIDE * across, 5.4), _HIGH * down + 0.9), layout="constrained"
+        )
+        all_axes = figure.subplots(down, across, squeeze=False)
+        handles: dict[str, Any] = {}
+        for place, axes in enumerate(all_axes.flat):
+            if place >= len(keys):
+                axes.set_axis_off()
+                continue
+            draw(axes, panels[keys[place]], looks)
+            axes.set_title(_short(str(keys[place][0])))
+            handles |= {
+                label: handle
+                for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+            }
+        figure.suptitle(title + more, fontsize=11, color=INK)
+        figure.legend(
+            [handles[label] for label in sorted(handles, key=natural)],
+            sorted(handles, key=natural),
+            loc="outside lower center",
+            ncols=min(4, len(handles)),
+        )
+        return Plot(name, title + more, _svg(figure), _png(figure))
+
+
+def _short(title: str) -> str:
+    return title if len(title) <= 42 else "…" + title[-41:]
+
+
+def _svg(figure: Figure) -> bytes:
+    stream = BytesIO()
+    canvas: Any = FigureCanvasSVG(figure)
+    canvas.print_svg(stream, metadata={"Date": None, "Creator": None})
+    return stream.getvalue()
+
+
+def _png(figure: Figure) -> bytes:
+    stream = BytesIO()
+    figure.set_dpi(_DOTS)
+    figure.patch.set_facecolor("white")
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.print_png(stream, metadata={"Software": None})
+    return stream.getvalue()

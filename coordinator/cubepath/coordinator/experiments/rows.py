@@ -1,0 +1,126 @@
+"""What is kept of runs and of their rounds: the columns, and their canonical order.
+
+Room: coordinator; touches nothing. A row is a dict with all keys; None is what is not known.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Row: TypeAlias = dict[str, Any]
+
+RUN_COLUMNS: Mapping[str, str] = {
+    "system": "string",
+    "family": "string",
+    "modules": "int64",
+    "rule": "string",
+    "clock": "string",
+    "hesitate": "float64",
+    "faults": "string",
+    "loss": "float64",
+    "delay": "float64",
+    "duplicate": "float64",
+    "crash": "float64",
+    "slow": "float64",
+    "slow_factor": "int64",
+    "core": "string",
+    "processes": "int64",
+    "keepers": "int64",
+    "max_rounds": "int64",
+    "seed": "int64",
+    "goal": "bool",
+    "ended": "string",
+    "reason": "string",
+    "stuck": "bool",
+    "rounds": "int64",
+    "moves": "int64",
+    "reduced": "int64",
+    "cubes": "int64",
+    "largest_cube": "int64",
+    "bound": "int64",
+    "optimum": "int64",
+    "best_known": "int64",
+    "conflicts": "int64",
+    "messages": "int64",
+    "last_move": "int64",
+    "time": "float64",
+    "digest": "string",
+    "recording": "string",
+    "seconds": "float64",
+    "id": "string",
+    "code": "string",
+    "configuration": "string",
+}
+"""The columns of a run, each with the type of its values."""
+ROUND_COLUMNS: Mapping[str, str] = {
+    "id": "string",
+    "round": "int64",
+    "moves": "int64",
+    "conflicts": "int64",
+    "missing": "int64",
+    "distance": "int64",
+}
+"""The columns of a round; `id` is that of its run, and rounds count from 1."""
+FAILURES = ("error", "died")
+"""How a run ends that failed by an error of code, or whose process died twice."""
+ROUND_MEASURES = tuple(ROUND_COLUMNS)[2:]
+_ORDER = ("system", "rule", "clock", "core", "hesitate", "faults", "max_rounds", "seed", "id")
+_NUMBERS = re.compile(r"(\d+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """A run that is over: its row, and its rounds.
+
+    `rounds` has for each of `ROUND_MEASURES` an array of shape (rounds,), None if it is not known.
+    """
+
+    run: Row
+    rounds: Mapping[str, NDArray[np.int64] | None]
+
+    @property
+    def failed(self) -> bool:
+        """Return whether it failed by an error of code, or its process died."""
+        return self.run["ended"] in FAILURES
+
+    def round_rows(self) -> list[Row]:
+        """Return a row for each round."""
+        count = self.run["rounds"] or 0
+        columns = [
+            [None] * count if found is None else found.tolist()
+            for found in (self.rounds[name] for name in ROUND_MEASURES)
+        ]
+        return [
+            dict(zip(ROUND_COLUMNS, (self.run["id"], number, *values), strict=True))
+            for number, values in enumerate(zip(*columns, strict=True), 1)
+        ]
+
+
+def natural(text: str) -> tuple[tuple[int, int, str], ...]:
+    """Return a key that sorts texts with their numbers as numbers.
+
+    >>> sorted(["hex:n=12", "hex:n=4", "arm:n=5"], key=natural)
+    ['arm:n=5', 'hex:n=4', 'hex:n=12']
+    """
+    return tuple(
+        (0, int(part), "") if part.isdigit() and part.isascii() else (1, 0, part)
+        for part in _NUMBERS.split(text)
+        if part
+    )
+
+
+def in_canonical_order(rows: Iterable[Row]) -> list[Row]:
+    """Return rows of runs by system, rule, clock, core, hesitation, faults and seed."""
+
+    def key(row: Row) -> tuple[Any, ...]:
+        return tuple(
+            natural(row[name]) if isinstance(row[name], str) else row[name] for name in _ORDER
+        )
+
+    return sorted(rows, key=key)

@@ -1,0 +1,182 @@
+"""One run as data: all that decides what comes of it, its id, and the version of the code.
+
+Room: coordinator. A run's id is a hash of its configuration, of what its files contain and of the
+code, so that a run that is known need not be run again, and any other one is.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from hashlib import sha256
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, get_args
+
+from cubepath.agents.rules.registry import BUILT_IN, find_rule
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.toml import scene_to_toml
+
+Core: TypeAlias = Literal["compiled", "simulated", "wire"]
+Clock: TypeAlias = Literal["lockstep", "free"]
+CORES: tuple[str, ...] = get_args(Core)
+CLOCKS: tuple[str, ...] = get_args(Clock)
+SLOW_FACTOR_MAX = 10_000
+DELAY_MS_MAX = 1_000_000
+_ID = 16
+_WITHOUT_RESULTS = ("commands", "paper", "auditing", "testing")
+"""Rooms of the coordinator whose code decides nothing about a run."""
+_OF_REPORTS = ("report", "page", "plots", "statistics", "tables")
+"""Modules of this room of which the same holds."""
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class FaultRates:
+    """What goes wrong in a run; rates are between 0 and 1, and none of it happens at 0.
+
+    `loss`, `delay` and `duplicate` are the shares of messages that are lost on a link, come
+    `delay_ms` later and hold back those behind them, or come twice. `crash` is how probable it is
+    that a module process dies before a message that it takes: with rounds that ends the run,
+    without rounds another takes its place after a second. `slow` is the share of modules that take
+    `slow_factor` times as long as the others for a turn.
+    """
+
+    loss: float = 0.0
+    delay: float = 0.0
+    delay_ms: float = 50.0
+    duplicate: float = 0.0
+    crash: float = 0.0
+    slow: float = 0.0
+    slow_factor: int = 10
+
+    @property
+    def of_messages(self) -> bool:
+        """Whether something happens to messages or processes, for which there must be some."""
+        return bool(self.loss or self.delay or self.duplicate or self.crash)
+
+    @property
+    def normal(self) -> FaultRates:
+        """Return the same rates, with what has no effect as it is by default."""
+        return FaultRates(
+            loss=self.loss,
+            delay=self.delay,
+            delay_ms=self.delay_ms if self.delay else 50.0,
+            duplicate=self.duplicate,
+            crash=self.crash,
+            slow=self.slow,
+            slow_factor=self.slow_factor if self.slow else 10,
+        )
+
+    def text(self) -> str:
+        """Return the rates as they are given on the command line; "none" if nothing happens."""
+        plain, given = asdict(FaultRates()), asdict(self.normal)
+        found = ",".join(f"{key}={value:g}" for key, value in given.items() if value != plain[key])
+        return found or "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """All that decides what comes of a run but its seed.
+
+    `system` names the scene, and `label` is how it is called in results; `scene` and `source` are
+    hashes of what the scene holds and, of a rule from elsewhere, of the file it is in. `processes`
+    and `keepers` are 0 where there are none.
+    """
+
+    label: str
+    system: str
+    scene: str
+    rule: str
+    source: str
+    clock: Clock
+    hesitate: float
+    faults: FaultRates
+    core: Core
+    max_rounds: int
+    processes: int
+    keepers: int
+    optimum: int = 0
+    """How many states a search for the optimum may keep; 0 for no search."""
+    best_known: int | None = None
+    proved: int | None = None
+    """What is known of the scene from elsewhere: cubes of the best path, and a proved bound."""
+
+    def configuration(self) -> dict[str, Any]:
+        """Return the setting as plain data."""
+        return asdict(self)
+
+    def deciding(self) -> dict[str, Any]:
+        """Return what decides about the run: files by what they hold, and not by where they lie."""
+        told = asdict(self)
+        for name in ("label", "system", "best_known", "proved"):
+            del told[name]
+        return told | {"rule": self.rule.rpartition("/")[2]}
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """Runs of one setting that are played together, a seed each."""
+
+    setting: Setting
+    seeds: tuple[int, ...]
+    code: str
+    """The version of the code that the runs are to be of."""
+
+    def ids(self) -> tuple[str, ...]:
+        """Return the id of each run."""
+        return tuple(run_id(self.setting, seed, self.code) for seed in self.seeds)
+
+
+def run_id(setting: Setting, seed: int, code: str) -> str:
+    """Return the id of a run: 16 hexadecimal digits of a hash of all that decides about it."""
+    told = {**setting.deciding(), "seed": seed, "code": code}
+    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:_ID]
+
+
+def scene_hash(scene: Scene) -> str:
+    """Return a hash of what a scene holds, whatever name or file it came by."""
+    return sha256(scene_to_toml(replace(scene, spec="")).encode()).hexdigest()[:_ID]
+
+
+def source_hash(rule: str) -> str:
+    """Return a hash of the file that a rule from elsewhere is defined in; "" for built-in ones."""
+    if rule in BUILT_IN:
+        return ""
+    found = find_rule(rule)
+    if found is None:
+        raise InputError(f"unknown rule {rule!r}")
+    try:
+        path = inspect.getsourcefile(found.make)
+        return sha256(Path(path or "").read_bytes()).hexdigest()[:_ID]
+    except (OSError, TypeError):  # made by what has no file
+        return ""
+
+
+@cache
+def code_version() -> str:
+    """Return the version of cubepath with a hash of the sources that decide about runs."""
+    told = sha256()
+    for name, path in sorted(_sources()):
+        told.update(f"{name}\n".encode())
+        told.update(path.read_bytes())
+    return f"{version('cubepath')}+{told.hexdigest()[:12]}"
+
+
+def _sources() -> Iterator[tuple[str, Path]]:
+    """Yield the modules that decide about runs, each with its name and its file."""
+    for large in ("protocol", "agents", "coordinator"):
+        found = find_spec(f"cubepath.{large}")
+        for folder in () if found is None else found.submodule_search_locations or ():
+            for path in Path(folder).rglob("*.py"):
+                parts = path.relative_to(folder).with_suffix("").parts
+                if large == "coordinator" and (
+                    parts[0] in _WITHOUT_RESULTS
+                    or (parts[0] == "experiments" and parts[-1] in _OF_REPORTS)
+                ):
+                    continue
+                yield ".".join((large, *parts)), path

@@ -1,0 +1,432 @@
+"""A sweep as data: which systems, rules, clocks, hesitations, faults and seeds, all with all.
+
+Room: coordinator. What is written in a file or on the command line is expanded in one order: by
+system, rule, clock, hesitation, faults and, fastest, seed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Any, cast
+
+from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
+from cubepath.agents.rules.rule_files import is_in_file
+from cubepath.coordinator.experiments.instances import standard
+from cubepath.coordinator.experiments.ranges import checked_seeds, expanded, seeds_of
+from cubepath.coordinator.experiments.setting import (
+    CLOCKS,
+    CORES,
+    DELAY_MS_MAX,
+    SLOW_FACTOR_MAX,
+    Batch,
+    Clock,
+    Core,
+    FaultRates,
+    Setting,
+    code_version,
+    run_id,
+    scene_hash,
+    source_hash,
+)
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import read_text
+from cubepath.protocol.core.keyed_values import given_values
+from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.core.toml_text import parsed_toml
+from cubepath.protocol.scenes.registry import family_named, sound_family
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+STANDARD = "standard"
+"""The name that stands for all standard instances."""
+MAX_ROUNDS = 1000
+_TOGETHER = {"compiled": 25, "simulated": 2, "wire": 1}
+"""How many runs of a setting are played together, by core."""
+_SMALL = 1000
+"""With fewer modules in all runs together no other processes are started."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """What to run: all systems with all rules, clocks, hesitations, faults and seeds.
+
+    `systems` may have ranges and lists in their keys, as in ``hex:n=4..40``; no `rules` means for
+    each system the rule of its family. Without a `core` runs are played in compiled code, and under
+    the simulator if something happens to messages. `max_rounds` ends a run: so many rounds; without
+    rounds so many turns of each module in one process, and so many levels of moves over the wire.
+    `processes` and `keepers` are those of a run with messages. `optimum` asks for the least number
+    of cubes between start and goal, by a search that keeps so many states at most.
+    """
+
+    systems: tuple[str, ...]
+    rules: tuple[str, ...] = ()
+    clocks: tuple[str, ...] = ("lockstep",)
+    hesitate: tuple[float, ...] = (0.0,)
+    faults: tuple[FaultRates, ...] = (FaultRates(),)
+    seeds: tuple[int, ...] = tuple(range(10))
+    core: str | None = None
+    max_rounds: int = MAX_ROUNDS
+    processes: int = 4
+    keepers: int = 4
+    optimum: int = 0
+
+    def __post_init__(self) -> None:
+        """Check what is wrong whatever the systems are; InputError names it."""
+        if not self.systems:
+            raise InputError("systems: expected one or more, found none")
+        _check_names("clocks", self.clocks, CLOCKS)
+        _check_names("core", () if self.core is None else (self.core,), CORES)
+        for key in ("clocks", "hesitate", "faults"):
+            if not getattr(self, key):
+                raise InputError(f"{key}: expected one value or more, found none")
+        for share in self.hesitate:
+            if not 0.0 <= share < 1.0:
+                raise InputError(f"hesitate: {share:g}, expected at least 0 and less than 1")
+        for key, least in (("max_rounds", 0), ("processes", 1), ("keepers", 1), ("optimum", 0)):
+            if getattr(self, key) < least:
+                raise InputError(f"{key}: {getattr(self, key)}, expected {least} or more")
+        checked_seeds(list(self.seeds), "seeds")
+        for rates in self.faults:
+            _check_rates(rates)
+        _check_rules(self.rules)
+
+
+def _check_rules(rules: Iterable[str]) -> None:
+    for rule in rules:
+        if find_rule(rule) is None:
+            raise unknown_rule(rule)
+
+
+def _check_names(key: str, given: Iterable[str], known: Sequence[str]) -> None:
+    for name in given:
+        if name not in known:
+            near = did_you_mean(name, known)
+            raise InputError(f"{key}: unknown {name!r}{near}, expected one of {', '.join(known)}")
+
+
+def _check_rates(rates: FaultRates) -> None:
+    for key in ("loss", "delay", "duplicate", "crash", "slow"):
+        if not 0.0 <= getattr(rates, key) <= 1.0:
+            raise InputError(f"faults: {key}={getattr(rates, key):g}, expected 0 to 1")
+    if not 0.0 < rates.delay_ms <= DELAY_MS_MAX:
+        raise InputError(
+            f"faults: delay_ms={rates.delay_ms:g}, expected more than 0 and at most {DELAY_MS_MAX}"
+        )
+    if not 1 <= rates.slow_factor <= SLOW_FACTOR_MAX:
+        raise InputError(
+            f"faults: slow_factor={rates.slow_factor}, expected 1 to {SLOW_FACTOR_MAX}"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Expansion:
+    """The runs of a sweep, in batches and in order, and why other combinations are left out."""
+
+    batches: tuple[Batch, ...]
+    left_out: tuple[str, ...]
+
+    @property
+    def runs(self) -> int:
+        """Return how many runs there are."""
+        return sum(len(batch.seeds) for batch in self.batches)
+
+
+@dataclass(frozen=True, slots=True)
+class _Instance:
+    label: str
+    system: str
+    best_known: int | None = None
+    proved: int | None = None
+
+
+def expand(sweep: Sweep) -> Expansion:
+    """Return the runs of a sweep in their canonical order, each once.
+
+    InputError if a system or a rule is unknown, or if no combination fits; combinations that do not
+    fit are else left out, each with a line on why.
+    """
+    code = code_version()
+    left_out: list[str] = []
+    settings: dict[str, Setting] = {}
+    for instance in _instances(sweep.systems):
+        try:
+            scene = _scene(instance.system)
+        except InputError as error:
+            left_out.append(_said(instance.label, error))
+            continue
+        for setting in _of_scene(sweep, instance, scene, left_out):
+            settings.setdefault(run_id(setting, 0, code), setting)
+    if not settings:
+        more = f" (and {len(left_out) - 1} more)" if len(left_out) > 1 else ""
+        raise InputError(f"nothing to run: {left_out[0]}{more}")
+    batches = [
+        Batch(setting, sweep.seeds[first : first + together], code)
+        for setting in settings.values()
+        for together in [_TOGETHER[setting.core] if setting.clock == "lockstep" else 1]
+        for first in range(0, len(sweep.seeds), together)
+    ]
+    return Expansion(tuple(batches), tuple(left_out))
+
+
+def _said(label: str, error: InputError) -> str:
+    line = str(error)
+    return line if line.startswith(f"{label}:") else f"{label}: {line}"
+
+
+def _instances(systems: Iterable[str]) -> Iterator[_Instance]:
+    for text in systems:
+        if text == STANDARD:
+            yield from _standard()
+            continue
+        for name in expanded(text):
+            _check_name(name)
+            yield _Instance(name, name)
+
+
+def _standard() -> Iterator[_Instance]:
+    for each in standard():
+        yield _Instance(each.name, each.system, each.best, each.bound)
+
+
+def _check_name(name: str) -> None:
+    """Raise InputError for a system, key or file that there is not; it is no misfit, but a slip."""
+    family, _, rest = name.partition(":")
+    if _is_file(name):
+        if not Path(name).is_file():
+            raise InputError(f"{name}: no such file, expected a system")
+        return
+    given_values(rest, family_named(family).keys, name)
+
+
+def _is_file(name: str) -> bool:
+    family = name.partition(":")[0]
+    return (name.endswith(".toml") or "/" in family) and sound_family(family) is None
+
+
+@lru_cache(maxsize=64)
+def _scene(system: str) -> Scene:
+    scene = local_only(scene_from_spec(system), "runs")
+    _ = scene.system.move_slots  # too many moves to list are found out here
+    return scene
+
+
+def is_small(batches: Iterable[Batch]) -> bool:
+    """Return whether runs are over sooner than other processes would be there to play them."""
+    modules = 0
+    for batch in batches:
+        if batch.setting.core != "compiled":
+            return False
+        modules += len(batch.seeds) * len(_scene(batch.setting.system).start)
+    return modules < _SMALL
+
+
+def _of_scene(
+    sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
+) -> Iterator[Setting]:
+    family = sound_family(scene.family)
+    own = (family.rule if family is not None else "") or "random"
+    hashed = scene_hash(scene)
+    axes = (sweep.rules or (own,), sweep.clocks, sweep.hesitate, sweep.faults)
+    for rule, clock, hesitate, rates in product(*axes):
+        core = sweep.core or ("simulated" if rates.of_messages else "compiled")
+        try:
+            rule_named(rule, scene.system, clock)
+            _check_core(core, clock, rates)
+        except InputError as error:
+            line = _said(instance.label, error)
+            if line not in left_out:
+                left_out.append(line)
+            continue
+        alone = core == "compiled"
+        yield Setting(
+            label=instance.label,
+            system=instance.system,
+            scene=hashed,
+            rule=rule,
+            source=source_hash(rule),
+            clock=cast("Clock", clock),
+            hesitate=float(hesitate),
+            faults=rates.normal,
+            core=cast("Core", core),
+            max_rounds=sweep.max_rounds,
+            processes=0 if alone else min(sweep.processes, len(scene.start)),
+            keepers=0 if alone or clock != "free" else sweep.keepers,
+            optimum=sweep.optimum,
+            best_known=instance.best_known,
+            proved=instance.proved,
+        )
+
+
+def _check_core(core: str, clock: str, rates: FaultRates) -> None:
+    if rates.of_messages and core != "simulated":
+        raise InputError(f"faults {rates.text()}: not in core {core}, expected core simulated")
+    if rates.slow and clock == "lockstep" and core != "compiled":
+        raise InputError(
+            f"faults {rates.text()}: with rounds slow modules are in core compiled alone"
+        )
+
+
+# From files and from the command line.
+
+
+def read_sweep_file(path: Path) -> Sweep:
+    """Read a sweep from a TOML file; InputError names the file and what is wrong in it.
+
+    Paths of systems and rules in it are relative to its folder.
+    """
+    try:
+        return sweep_from_table(parsed_toml(read_text(path)), path.parent)
+    except InputError as error:
+        line = str(error)
+        raise InputError(line if line.startswith(f"{path}:") else f"{path}: {line}") from None
+
+
+def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
+    """Return the sweep of systems, or of one file that holds a sweep; what is given counts more.
+
+    `given` is a table as that of `sweep_from_table`, without systems. InputError as there.
+    """
+    files = [each for each in systems if each.endswith(".toml") and is_sweep_file(Path(each))]
+    if not files:
+        return sweep_from_table({"systems": list(systems), **given})
+    if len(systems) > 1:
+        raise InputError(f"{files[0]}: holds a sweep, expected it alone")
+    found = read_sweep_file(Path(files[0]))
+    changed = sweep_from_table({"systems": list(found.systems), **given})
+    return replace(found, **{key: getattr(changed, key) for key in given})
+
+
+def is_sweep_file(path: Path) -> bool:
+    """Return whether a TOML file has the key `systems`, which no system has."""
+    try:
+        return "systems" in parsed_toml(read_text(path))
+    except InputError:
+        return False
+
+
+def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sweep:
+    """Return the sweep of a table as in a TOML file; InputError says what is wrong with it.
+
+    Paths of systems and rules are relative to the `folder`, by default the current one. The keys
+    are those of `Sweep`. A value may stand where a list of them is expected; `seeds` is a number of
+    seeds, a text as ``"5..9"``, or a list; `systems` and `faults` may be tables.
+
+    >>> sweep_from_table({"systems": {"name": "hex", "n": [4, 8]}, "seeds": 2}).systems
+    ('hex:n=4,8',)
+    """
+    known = [field.name for field in fields(Sweep)]
+    for key in table:
+        if key not in known:
+            near = did_you_mean(key, known)
+            raise InputError(f"unknown key {key!r}{near}, expected one of {', '.join(known)}")
+    if "systems" not in table:
+        raise InputError("systems: missing, expected one or more")
+    readers: Mapping[str, Callable[[object], object]] = {
+        "systems": lambda value: tuple(
+            _below(folder, each) if _is_file(each) else each
+            for each in map(_system_text, _several(value))
+        ),
+        "rules": lambda value: tuple(
+            _below(folder, each) if is_in_file(each) else each
+            for each in (_text("rules", rule) for rule in _several(value))
+        ),
+        "clocks": lambda value: tuple(_text("clocks", each) for each in _several(value)),
+        "hesitate": lambda value: tuple(_number("hesitate", each) for each in _several(value)),
+        "faults": lambda value: tuple(
+            rates for each in _several(value) for rates in _rates_of(each)
+        ),
+        "seeds": _seeds,
+        "core": lambda value: _text("core", value),
+    }
+    found = {
+        key: readers.get(key, lambda value, key=key: _whole(key, value))(value)
+        for key, value in table.items()
+    }
+    return Sweep(**cast("dict[str, Any]", found))
+
+
+def _below(folder: Path | None, name: str) -> str:
+    return name if folder is None else str(folder / name)
+
+
+def _several(value: object) -> Sequence[object]:
+    return cast("list[object]", value) if isinstance(value, list) else [value]
+
+
+def _text(key: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise InputError(f"{key}: expected a text, found {value!r}")
+    return value
+
+
+def _number(key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{key}: expected a number, found {value!r}")
+    return float(value)
+
+
+def _whole(key: str, value: object) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise InputError(f"{key}: expected a whole number, found {value!r}")
+    return value
+
+
+def _system_text(value: object) -> str:
+    """Return a system as it is written on the command line."""
+    if not isinstance(value, dict):
+        return _text("systems", value)
+    table = cast("dict[str, object]", value)
+    if "name" not in table:
+        raise InputError(f"systems: expected a table with a name, found {table!r}")
+    keys = [
+        f"{key}={','.join(map(str, _several(each)))}"
+        for key, each in table.items()
+        if key != "name"
+    ]
+    return ":".join([_text("systems", table["name"]), *([",".join(keys)] if keys else [])])
+
+
+def _seeds(value: object) -> tuple[int, ...]:
+    if isinstance(value, list):
+        return checked_seeds([_whole("seeds", each) for each in _several(value)], "seeds")
+    if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
+        return seeds_of(str(value))
+    raise InputError(f"seeds: expected a number, a text as '5..9' or a list, found {value!r}")
+
+
+def _rates_of(value: object) -> list[FaultRates]:
+    if not isinstance(value, dict):
+        return rates_from_text(_text("faults", value))
+    table = cast("dict[str, object]", value)
+    parts = [f"{key}={','.join(map(str, _several(each)))}" for key, each in table.items()]
+    return rates_from_text(",".join(parts) or "none")
+
+
+def rates_from_text(text: str) -> list[FaultRates]:
+    """Return the fault rates of a text as ``loss=0,0.01,crash=0.001``; InputError if it is none.
+
+    A key may have several values, and all are taken with all; ``none`` is no faults.
+
+    >>> [rates.text() for rates in rates_from_text("loss=0,0.25,slow=0.5")]
+    ['slow=0.5', 'loss=0.25,slow=0.5']
+    """
+    if text == "none":
+        return [FaultRates()]
+    keys = {field.name: ("", "") for field in fields(FaultRates)}
+    found: list[FaultRates] = []
+    for each in expanded(f"faults:{text}"):
+        given = given_values(each.partition(":")[2], keys, "faults")
+        numbers = {key: _rate(key, value) for key, value in given.items()}
+        found.append(FaultRates(**cast("dict[str, Any]", numbers)))
+    return found
+
+
+def _rate(key: str, value: str) -> float | int:
+    try:
+        return int(value) if key == "slow_factor" else float(value)
+    except ValueError:
+        raise InputError(f"faults: {key}={value}, expected a number") from None

@@ -1,0 +1,183 @@
+"""Intervals and tests for results of experiments: exact where that can be, else by resampling.
+
+Room: coordinator; touches nothing. Resampling is seeded, so the same numbers give the same answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from math import comb, exp, lgamma, log, log1p, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEVEL = 0.95
+"""How often an interval holds what it is for."""
+RESAMPLES = 2000
+WILCOXON_MAX = 200
+"""With more differences that are not 0 the sign test is made, whose distribution is a binomial."""
+_SEED = 20_260_000
+_STEPS = 80
+
+
+class Interval(NamedTuple):
+    """An estimate and the ends of its interval; the ends are None where there is none."""
+
+    estimate: float
+    low: float | None
+    high: float | None
+
+
+class Test(NamedTuple):
+    """The exact two-sided p of a test, and its name."""
+
+    p: float
+    name: str
+
+
+class Fit(NamedTuple):
+    """A power law ``size ** exponent``, with how much of the variance of the logarithms it has."""
+
+    exponent: Interval
+    factor: float
+    r_squared: float
+
+
+def mean_interval(numbers: Sequence[float]) -> Interval:
+    """Return the mean with the percentile interval of 2,000 seeded bootstrap resamples.
+
+    One number, or equal ones, have no spread to resample: the interval is the number itself.
+
+    >>> mean_interval([2.0, 2.0])
+    Interval(estimate=2.0, low=2.0, high=2.0)
+    """
+    values = np.array(numbers, np.float64)
+    mean = float(values.mean())
+    if float(np.ptp(values)) == 0.0:
+        return Interval(mean, mean, mean)
+    drawn = np.random.default_rng(_SEED).integers(len(values), size=(RESAMPLES, len(values)))
+    tail = 100 * (1 - LEVEL) / 2
+    low, high = np.percentile(values[drawn].mean(axis=1), [tail, 100 - tail]).tolist()
+    return Interval(mean, low, high)
+
+
+def share_interval(hits: int, of: int) -> Interval:
+    """Return a share with its exact interval (Clopper and Pearson 1934).
+
+    >>> [round(float(each or 0), 4) for each in share_interval(0, 10)]
+    [0.0, 0.0, 0.3085]
+    """
+    tail = (1 - LEVEL) / 2
+    low = 0.0 if hits == 0 else _root(lambda p: 1 - _binomial_cdf(hits - 1, of, p) - tail)
+    high = 1.0 if hits == of else _root(lambda p: tail - _binomial_cdf(hits, of, p))
+    return Interval(hits / of, low, high)
+
+
+def _binomial_cdf(most: int, of: int, p: float) -> float:
+    if p <= 0.0:
+        return 1.0
+    if p >= 1.0:
+        return float(most >= of)
+    logs = (
+        lgamma(of + 1) - lgamma(k + 1) - lgamma(of - k + 1) + k * log(p) + (of - k) * log1p(-p)
+        for k in range(most + 1)
+    )
+    return min(1.0, sum(map(exp, logs)))
+
+
+def _root(rising: Callable[[float], float], low: float = 0.0, high: float = 1.0) -> float:
+    """Return where a rising function is 0, by bisection."""
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        low, high = (low, middle) if rising(middle) > 0 else (middle, high)
+    return (low + high) / 2
+
+
+def sign_test(fewer: int, more: int) -> float:
+    """Return the exact two-sided p of so many negative and positive differences.
+
+    >>> sign_test(0, 5), sign_test(3, 3)
+    (0.0625, 1.0)
+    """
+    of, least = fewer + more, min(fewer, more)
+    below = sum(comb(of, k) for k in range(least + 1))
+    return float(min(1.0, 2 * below / (1 << of)))
+
+
+def paired_test(differences: Sequence[float]) -> Test:
+    """Return the exact signed-rank test (Wilcoxon 1945) of paired differences, or the sign test.
+
+    Differences of 0 are left out, and equal ones share their ranks; all signs are then equally
+    probable. With more than 200 differences the sign test is made.
+
+    >>> paired_test([1.0, 2.0, 3.0, 4.0, 5.0])
+    Test(p=0.0625, name='Wilcoxon')
+    """
+    values = np.array([each for each in differences if each], np.float64)
+    if len(values) > WILCOXON_MAX or not len(values):
+        return Test(sign_test(int((values < 0).sum()), int((values > 0).sum())), "sign")
+    sizes, inverse, counts = np.unique(np.abs(values), return_inverse=True, return_counts=True)
+    del sizes
+    # Twice the mean rank, which is a whole number also where ranks are shared.
+    doubled = (2 * np.cumsum(counts) - counts + 1)[inverse].astype(np.int64)
+    chances = np.ones(1)
+    for rank in doubled.tolist():
+        longer = np.zeros(len(chances) + rank)
+        longer[: len(chances)] += chances / 2
+        longer[rank:] += chances / 2
+        chances = longer
+    positive = int(doubled[values > 0].sum())
+    least = min(positive, int(doubled.sum()) - positive)
+    return Test(min(1.0, 2 * float(chances[: least + 1].sum())), "Wilcoxon")
+
+
+def power_law(sizes: Sequence[float], means: Sequence[float]) -> Fit | None:
+    """Return the least-squares line through the logarithms, a point for each size.
+
+    The interval of the exponent is Student's, from how far the points lie off the line; it has
+    none with two sizes. None with fewer, or if a mean is not positive.
+
+    >>> fit = power_law([4, 8, 16], [8.0, 16.0, 32.0])
+    >>> fit is not None and round(fit.exponent.estimate, 6)
+    1.0
+    """
+    if len(set(sizes)) < 2 or min(means) <= 0:
+        return None
+    x, y = np.log(np.array(sizes, float)), np.log(np.array(means, float))
+    spread = float(((x - x.mean()) ** 2).sum())
+    slope = float(((x - x.mean()) * (y - y.mean())).sum()) / spread
+    factor = float(y.mean() - slope * x.mean())
+    left: NDArray[np.float64] = y - factor - slope * x
+    total = float(((y - y.mean()) ** 2).sum())
+    r_squared = 1.0 if total == 0 else 1 - float((left**2).sum()) / total
+    freedom = len(x) - 2
+    if freedom < 1:
+        return Fit(Interval(slope, None, None), exp(factor), r_squared)
+    half = student(freedom) * sqrt(float((left**2).sum()) / freedom / spread)
+    return Fit(Interval(slope, slope - half, slope + half), exp(factor), r_squared)
+
+
+def student(freedom: int) -> float:
+    """Return how far Student's interval reaches, in standard errors.
+
+    >>> [round(student(freedom), 3) for freedom in (1, 2, 10)]
+    [12.706, 4.303, 2.228]
+    """
+    return _root(lambda t: _student_within(t, freedom) - LEVEL, 0.0, 100.0)
+
+
+def _student_within(t: float, freedom: int) -> float:
+    """Return how probable it is that Student's t lies between -t and t (Abramowitz, 26.7.3-4)."""
+    angle = np.arctan2(t, sqrt(freedom))
+    cosine, sine = float(np.cos(angle)), float(np.sin(angle))
+    if freedom == 1:
+        return float(2 * angle / np.pi)
+    term, total = 1.0, 1.0
+    first = 1 if freedom % 2 == 0 else 2
+    for k in range(first, freedom - 2, 2):
+        term *= k / (k + 1) * cosine**2
+        total += term
+    if freedom % 2 == 0:
+        return sine * total
+    return float(2 / np.pi * (angle + sine * cosine * total))

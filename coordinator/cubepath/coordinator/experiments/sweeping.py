@@ -1,0 +1,243 @@
+"""Sweeps: all runs that are not finished yet are played, and their rows kept as they come.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from cubepath.coordinator.experiments.executors import Workers, played_by, played_here
+from cubepath.coordinator.experiments.folder import SweepFolder, read_rounds, read_runs, table_of
+from cubepath.coordinator.experiments.rows import (
+    FAILURES,
+    ROUND_COLUMNS,
+    RUN_COLUMNS,
+    Finished,
+    Row,
+    in_canonical_order,
+)
+from cubepath.coordinator.experiments.setting import Batch, FaultRates
+from cubepath.coordinator.experiments.spec import (
+    Expansion,
+    Sweep,
+    expand,
+    is_small,
+    sweep_of,
+)
+from cubepath.coordinator.experiments.workers import Cluster, Pool
+from cubepath.protocol.core.errors import InputError
+
+Watch = Callable[[Sequence[Finished]], object]
+"""Is told of the runs that were just finished."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResults:
+    """The rows of a sweep in canonical order, whatever the order in which they were finished.
+
+    `rows` has a dict for each run, with the keys of `RUN_COLUMNS`. `left_out` says which
+    combinations did not fit, `known` how many runs were finished before.
+    """
+
+    rows: tuple[Row, ...]
+    left_out: tuple[str, ...] = ()
+    known: int = 0
+    folder: Path | None = None
+    _rounds: tuple[Row, ...] | None = None
+
+    @property
+    def failures(self) -> list[Row]:
+        """Return the rows of runs that failed by an error of code, or whose process died."""
+        return [row for row in self.rows if row["ended"] in FAILURES]
+
+    @property
+    def rounds(self) -> list[Row]:
+        """Return a row for each round of each run, with the keys of `ROUND_COLUMNS`."""
+        place = {row["id"]: number for number, row in enumerate(self.rows)}
+        rounds = self._rounds or ()
+        if self._rounds is None and self.folder is not None:
+            rounds = tuple(read_rounds(self.folder, place))
+        return sorted(rounds, key=lambda row: (place[row["id"]], row["round"]))
+
+    def table(self) -> Any:
+        """Return the runs as a `pyarrow.Table`; InputError if pyarrow is not installed."""
+        return table_of(self.rows, RUN_COLUMNS)
+
+    def rounds_table(self) -> Any:
+        """Return the rounds as a `pyarrow.Table`; InputError as for `table`."""
+        return table_of(self.rounds, ROUND_COLUMNS)
+
+    def frame(self) -> Any:
+        """Return the runs as a `pandas.DataFrame`; InputError if pandas is not installed."""
+        return _frame(self.rows, RUN_COLUMNS)
+
+    def rounds_frame(self) -> Any:
+        """Return the rounds as a `pandas.DataFrame`; InputError as for `frame`."""
+        return _frame(self.rounds, ROUND_COLUMNS)
+
+
+def _frame(rows: Sequence[Row], columns: Iterable[str]) -> Any:
+    try:
+        import pandas as pd  # noqa: PLC0415 - an extra
+    except ImportError:
+        raise InputError("frames need pandas, expected it installed (pip install pandas)") from None
+    return pd.DataFrame.from_records(list(rows), columns=list(columns))
+
+
+def sweep(
+    systems: str | Path | Sweep | Sequence[str],
+    *,
+    rules: object = None,
+    clocks: object = None,
+    hesitate: object = None,
+    faults: object = None,
+    seeds: object = None,
+    core: str | None = None,
+    max_rounds: int | None = None,
+    processes: int | None = None,
+    keepers: int | None = None,
+    optimum: int | None = None,
+    out: Path | str | None = None,
+    jobs: int = 1,
+    cluster: str | None = None,
+    record: bool = False,
+    watch: Watch | None = None,
+) -> SweepResults:
+    """Play all systems with all rules, clocks, hesitations, faults and seeds; return the rows.
+
+    `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. Each argument
+    up to `optimum` is one value or several, as in such a file (see `Sweep`), and replaces what the
+    file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds.
+
+    With `out`, rows are written to that folder as Parquet as they come, and runs that are finished
+    there are not played again; `record` keeps a recording of each run with messages there. `jobs`
+    is the number of processes, 1 for this one alone (more need a program whose work is under
+    ``if __name__ == "__main__":``); `cluster` is the address of a dask scheduler instead. `watch`
+    is called with the runs that were just finished.
+
+    A run that fails is a row with its reason. InputError if something is unknown or nothing fits.
+
+    >>> found = sweep("hex:n=4..5", rules=["chain", "random"], seeds=2, max_rounds=50)
+    >>> for row in found.rows[::2]:
+    ...     print(row["system"], row["rule"], row["rounds"], row["ended"])
+    hex:n=4 chain 14 goal
+    hex:n=4 random 50 max-rounds
+    hex:n=5 chain 19 goal
+    hex:n=5 random 50 max-rounds
+    """
+    given = {
+        "rules": rules,
+        "clocks": clocks,
+        "hesitate": hesitate,
+        "faults": faults,
+        "seeds": seeds,
+        "core": core,
+        "max_rounds": max_rounds,
+        "processes": processes,
+        "keepers": keepers,
+        "optimum": optimum,
+    }
+    table = {key: _plain(value) for key, value in given.items() if value is not None}
+    if isinstance(systems, Sweep):
+        if table:
+            raise InputError(f"{next(iter(table))}: given beside a Sweep, expected it there")
+        asked = systems
+    else:
+        names = [str(systems)] if isinstance(systems, str | Path) else [str(s) for s in systems]
+        asked = sweep_of(names, table)
+    if jobs < 1:
+        raise InputError(f"jobs: {jobs}, expected 1 or more")
+    folder = None if out is None else Path(out)
+    expansion = expand(asked)
+    return play_sweep(
+        expansion, folder, jobs=jobs, cluster=cluster, record=record, watch=watch or _ignore
+    )
+
+
+def _plain(value: object) -> object:
+    """Return a value as it would come from a TOML file."""
+    if isinstance(value, FaultRates):
+        return value.text()
+    if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
+        return value
+    return [_plain(each) for each in value]
+
+
+def _ignore(_: Sequence[Finished]) -> None:
+    """Do nothing."""
+
+
+def play_sweep(
+    expansion: Expansion,
+    folder: Path | None,
+    *,
+    jobs: int,
+    cluster: str | None,
+    record: bool,
+    watch: Watch,
+    begin: Callable[[int], object] = lambda _: None,
+) -> SweepResults:
+    """Play what is not finished yet; `begin` is told how many runs were finished before."""
+    if record and folder is None:
+        raise InputError("record: without a folder for the recordings, expected one")
+    with ExitStack() as stack:
+        writing = None if folder is None else stack.enter_context(SweepFolder(folder))
+        known = set[str]() if writing is None else writing.begin(expansion.batches)
+        left = [rest for batch in expansion.batches if (rest := _without(batch, known)).seeds]
+        before = expansion.runs - sum(len(batch.seeds) for batch in left)
+        begin(before)
+        recordings = folder.absolute() / "recordings" if record and folder is not None else None
+        kept: list[Finished] = []
+        with closing(_played(left, recordings, jobs, cluster)) as played:
+            for found in played:
+                if writing is None:
+                    kept += found
+                else:
+                    writing.add(found)
+                watch(found)
+    if folder is not None:
+        return results_of(expansion, folder, before)
+    rows = in_canonical_order(each.run for each in kept)
+    rounds = tuple(row for each in kept for row in each.round_rows())
+    return SweepResults(tuple(rows), expansion.left_out, before, None, rounds)
+
+
+def results_of(expansion: Expansion, folder: Path, known: int) -> SweepResults:
+    """Return the rows that a folder has of the runs of a sweep."""
+    ids = {each for batch in expansion.batches for each in batch.ids()}
+    rows = [row for row in read_runs(folder, all_versions=True) if row["id"] in ids]
+    return SweepResults(tuple(rows), expansion.left_out, known, folder)
+
+
+def read_sweep(folder: Path | str) -> SweepResults:
+    """Return the rows of all sweeps of a folder; of a run with several versions the last one.
+
+    InputError if it is no folder of a sweep, or pyarrow is not installed.
+    """
+    path = Path(folder)
+    rows = tuple(read_runs(path))
+    return SweepResults(rows, known=len(rows), folder=path)
+
+
+def _without(batch: Batch, known: set[str]) -> Batch:
+    pairs = zip(batch.seeds, batch.ids(), strict=True)
+    return replace(batch, seeds=tuple(seed for seed, run in pairs if run not in known))
+
+
+def _played(
+    batches: Sequence[Batch], recordings: Path | None, jobs: int, cluster: str | None
+) -> Generator[list[Finished]]:
+    workers: Workers | None = None
+    if cluster is not None:
+        workers = Cluster(cluster)
+    elif min(jobs, len(batches)) > 1 and not is_small(batches):
+        workers = Pool(min(jobs, len(batches)))
+    if workers is None or not batches:
+        yield from played_here(batches, recordings)
+    else:
+        yield from played_by(workers, batches, recordings)

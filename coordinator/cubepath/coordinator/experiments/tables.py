@@ -1,0 +1,262 @@
+"""The tables of a report: runs by setting, rules in pairs on equal seeds, growth with the size.
+
+Room: coordinator. A table is its columns and rows of values, for pages, terminals and machines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from cubepath.coordinator.experiments.rows import Row, natural
+from cubepath.coordinator.experiments.statistics import (
+    Interval,
+    mean_interval,
+    paired_test,
+    power_law,
+    share_interval,
+    sign_test,
+)
+
+WORLD = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
+"""What two runs have in common whose rules are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table: its title, what it says in a line or two, its columns, and its rows."""
+
+    title: str
+    note: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Any, ...], ...]
+
+    def document(self) -> list[dict[str, Any]]:
+        """Return the rows as plain data."""
+        return [dict(zip(self.columns, map(_plain, row), strict=True)) for row in self.rows]
+
+    def texts(self) -> list[list[str]]:
+        """Return the rows as texts."""
+        return [[shown(value) for value in row] for row in self.rows]
+
+
+def _plain(value: object) -> object:
+    return value._asdict() if isinstance(value, Interval) else value
+
+
+def shown(value: object) -> str:
+    """Return a value as it stands in a table.
+
+    >>> shown(Interval(2.0, 1.5, 3.25)), shown(None), shown(0.000012), shown(1234567.0)
+    ('2 [1.5, 3.25]', '', '1.2e-05', '1.23e+06')
+    """
+    match value:
+        case None:
+            return ""
+        case Interval(estimate, low, high):
+            if low is None or high is None or low == high == estimate:
+                return f"{estimate:.3g}"
+            return f"{estimate:.3g} [{low:.3g}, {high:.3g}]"
+        case float():
+            return f"{value:.3g}"
+        case _:
+            return str(value)
+
+
+def short_rules(rows: Iterable[Row]) -> list[Row]:
+    """Return rows whose rules from files are named without folders, where that is unambiguous."""
+    several = list(rows)
+    rules = {str(row["rule"]) for row in several}
+    names = [rule.rpartition("/")[2] for rule in rules]
+    short = {rule: name for rule in rules if names.count(name := rule.rpartition("/")[2]) == 1}
+    return [row | {"rule": short.get(row["rule"], row["rule"])} for row in several]
+
+
+def groups(rows: Iterable[Row], keys: Sequence[str]) -> dict[tuple[Any, ...], list[Row]]:
+    """Return rows by the values of some columns, in the order in which these come."""
+    found: dict[tuple[Any, ...], list[Row]] = {}
+    for row in rows:
+        found.setdefault(tuple(row[key] for key in keys), []).append(row)
+    return found
+
+
+def varying(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
+    """Return those columns that do not have the same value throughout, and always the first."""
+    return [
+        key for place, key in enumerate(keys) if not place or len({row[key] for row in rows}) > 1
+    ]
+
+
+def best_of(row: Row) -> int | None:
+    """Return the cubes of the best path that is known between start and goal, if one is."""
+    found: int | None = row["optimum"] if row["optimum"] is not None else row["best_known"]
+    return found
+
+
+def runs_table(rows: Sequence[Row]) -> Table:
+    """Return what came of the runs of each setting."""
+    keys = varying(rows, ("system", "rule", *WORLD[1:]))
+    keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
+    found = []
+    for key, several in groups(rows, keys).items():
+        reached = [row for row in several if row["goal"]]
+        found.append(
+            (
+                *key,
+                len(several),
+                share_interval(len(reached), len(several)),
+                _mean(reached, lambda row: row["rounds"]),
+                _mean(reached, lambda row: row["moves"]),
+                _mean(reached, lambda row: row["cubes"]),
+                max((row["bound"] for row in several if row["bound"] is not None), default=None),
+                best_of(several[0]),
+                _mean(reached, lambda row: row["rounds"] / row["cubes"] if row["cubes"] else None),
+                _mean(reached, _price),
+                _mean(several, lambda row: row["conflicts"]),
+                _mean(several, lambda row: row["messages"]),
+                sum(bool(row["stuck"]) for row in several),
+                sum(row["ended"] in {"error", "died"} for row in several),
+            )
+        )
+    return Table(
+        "Runs",
+        "Rounds, moves and cubes are means over the runs that reached their goal, with the 95%"
+        " interval of 2,000 seeded bootstrap resamples; the share of these runs has its exact"
+        " interval (Clopper and Pearson). Timing is rounds over cubes, class is cubes over the"
+        " best that is known, or else over the lower bound.",
+        (
+            *keys,
+            "runs",
+            "goal",
+            "rounds",
+            "moves",
+            "cubes",
+            "bound",
+            "best",
+            "timing",
+            "class",
+            "conflicts",
+            "messages",
+            "stuck",
+            "failed",
+        ),
+        tuple(found),
+    )
+
+
+def _price(row: Row) -> float | None:
+    best = best_of(row) or row["bound"]
+    return row["cubes"] / best if best else None
+
+
+def _mean(rows: Iterable[Row], measure: Callable[[Row], float | None]) -> Interval | None:
+    numbers = [found for row in rows if (found := measure(row)) is not None]
+    return mean_interval(numbers) if numbers else None
+
+
+def pairs_table(rows: Sequence[Row]) -> Table:
+    """Return how the rules compare, two by two, on the same systems and seeds."""
+    keys = varying(rows, WORLD)
+    found = []
+    for key, several in groups(rows, keys).items():
+        by_rule: dict[str, dict[Any, Row]] = {}
+        for row in several:
+            rest = tuple(row[name] for name in WORLD)
+            by_rule.setdefault(row["rule"], {})[*rest, row["seed"]] = row
+        for one, other in combinations(sorted(by_rule, key=natural), 2):
+            pairs = [
+                (row, by_rule[other][place])
+                for place, row in by_rule[one].items()
+                if place in by_rule[other]
+            ]
+            if pairs:
+                found.append((*key, one, other, *_compared(pairs)))
+    return Table(
+        "Rules in pairs",
+        "Runs of two rules from the same start with the same seed. The difference is that of the"
+        " rounds of the second rule and the first, over the pairs in which both reached the goal,"
+        " with its bootstrap interval; p is two-sided and exact, of Wilcoxon's signed-rank test or,"
+        " with more than 200 differences, of the sign test. Where one alone reached the goal, p of"
+        " goals is that of the sign test. No p is corrected for how many there are.",
+        (
+            *keys,
+            "first",
+            "second",
+            "pairs",
+            "both",
+            "difference",
+            "first faster",
+            "second faster",
+            "p",
+            "test",
+            "first alone",
+            "second alone",
+            "p of goals",
+        ),
+        tuple(found),
+    )
+
+
+def _compared(pairs: Sequence[tuple[Row, Row]]) -> tuple[Any, ...]:
+    both = [(one, other) for one, other in pairs if one["goal"] and other["goal"]]
+    alone = [sum(bool(pair[place]["goal"]) for pair in pairs) - len(both) for place in (0, 1)]
+    away = [float(other["rounds"] - one["rounds"]) for one, other in both]
+    test = paired_test(away) if away else None
+    return (
+        len(pairs),
+        len(both),
+        mean_interval(away) if away else None,
+        sum(each > 0 for each in away),
+        sum(each < 0 for each in away),
+        None if test is None else test.p,
+        None if test is None else test.name,
+        *alone,
+        sign_test(*alone) if sum(alone) else None,
+    )
+
+
+def without_size(system: str) -> str:
+    """Return the name of a system without its number of modules.
+
+    >>> without_size("agv:graph=K9,n=4"), without_size("hex:n=4"), without_size("mine.toml")
+    ('agv:graph=K9', 'hex', 'mine.toml')
+    """
+    name, _, rest = system.partition(":")
+    keys = ",".join(part for part in rest.split(",") if part and not part.startswith("n="))
+    return f"{name}:{keys}" if keys else name
+
+
+def by_size(rows: Sequence[Row], measure: str) -> Mapping[int, Interval]:
+    """Return the means of a measure over the runs that reached their goal, by modules."""
+    reached = [row for row in rows if row["goal"] and row[measure] is not None]
+    return {
+        size: mean_interval([row[measure] for row in several])
+        for (size,), several in sorted(groups(reached, ["modules"]).items())
+    }
+
+
+def growth_table(rows: Sequence[Row]) -> Table:
+    """Return how rounds, moves and cubes grow with the number of modules."""
+    rows = [row | {"family": without_size(row["system"])} for row in rows]
+    keys = ["family", *varying(rows, ("rule", *WORLD[1:]))]
+    found = []
+    for key, several in groups(rows, keys).items():
+        for measure in ("rounds", "moves", "cubes"):
+            means = by_size(several, measure)
+            fit = power_law(list(means), [each.estimate for each in means.values()])
+            if fit is not None:
+                sizes = f"{min(means)}..{max(means)}"
+                found.append(
+                    (*key, measure, sizes, len(means), fit.exponent, fit.factor, fit.r_squared)
+                )
+    return Table(
+        "Growth",
+        "Least squares of the logarithms: the mean over the runs that reached their goal is about"
+        " factor x modules^exponent. The 95% interval of the exponent is Student's, from how far"
+        " the means lie off the line: it tells how well a power law fits, and with two sizes there"
+        " is none.",
+        (*keys, "measure", "modules", "sizes", "exponent", "factor", "R2"),
+        tuple(found),
+    )

@@ -1,0 +1,164 @@
+"""Reports: what the tables say is what the rows say, and the files are whole and the same again."""
+
+from __future__ import annotations
+
+import doctest
+import json
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+
+from command_line import refused
+from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.experiments import tables
+from cubepath.coordinator.experiments.folder import SweepFolder
+from cubepath.coordinator.experiments.report import write_report
+from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
+from cubepath.coordinator.experiments.tables import (
+    growth_table,
+    pairs_table,
+    runs_table,
+    short_rules,
+)
+
+SLOW_RULE = """
+from dataclasses import replace
+from cubepath.agents.rules.chain import CHAIN
+
+def make(known):
+    rule, turns = CHAIN.make(known), 0
+    def choose(view):
+        nonlocal turns
+        turns += 1
+        return 0 if turns % 2 else rule(view)
+    return choose
+
+SLOW = replace(CHAIN, name="slow", make=make, vectorised=None, free=None)
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of a sweep of two rules that reach the goal and one that does not."""
+    made = tmp_path_factory.mktemp("sweep")
+    (made / "slow.py").write_text(SLOW_RULE)
+    rules = ["chain", "random", f"{made}/slow.py:SLOW"]
+    sweep("hex:n=3..5", rules=rules, seeds=6, max_rounds=60, out=made / "out")
+    return made / "out"
+
+
+def test_examples_hold() -> None:
+    """What stands in docstrings comes out so."""
+    found = doctest.testmod(tables)
+    assert found.attempted
+    assert not found.failed
+
+
+def test_runs_are_counted_by_setting(folder: Path) -> None:
+    """Shares and means are those of the rows."""
+    rows = read_sweep(folder).rows
+    for told in runs_table(rows).document():
+        mine = [r for r in rows if (r["system"], r["rule"]) == (told["system"], told["rule"])]
+        reached = [row for row in mine if row["goal"]]
+        assert told["runs"] == len(mine) == 6
+        assert told["goal"]["estimate"] == len(reached) / 6
+        if reached:
+            mean = sum(row["rounds"] for row in reached) / len(reached)
+            assert told["rounds"]["estimate"] == pytest.approx(mean)
+            assert told["rounds"]["low"] <= mean <= told["rounds"]["high"]
+        else:
+            assert told["rounds"] is None
+
+
+def test_rules_are_compared_on_equal_seeds(folder: Path) -> None:
+    """One that waits each other round never is faster; one that moves at random does not arrive."""
+    found = pairs_table(short_rules(read_sweep(folder).rows)).document()
+    (chain, other) = [
+        next(r for r in found if r["system"] == "hex:n=5" and r["second"].endswith(end))
+        for end in ("SLOW", "random")
+    ]
+    assert (chain["first"], chain["pairs"], chain["both"]) == ("chain", 6, 6)
+    assert chain["second"] == "slow.py:SLOW"
+    assert chain["difference"]["estimate"] > 0
+    assert (chain["first faster"], chain["p"], chain["test"]) == (6, 0.03125, "Wilcoxon")
+    assert (other["both"], other["first alone"], other["p of goals"]) == (0, 6, 0.03125)
+
+
+def test_growth_is_that_of_the_means(folder: Path) -> None:
+    """Of `chain`, whose moves are known: n (n - 1) / 2 and more, so the exponent is near 2."""
+    found = [r for r in growth_table(read_sweep(folder).rows).document() if r["rule"] == "chain"]
+    assert {(row["family"], row["sizes"], row["modules"]) for row in found} == {("hex", 3, "3..5")}
+    (moves,) = [row for row in found if row["measure"] == "moves"]
+    assert moves["exponent"]["low"] < 2 < moves["exponent"]["high"] < 2.5
+
+
+class Page(HTMLParser):
+    """Takes note of what a page would load, and of its names."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.ids: list[str] = []
+        self.tags: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Take note of a tag."""
+        self.tags.append(tag)
+        for name, value in attrs:
+            if name in {"src", "href", "xlink:href"} and not (value or "").startswith("#"):
+                self.loads.append(str(value))
+            if name == "id":
+                self.ids.append(str(value))
+
+
+@pytest.mark.slow
+def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) -> None:
+    """A page that loads nothing, with every table and plot in it; byte for byte the same."""
+    found = write_report(folder, tmp_path / "one")
+    again = write_report(folder, tmp_path / "two")
+    assert [path.name for path in found.files] == [path.name for path in again.files]
+    for one, two in zip(found.files, again.files, strict=True):
+        assert one.read_bytes() == two.read_bytes()
+    names = {path.name for path in found.files}
+    assert names >= {"report.html", "growth-rounds.svg", "progress.png", "class.svg"}
+    for path in found.files:
+        if path.suffix == ".svg":
+            ET.parse(path)  # noqa: S314 - our own
+        elif path.suffix == ".png":
+            assert path.read_bytes().startswith(b"\x89PNG")
+    text = found.files[0].read_text()
+    page = Page()
+    page.feed(text)
+    assert page.loads == []
+    assert len(page.ids) == len(set(page.ids))
+    assert page.tags.count("svg") == len(names) // 2
+    assert page.tags.count("table") == 4
+    assert "prefers-color-scheme: dark" in text
+    assert not re.search(r"url\(#(?!growth|progress|class)", text)
+
+
+@pytest.mark.slow
+def test_the_command_tells_the_tables(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As text, and as one JSON document."""
+    assert main(["report", str(folder), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["runs"] == 54
+    assert len(document["tables"]["Rules in pairs"]) == 9
+    assert document["files"][0] == str(folder / "report" / "report.html")
+    assert main(["report", str(folder)]) == 0
+    out = capsys.readouterr().out
+    assert "Rules in pairs:" in out
+    assert f"written to {folder}/report/report.html" in out
+
+
+def test_what_is_no_sweep_has_no_report(tmp_path: Path) -> None:
+    """A line says what was found; so for one without runs, and a place that takes no files."""
+    assert "has no sweep.json" in refused("report", str(tmp_path))
+    with SweepFolder(tmp_path / "out"):
+        pass
+    assert "has no finished runs" in refused("report", str(tmp_path / "out"))
+    sweep("hex:n=3", seeds=1, out=tmp_path / "out")
+    assert "cannot be written" in refused("report", str(tmp_path / "out"), "-o", "/proc/report")

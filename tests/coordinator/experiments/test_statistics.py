@@ -1,0 +1,106 @@
+"""Intervals and tests against tables, and against counting everything."""
+
+from __future__ import annotations
+
+import doctest
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cubepath.coordinator.experiments import statistics
+from cubepath.coordinator.experiments.statistics import (
+    mean_interval,
+    paired_test,
+    power_law,
+    share_interval,
+    sign_test,
+    student,
+)
+
+
+def test_examples_hold() -> None:
+    """What stands in docstrings comes out so."""
+    found = doctest.testmod(statistics)
+    assert found.attempted
+    assert not found.failed
+
+
+@given(st.lists(st.integers(-4, 4), min_size=1, max_size=9))
+def test_the_signed_rank_test_is_that_of_all_signs(differences: list[int]) -> None:
+    """Counted over all ways to put signs before the ranks, with ties and zeros."""
+    values = [each for each in differences if each]
+    found = paired_test(differences)
+    if not values:
+        assert found == (1.0, "sign")
+        return
+    sizes = sorted(map(abs, values))
+    ranks = [
+        sum(place for place, size in enumerate(sizes, 1) if size == abs(each))
+        / sizes.count(abs(each))
+        for each in values
+    ]
+    sums = [
+        sum(rank for rank, sign in zip(ranks, signs, strict=True) if sign)
+        for signs in product((0, 1), repeat=len(ranks))
+    ]
+    positive = sum(rank for rank, each in zip(ranks, values, strict=True) if each > 0)
+    least = min(positive, sum(ranks) - positive)
+    expected = min(1.0, 2 * sum(each <= least for each in sums) / len(sums))
+    assert found.p == pytest.approx(expected)
+
+
+def test_many_differences_are_tested_by_their_signs() -> None:
+    """With the exact binomial, which is symmetric."""
+    assert paired_test([1.0] * 150 + [-1.0] * 100) == (sign_test(100, 150), "sign")
+    assert sign_test(100, 150) == pytest.approx(0.0018, abs=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("hits", "of", "low", "high"),
+    [(5, 10, 0.1871, 0.8129), (1, 20, 0.0013, 0.2487), (10, 10, 0.6915, 1.0), (0, 1, 0.0, 0.975)],
+)
+def test_shares_have_the_intervals_of_the_tables(
+    hits: int, of: int, low: float, high: float
+) -> None:
+    """Those of Clopper and Pearson."""
+    found = share_interval(hits, of)
+    assert found.low == pytest.approx(low, abs=1e-4)
+    assert found.high == pytest.approx(high, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("freedom", "expected"), [(1, 12.706), (2, 4.303), (3, 3.182), (5, 2.571), (30, 2.042)]
+)
+def test_students_quantiles_are_those_of_the_tables(freedom: int, expected: float) -> None:
+    """Odd and even degrees of freedom."""
+    assert student(freedom) == pytest.approx(expected, abs=1e-3)
+
+
+@given(st.floats(-3, 3), st.floats(0.1, 50), st.integers(2, 6))
+def test_a_power_law_is_found_again(exponent: float, factor: float, count: int) -> None:
+    """Its exponent and factor, with nothing left over."""
+    sizes = [2.0**k for k in range(count)]
+    fit = power_law(sizes, [factor * size**exponent for size in sizes])
+    assert fit is not None
+    assert fit.exponent.estimate == pytest.approx(exponent, abs=1e-6)
+    assert fit.factor == pytest.approx(factor)
+    assert (fit.exponent.low is None) == (count == 2)
+
+
+def test_one_size_has_no_growth() -> None:
+    """Nor have means of 0."""
+    assert power_law([4, 4], [1.0, 2.0]) is None
+    assert power_law([4, 8], [1.0, 0.0]) is None
+
+
+def test_an_interval_of_means_holds_the_mean_about_as_often_as_it_says() -> None:
+    """And is the same each time."""
+    random = np.random.default_rng(1)
+    draws = random.exponential(size=(100, 30))
+    found = [mean_interval(row.tolist()) for row in draws]
+    held = sum((each.low or 0) <= 1.0 <= (each.high or 0) for each in found)
+    assert 85 <= held <= 99
+    assert mean_interval(draws[0].tolist()) == found[0]

@@ -1,0 +1,326 @@
+"""Sweeps played: the same rows however they are played, and nothing lost on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet
+import pytest
+
+from cubepath.coordinator.experiments import sweeping, workers
+from cubepath.coordinator.experiments.executors import played_by
+from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
+from cubepath.coordinator.experiments.outcomes import DIED, failed
+from cubepath.coordinator.experiments.rows import Finished, Row
+from cubepath.coordinator.experiments.setting import Batch, code_version
+from cubepath.coordinator.experiments.spec import expand, sweep_of
+from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
+from cubepath.coordinator.experiments.workers import Cluster, Pool
+from cubepath.protocol.core.errors import CheckError, InputError
+
+SMALL: dict[str, Any] = {"rules": ["chain", "random"], "seeds": 6, "max_rounds": 30}
+RULE = """
+import os
+from dataclasses import replace
+from pathlib import Path
+from cubepath.agents.rules.uniform import RANDOM
+
+def make(known):
+    {trap}
+    return RANDOM.make(known)
+
+MINE = replace(RANDOM, name="mine", make=make, vectorised=None)
+"""
+
+
+def mine(folder: Path, trap: str) -> str:
+    """Return a rule in a file that does something where it is made."""
+    (folder / "mine.py").write_text(RULE.format(trap=trap))
+    return f"{folder}/mine.py:MINE"
+
+
+def timeless(rows: Sequence[Row]) -> list[Row]:
+    """Return rows without the seconds that their runs took."""
+    return [row | {"seconds": 0} for row in rows]
+
+
+@pytest.mark.slow
+def test_the_rows_are_the_same_in_any_number_of_processes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Here, in two processes, in memory and on disk; and so are the rows of the rounds."""
+    here = sweep("hex:n=4..6", **SMALL)
+    monkeypatch.setattr(sweeping, "is_small", lambda _: False)
+    several = sweep("hex:n=4..6", out=tmp_path / "out", jobs=2, **SMALL)
+    assert timeless(several.rows) == timeless(here.rows)
+    assert several.rounds == here.rounds
+    assert len(here.rounds) == sum(row["rounds"] for row in here.rows)
+    assert timeless(read_sweep(tmp_path / "out").rows) == timeless(here.rows)
+    assert not multiprocessing.active_children()
+
+
+def test_finished_runs_are_not_played_again(tmp_path: Path) -> None:
+    """More seeds are more runs; the same sweep once more has nothing to do."""
+    played: list[Finished] = []
+    sweep("hex:n=4", out=tmp_path, seeds=2)
+    found = sweep("hex:n=4", out=tmp_path, seeds=5, watch=played.extend)
+    assert (found.known, [each.run["seed"] for each in played]) == (2, [2, 3, 4])
+    assert [row["seed"] for row in found.rows] == [0, 1, 2, 3, 4]
+    assert sweep("hex:n=4", out=tmp_path, seeds=5, watch=played.extend).known == 5
+    assert len(played) == 3
+
+
+@pytest.mark.slow
+def test_a_changed_rule_is_another_run_and_the_last_one_counts(tmp_path: Path) -> None:
+    """The rows of both are kept; read without more, each run is there once, as it was last."""
+    out, digests = tmp_path / "out", []
+    for trap in ("pass", "known.random.random()"):
+        rule = mine(tmp_path, trap)
+        text = f"from cubepath.coordinator import sweep; sweep('hex-open:n=4', rules={rule!r},"
+        subprocess.run(
+            [sys.executable, "-c", f"{text} seeds=1, max_rounds=9, out={str(out)!r})"], check=True
+        )
+        (row,) = read_runs(out)
+        digests.append(row["digest"])
+    assert len(set(digests)) == len(read_runs(out, all_versions=True)) == 2
+
+
+@pytest.mark.slow
+def test_a_process_that_dies_takes_nothing_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The run that kills it is tried twice and has a row with the reason; all others are there."""
+    monkeypatch.setattr(sweeping, "is_small", lambda _: False)
+    rule = mine(tmp_path, "if known.modules == 5: os.kill(os.getpid(), 9)")
+    found = sweep(
+        "hex:n=4..6", rules=[rule, "random"], seeds=2, jobs=2, max_rounds=20, out=tmp_path / "out"
+    )
+    assert len(found.rows) == 12
+    assert [(row["system"], row["rule"], row["seed"]) for row in found.failures] == [
+        ("hex:n=5", rule, 0),
+        ("hex:n=5", rule, 1),
+    ]
+    assert {row["ended"] for row in found.failures} == {"died"}
+    assert "died again" in found.failures[0]["reason"]
+    assert not multiprocessing.active_children()
+
+
+def test_a_run_whose_process_died_is_played_again(tmp_path: Path) -> None:
+    """The next time; it may have been the machine, and the row that says so counts no more."""
+    asked = expand(sweep_of(["hex:n=4"], {"seeds": 2}))
+    with SweepFolder(tmp_path) as folder:
+        folder.begin(asked.batches)
+        folder.add([failed(asked.batches[0], 1, DIED, "it died")])
+    found = sweep("hex:n=4", seeds=2, out=tmp_path)
+    assert (found.known, [row["ended"] for row in found.rows]) == (0, ["goal", "goal"])
+    assert sweep("hex:n=4", seeds=2, out=tmp_path).known == 2
+
+
+@pytest.mark.thorough
+def test_a_process_that_dies_once_is_forgiven(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Played again, the run is as if nothing had happened."""
+    monkeypatch.setattr(sweeping, "is_small", lambda _: False)
+    once = tmp_path / "once"
+    trap = f"p = Path({str(once)!r}); p.exists() or (p.touch(), os.kill(os.getpid(), 9))"
+    rule = mine(tmp_path, trap)
+    found = sweep("hex:n=4..5", rules=[rule], seeds=3, jobs=2, max_rounds=20)
+    assert once.exists()
+    assert [row["ended"] for row in found.rows] == ["max-rounds"] * 6
+
+
+def test_a_rule_that_fails_is_a_row_and_no_more(tmp_path: Path) -> None:
+    """An exception of a rule is told with its kind; the other runs are played."""
+    rule = mine(tmp_path, "if known.modules == 5: raise ValueError('no five')")
+    found = sweep("hex:n=4..6", rules=[rule], seeds=2, max_rounds=20)
+    assert [row["ended"] for row in found.rows] == ["max-rounds"] * 2 + ["error"] * 2 + [
+        "max-rounds"
+    ] * 2
+    assert "no five" in found.failures[0]["reason"]
+    assert found.failures[0]["rounds"] is None
+
+
+@pytest.mark.slow
+def test_what_is_interrupted_ends_its_processes_and_keeps_what_is_finished(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And is taken up where it ended."""
+    monkeypatch.setattr(sweeping, "is_small", lambda _: False)
+
+    def interrupt(_: Sequence[Finished]) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sweep("hex:n=4..9", out=tmp_path, jobs=2, watch=interrupt, **SMALL)
+    assert not multiprocessing.active_children()
+    known = len(read_runs(tmp_path))
+    assert 0 < known < 72
+    assert sweep("hex:n=4..9", out=tmp_path, **SMALL).known == known
+
+
+KILLED = """
+import sys
+from cubepath.coordinator.experiments import folder, sweeping
+folder._RUNS_MAX = 1
+sweeping.is_small = lambda _: False
+if __name__ == "__main__":
+    sweeping.sweep("hex:n=5..9", rules="random", seeds=200, out=sys.argv[1], jobs=2)
+"""
+
+
+@pytest.mark.thorough
+def test_what_is_killed_leaves_what_is_right_and_no_process(tmp_path: Path) -> None:
+    """At any moment: what was written can be read, and the sweep goes on from there."""
+    script, out = tmp_path / "killed.py", tmp_path / "out"
+    script.write_text(KILLED)
+    with subprocess.Popen(
+        [sys.executable, str(script), str(out)], start_new_session=True
+    ) as process:
+        while not list(out.glob("runs/*.parquet")):
+            assert process.poll() is None
+            time.sleep(0.01)
+        process.kill()
+    rows = read_runs(out)
+    assert rows
+    assert {row["code"] for row in rows} == {code_version()}
+    deadline = time.monotonic() + 30
+    while _in_session(process.pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    found = sweep("hex:n=5", rules="random", seeds=1, out=out)
+    assert found.known == 1
+    assert not list(out.glob("*/.*.part"))
+
+
+def _in_session(session: int) -> list[int]:
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if os.getsid(int(entry.name)) == session:
+                found.append(int(entry.name))
+    return found
+
+
+def test_one_sweep_at_a_time_writes_to_a_folder(tmp_path: Path) -> None:
+    """Another is refused in a line, and may come when the first is over."""
+    with (
+        SweepFolder(tmp_path / "out"),
+        pytest.raises(InputError, match="another sweep is writing there"),
+    ):
+        sweep("hex:n=4", out=tmp_path / "out", seeds=1)
+    assert len(sweep("hex:n=4", out=tmp_path / "out", seeds=1).rows) == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        ("notes.txt", "mine", "holds 'notes.txt' and no sweep.json"),
+        ("sweep.json", "{}", "expected that of a sweep"),
+        ("sweep.json", "[", "expected that of a sweep"),
+        ("sweep.json", '{"format": "other"}', "expected that of a sweep"),
+    ],
+)
+def test_the_folder_of_something_else_is_left_alone(
+    tmp_path: Path, name: str, text: str, why: str
+) -> None:
+    """It is refused in a line, and is as it was."""
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=why):
+        sweep("hex:n=4", out=tmp_path, seeds=1)
+    assert (tmp_path / name).read_text() == text
+    assert not list(tmp_path.glob("r*"))
+
+
+def test_results_are_read_as_tables(tmp_path: Path) -> None:
+    """Rows, Arrow tables and, by anybody's reader, the same datasets."""
+    found = sweep("hex:n=4", out=tmp_path, seeds=2)
+    assert found.table().to_pylist() == list(found.rows)
+    assert found.rounds_table().to_pylist() == found.rounds
+    read = pyarrow.parquet.read_table(tmp_path / "rounds").to_pylist()
+    assert sorted(map(str, read)) == sorted(map(str, found.rounds))
+    frame = pytest.importorskip("pandas") and found.frame()
+    assert frame["cubes"].tolist() == [row["cubes"] for row in found.rows]
+
+
+def test_a_part_of_rounds_without_its_runs_does_not_count(tmp_path: Path) -> None:
+    """It was written by a sweep that was cut off before the runs were."""
+    found = sweep("hex:n=4", out=tmp_path, seeds=2)
+    (part,) = (tmp_path / "runs").iterdir()
+    (tmp_path / "rounds" / "lost.parquet").write_bytes(
+        (tmp_path / "rounds" / part.name).read_bytes()
+    )
+    assert read_sweep(tmp_path).rounds == found.rounds
+
+
+def test_recordings_are_kept_if_asked_for(tmp_path: Path) -> None:
+    """Of runs with messages, each by the id of its run."""
+    found = sweep("hex:n=3", out=tmp_path, seeds=1, core="simulated", record=True)
+    assert (tmp_path / "recordings" / found.rows[0]["recording"]).stem == found.rows[0]["id"]
+    with pytest.raises(InputError, match="record: without a folder"):
+        sweep("hex:n=3", seeds=1, record=True)
+
+
+def test_without_pyarrow_a_line_says_how_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before anything is played or written; in memory a sweep needs none."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(InputError, match=r"pip install 'cubepath\[experiments\]'"):
+        sweep("hex:n=4", out=tmp_path / "out", seeds=1)
+    assert not list(tmp_path.iterdir())
+    assert len(sweep("hex:n=4", seeds=1).rows) == 1
+
+
+def test_where_no_process_can_start_a_line_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a program whose work is not under a guard."""
+    monkeypatch.setattr(workers, "_begin", os.abort)
+    with pytest.raises(InputError, match="__main__"):
+        Pool(2).start()
+
+
+def test_a_cluster_that_is_not_there_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a line that names the address; so is a missing distribution, with how to install it."""
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(InputError, match=r"pip install 'cubepath\[cluster\]'"):
+        Cluster("tcp://127.0.0.1:1").start()
+
+
+@pytest.mark.thorough
+def test_a_cluster_gives_the_same_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Real workers in processes of their own; nobody is left connected."""
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr(workers, "_CONNECT_S", 3)
+    with pytest.raises(CheckError, match="no dask scheduler"):
+        Cluster("tcp://127.0.0.1:1").start()
+    here = sweep("hex:n=4..6", **SMALL)
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
+        there = sweep("hex:n=4..6", cluster=cluster.scheduler_address, **SMALL)
+    assert timeless(there.rows) == timeless(here.rows)
+    assert there.rounds == here.rounds
+
+
+def batches() -> list[Batch]:
+    """Return the batches of a small sweep."""
+    return list(expand(sweep_of(["hex:n=4"], {"seeds": 2})).batches)
+
+
+def test_signals_leave_no_pool() -> None:
+    """A consumer that stops early ends the workers."""
+    playing = played_by(Pool(2), batches(), None)
+    next(playing)
+    playing.close()
+    assert not multiprocessing.active_children()
+    assert signal.getsignal(signal.SIGINT) is not signal.SIG_IGN
