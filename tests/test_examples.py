@@ -24,14 +24,14 @@ UNSHOWN = """
     FaultRates Finding FlipSystem FreeEnv FreePlayed FreeRule Gatherer Generator
     GeneratorPlacement GraphSystem Homology Improved Lattice Lift Links Macro Move Optimum
     Overheard PathInput PathMove Plan PlanHints Played PlayedMany Record RecordingWriter
-    Recovered Replayed Row RuleError Running Scene ShapeComplex Shortened StandardInstance
-    StateComplex Status Surface Sweep SweepResults TabledSystem Tap Task TimedLine Timetable
-    Transitions VectorActors VehicleGraph Verification Ways all_claims animate audit beyond
-    check_certificate check_rule collapse complex_from_faces compute_claims contractibility
-    convert draw_complex draw_pixels durations_of observe only_class optimum raw_env
-    read_certificate read_durations read_plan read_scene read_sweep read_timetable recover
-    replay run_picture shape_complex surface task_of timetable_schema unfilled verify
-    write_certificate write_complex write_cubes write_moves write_timetable
+    Recovered Replayed Report Row RuleError Running Scene ShapeComplex Shortened
+    StandardInstance StateComplex Status Surface Sweep SweepResults TabledSystem Tap Task
+    TimedLine Timetable Transitions VectorActors VehicleGraph Verification Ways all_claims
+    animate audit beyond check_certificate check_rule collapse complex_from_faces compute_claims
+    contractibility convert draw_complex draw_pixels durations_of observe only_class optimum
+    raw_env read_certificate read_durations read_plan read_scene read_timetable recover replay
+    run_picture shape_complex surface task_of timetable_schema unfilled verify write_certificate
+    write_complex write_cubes write_moves write_report write_timetable
 """
 """Functions and classes without an example as yet: whoever writes one takes the name out."""
 

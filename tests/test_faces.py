@@ -47,22 +47,19 @@ PUBLIC = {
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Converted CubicalComplex Explored FaultRates Gatherer Homology
-        Improved Lift Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Row
-        Running ShapeComplex Shortened StandardInstance StateComplex Status Surface Sweep
+        Improved Lift Links Macro Optimum Outcome Overheard PathInput Plan Recovered Replayed Report
+        Row Running ShapeComplex Shortened StandardInstance StateComplex Status Surface Sweep
         SweepResults Tap Task Timetable Transitions Verification actions_at all_claims animate ask
         audit beyond certificate_of check_certificate check_links check_proof collapse
         complex_from_faces compute_claims contractibility convert draw_complex durations_of earliest
         end_state explore f_vector gathered homology improve info is_cube is_normal lift lower_bound
         macro normal_cube_path only_class optimum read_sweep recover replay run run_picture
         shape_complex shorten standard start state_complex surface sweep task_of to_networkx
-        unfilled verify write_complex
+        unfilled verify write_complex write_report
     """,
     "cubepath.coordinator.testing": """
         Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
         Trial Tried fault faults replay_into replay_into_node scenarios trial_of
-        macro normal_cube_path only_class optimum recover replay run run_picture shape_complex
-        shorten state_complex surface task_of to_networkx unfilled verify write_complex
-        FaultRates Report Sweep SweepResults read_sweep sweep write_report
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""
