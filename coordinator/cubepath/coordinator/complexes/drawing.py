@@ -96,12 +96,13 @@ def largest_cubes(complex_: CubicalComplex) -> NDArray[np.int64]:
     return above if complex_.dimension >= 2 else np.empty(0, dtype=np.int64)
 
 
-def draw_complex(complex_: CubicalComplex, path: Path, title: str = "") -> None:
+def draw_complex(complex_: CubicalComplex, path: Path | str, title: str = "") -> None:
     """Draw the complex to a file: in the plane up to dimension 1, else in space.
 
     Squares are coloured by the dimension of the largest cube that they are in. InputError for more
     than `VERTICES_MAX` vertices, an unknown suffix, or a file that cannot be written.
     """
+    path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected a picture's suffix, one of {', '.join(SUFFIXES)}")
     if not 0 < complex_.f_vector[0] <= VERTICES_MAX:

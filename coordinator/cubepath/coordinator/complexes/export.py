@@ -100,7 +100,7 @@ def _action(action: Action) -> dict[str, Any]:
     }
 
 
-def write_complex(built: Complex, path: Path) -> None:
+def write_complex(built: Complex, path: Path | str) -> None:
     """Write the complex as JSON; the file is either complete or unchanged.
 
     InputError if it cannot be written.

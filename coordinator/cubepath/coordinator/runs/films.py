@@ -50,7 +50,7 @@ def _check_frame_rate(rate: float) -> None:
 def animate(
     scene: Scene,
     steps: Steps,
-    path: Path,
+    path: Path | str,
     *,
     step_name: str = "round",
     frames_per_second: float = FRAMES_PER_SECOND,

@@ -37,8 +37,8 @@ class Converted:
 
 
 def convert(
-    source: Path,
-    target: Path,
+    source: Path | str,
+    target: Path | str,
     *,
     system: str | None = None,
     progress: Progress | None = None,
@@ -50,6 +50,7 @@ def convert(
     names. InputError if the source is neither a path nor binary cubes, is malformed, or if the
     target cannot be written.
     """
+    target = Path(target)
     if same_file(source, target):
         raise InputError(f"{target}: is the input, expected another file")
     binary = target.suffix.lower() == ".npz"

@@ -67,7 +67,7 @@ def read_certificate(source: Source) -> Certificate:
         raise InputError(f"{file.path}: {error}") from None
 
 
-def write_certificate(path: Path, certificate: Certificate) -> None:
+def write_certificate(path: Path | str, certificate: Certificate) -> None:
     """Write a certificate, as one line; the file is complete afterwards, or unchanged.
 
     Raises InputError if it cannot be written.

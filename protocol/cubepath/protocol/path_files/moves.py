@@ -119,7 +119,7 @@ def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]
             yield move
 
 
-def write_moves(path: Path, moves: Iterable[PathMove]) -> None:
+def write_moves(path: Path | str, moves: Iterable[PathMove]) -> None:
     """Write a moves file that `read_moves` reads back; it is complete afterwards, or unchanged.
 
     Raises InputError if it cannot be written, or if an action with free sites or guards would have
@@ -166,7 +166,7 @@ def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
                 raise InputError(f"{file.path}:{number}: {error}") from None
 
 
-def write_cubes(path: Path, cubes: Iterable[Iterable[CubeName]]) -> None:
+def write_cubes(path: Path | str, cubes: Iterable[Iterable[CubeName]]) -> None:
     """Write a cubes file, complete or not at all; InputError if it cannot be written."""
     write_lines(path, (CubeLine(list(cube)) for cube in cubes))
 

@@ -42,7 +42,7 @@ def read_timetable(source: Source) -> Iterator[TimedLine]:
             yield found
 
 
-def write_timetable(path: Path, lines: Iterable[TimedLine]) -> None:
+def write_timetable(path: Path | str, lines: Iterable[TimedLine]) -> None:
     """Write a timetable, complete or not at all; InputError if it cannot be written."""
     write_lines(path, lines)
 

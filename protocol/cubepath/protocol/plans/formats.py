@@ -111,7 +111,7 @@ def read_plan(
     source: Source,
     spec: str | None = None,
     *,
-    companions: Sequence[Path] = (),
+    companions: Sequence[Path | str] = (),
     system: str | None = None,
 ) -> Imported | None:
     """Read a plan; `spec`, as `name` or `name:key=value,...`, or else its content gives the format.
@@ -124,7 +124,7 @@ def read_plan(
         if told is None:
             return None
         known, values = _chosen(told)
-        return known.read(Request(file, tuple(companions), values, system))
+        return known.read(Request(file, tuple(map(Path, companions)), values, system))
 
 
 def _chosen(told: str) -> tuple[Format, dict[str, str]]:

@@ -53,7 +53,7 @@ class RecordingWriter:
 
     def __init__(
         self,
-        path: Path,
+        path: Path | str,
         scene: Scene,
         parameters: Mapping[str, str],
         schedule: bytes | None = None,
@@ -70,7 +70,7 @@ class RecordingWriter:
         the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
         """
         self._format = written_as or format_of(parameters)
-        self.path = path
+        self.path = path = Path(path)
         self.messages = 0
         self._counts = Counts()
         self._clock = clock

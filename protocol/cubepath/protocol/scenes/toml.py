@@ -32,7 +32,7 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     goals: list[list[Any]] = []
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(path: Path | str) -> Scene:
     """Read a scene from a TOML file; InputError names the file and what is wrong in it."""
     return scene_from_toml(read_text(path), str(path))
 
