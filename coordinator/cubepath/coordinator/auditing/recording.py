@@ -19,6 +19,10 @@ def audit(recording: Recording | Source, progress: Progress | None = None) -> Ve
     Where the rule is not installed, or the recording does not say how it chose, that check is
     marked as not checked. Nothing is raised, unless the file cannot be read, or is changed while it
     is read.
+
+    >>> found = audit("logs/golden/hex-5.mcap")
+    >>> found.ok, [check.checked for check in found.checks if check.name == "choices"]
+    (True, [True])
     """
     found = recording_of(recording)
     return verify(

@@ -101,6 +101,13 @@ def draw_complex(complex_: CubicalComplex, path: Path | str, title: str = "") ->
 
     Squares are coloured by the dimension of the largest cube that they are in. InputError for more
     than `VERTICES_MAX` vertices, an unknown suffix, or a file that cannot be written.
+
+    >>> found = state_complex(explore(scene_from_spec("agv:graph=K5,n=2"))).complex
+    >>> draw_complex(found, "agv.png", title="two vehicles on K5")
+    >>> from PIL import Image
+    >>> with Image.open("agv.png") as picture:
+    ...     picture.format
+    'PNG'
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:

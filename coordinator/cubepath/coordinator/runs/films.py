@@ -65,6 +65,14 @@ def animate(
 
     InputError if the suffix is unknown, the rate is impossible, a move is not admissible or the
     file cannot be written.
+
+    >>> played = play("hex:n=4")
+    >>> steps = [[move.action for move in each.moves.values()] for each in played.rounds]
+    >>> animate(played.scene, steps[:3], "film.gif")
+    >>> from PIL import Image
+    >>> with Image.open("film.gif") as film:
+    ...     film.n_frames
+    4
     """
     check_suffix(path, FILM_SUFFIXES)
     _check_frame_rate(frames_per_second)

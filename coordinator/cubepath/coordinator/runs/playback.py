@@ -119,6 +119,10 @@ def replay(
     None means a unix socket at which others of this user can listen. InputError for bad options and
     malformed messages, and if a path is no recording; CheckError if reports contradict each other
     or messages do not arrive.
+
+    >>> found = replay("logs/golden/hex-5.mcap")
+    >>> found.same, found.rounds, found.moves
+    (True, 29, 28)
     """
     if rate is not None and not rate > 0:
         raise InputError(f"rate={rate}: expected more than 0 rounds a second")

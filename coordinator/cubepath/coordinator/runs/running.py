@@ -65,6 +65,18 @@ class Tap:
     """What was heard since it was opened, and was not taken yet: an iterator that does not wait.
 
     With `kinds`, messages and parts of these kinds alone.
+
+    >>> with start("hex:n=3", log="logs/tapped.mcap", processes=1) as run:
+    ...     reports = run.tap("report")
+    ...     more = run.step(2)
+    ...     for heard in reports:
+    ...         print(heard.round, heard.message.module, heard.message.claim)
+    1 0 granted
+    1 1 none
+    1 2 none
+    2 0 granted
+    2 1 none
+    2 2 none
     """
 
     def __init__(self, kinds: tuple[str, ...] = (), most: int = TAP_MAX) -> None:
@@ -121,6 +133,13 @@ class Running:
 
     `watch` is called after each round, and without rounds now and then; `say` is told in a line
     where others can join, who is waited for, and who died.
+
+    >>> with start("hex:n=3", log="logs/steps.mcap", processes=1) as run:
+    ...     while run.step() and run.status.moves < 3:
+    ...         pass
+    ...     status = run.status
+    >>> status.round, status.moves, run.outcome.ended
+    (3, 3, 'interrupted')
     """
 
     def __init__(

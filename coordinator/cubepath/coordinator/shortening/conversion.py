@@ -49,6 +49,10 @@ def convert(
     ``.npz`` is the binary form, anything else JSON Lines. Moves named by generator keep their
     names. InputError if the source is neither a path nor binary cubes, is malformed, or if the
     target cannot be written.
+
+    >>> done = convert("logs/golden/hex-5.mcap", "run.jsonl")
+    >>> done.what, done.count, shorten("run.jsonl", system="hex:n=5").cubes
+    ('moves', 28, 19)
     """
     target = Path(target)
     if same_file(source, target):

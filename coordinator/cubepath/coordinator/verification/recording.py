@@ -103,6 +103,12 @@ def verify(
 
     Messages stand in the order of their rounds, more or less: a round is checked and dropped as
     soon as nothing of it can be still to come.
+
+    >>> found = verify("logs/golden/hex-5.mcap")
+    >>> found.ok, found.moves, found.rounds, found.cubes
+    (True, 28, 29, 19)
+    >>> [check.name for check in found.checks if not check.checked]
+    ['choices']
     """
     recording = recording_of(recording)
     if recording.clock == "free":
@@ -188,6 +194,10 @@ def recover(source: Recording | Source, out: Path | str) -> Recovered:
 
     Its parameter `recovered` says what it comes from. InputError if nothing can be read, if `out`
     is the recording itself, or if `out` cannot be written.
+
+    >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
+    >>> found.rounds, found.problems, verify("copy.mcap").ok
+    (29, (), True)
     """
     recording, out = recording_of(source), Path(out)
     transcript = (

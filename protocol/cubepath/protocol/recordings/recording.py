@@ -50,7 +50,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One message of a recording."""
+    """One message of a recording.
+
+    >>> record = next(iter(read_recording("logs/golden/hex-5.mcap").of_kind("summary")))
+    >>> record.topic, record.round, decode(record.data).ended
+    ('summary/coordinator', 29, 'goal')
+    """
 
     topic: str
     data: bytes
@@ -311,6 +316,10 @@ def read_recording(source: Source) -> Recording:
     message is returned without a valid CRC. If the CRCs of the whole file hold, messages are not
     looked at before they are asked for. Raises InputError if the file is no recording, or has lost
     its parameters or its scene.
+
+    >>> recording = read_recording("logs/golden/hex-5.mcap")
+    >>> recording.parameters["rule"], len(recording.records), recording.problems
+    ('chain', 630, ())
     """
     with opened(source) as file:
         stored = Stored(file)

@@ -49,7 +49,13 @@ class RecordingFull(CheckError):  # noqa: N818 - named for a state
 
 
 class RecordingWriter:
-    """Writes a run to an MCAP file; use as a context manager, which closes the file properly."""
+    """Writes a run to an MCAP file; use as a context manager, which closes the file properly.
+
+    >>> with RecordingWriter("own.mcap", scene_from_spec("hex:n=3"), {"rule": "by hand"}) as writer:
+    ...     pass
+    >>> read_recording("own.mcap").parameters["rule"]
+    'by hand'
+    """
 
     def __init__(
         self,
