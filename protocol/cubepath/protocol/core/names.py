@@ -15,13 +15,7 @@ Json: TypeAlias = Any
 
 
 class GeneratorPlacement(msgspec.Struct, frozen=True):
-    """An action by the name of its generator and where it is placed.
-
-    >>> scene = scene_from_spec("hex:n=3")
-    >>> name = play(scene).placed[0]
-    >>> scene.system.action(name.generator, site_from_json(name.at)).label
-    'pivot-2-right at [1, -1]'
-    """
+    """An action by the name of its generator and where it is placed."""
 
     generator: str
     at: Json
