@@ -68,6 +68,9 @@ def play(
     >>> played = play("hex:n=4", seed=1)
     >>> played.reached, len(played.rounds), len(played.path), played.sites[0]
     (True, 14, 18, (3, 1))
+    >>> first = played.placed[0]
+    >>> first.generator, first.at
+    ('pivot-2-right', (1, -1))
     """
     scene, rule = scene_and_rule(system, rule)
     if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):

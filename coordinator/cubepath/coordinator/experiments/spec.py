@@ -60,6 +60,10 @@ class Sweep:
     rounds so many turns of each module in one process, and so many levels of moves over the wire.
     `processes` and `keepers` are those of a run with messages. `optimum` asks for the least number
     of cubes between start and goal, by a search that keeps so many states at most.
+
+    >>> plan = Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))
+    >>> len(sweep(plan).rows)
+    4
     """
 
     systems: tuple[str, ...]

@@ -22,7 +22,8 @@ from msgspec.json import encode
 from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.running import Overheard, Running
+from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.testing.commands import Command, stderr_of
 from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.rules import Pattern
