@@ -40,6 +40,11 @@ class Played:
         return tuple(move.action for each in self.rounds for move in each.moves.values())
 
     @property
+    def steps(self) -> tuple[tuple[Action, ...], ...]:
+        """The edge path round by round, as pictures and films take it."""
+        return tuple(tuple(move.action for move in each.moves.values()) for each in self.rounds)
+
+    @property
     def placed(self) -> tuple[GeneratorPlacement, ...]:
         """The edge path, each move as a generator and a place."""
         return tuple(

@@ -66,6 +66,11 @@ class Checked:
     findings: tuple[Finding, ...]
     clock: str = "lockstep"
 
+    @property
+    def ok(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
 
 _USUAL = Conditions()
 

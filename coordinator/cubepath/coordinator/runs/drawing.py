@@ -75,8 +75,7 @@ def run_picture(
     InputError if the suffix is unknown, a move is not admissible or the file cannot be written.
 
     >>> played = play("hex:n=4")
-    >>> rounds = [[move.action for move in each.moves.values()] for each in played.rounds]
-    >>> run_picture(played.scene, rounds, normal_cube_path(played.path), "run.svg")
+    >>> run_picture(played.scene, played.steps, normal_cube_path(played.path), "run.svg")
     >>> Path("run.svg").read_text().count("<svg")
     1
     """

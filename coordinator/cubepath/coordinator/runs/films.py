@@ -67,8 +67,7 @@ def animate(
     file cannot be written.
 
     >>> played = play("hex:n=4")
-    >>> steps = [[move.action for move in each.moves.values()] for each in played.rounds]
-    >>> animate(played.scene, steps[:3], "film.gif")
+    >>> animate(played.scene, played.steps[:3], "film.gif")
     >>> from PIL import Image
     >>> with Image.open("film.gif") as film:
     ...     film.n_frames

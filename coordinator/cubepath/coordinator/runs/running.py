@@ -154,7 +154,7 @@ class Running:
     def _open(self) -> None:
         """Open the recording."""
         plan, task = self.plan, self._task
-        path = plan.log or Path("logs") / file_name(plan, task)
+        path = Path(plan.log) if plan.log else Path("logs") / file_name(plan, task)
         if plan.is_free and plan.resume is None and keeper_logs(path).exists():
             raise InputError(
                 f"{keeper_logs(path)}: exists already, expected no logs of another run"
