@@ -102,7 +102,7 @@ def test_modules_join_late_and_leave() -> None:
 
 def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
     """A process dies with its vehicle, which stays where it is; the others go on."""
-    options = {**FREE, "processes": 4, "max_rounds": 10**6}
+    options: dict[str, Any] = {**FREE, "processes": 4, "max_rounds": 10**6}
     run = cubepath_run("agv:graph=grid6x2,n=4", "random", **options)
     run.until_moves(3)
     (dead,) = run.run.modules_of("process_1")
@@ -117,7 +117,8 @@ def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
 
 
 def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> None:
-    run = cubepath_run(CHAIN, "random", **{**FREE, "on_crash": "stop", "max_rounds": 10**6})
+    options: dict[str, Any] = {**FREE, "on_crash": "stop", "max_rounds": 10**6}
+    run = cubepath_run(CHAIN, "random", **options)
     run.until_moves(2)
     run.kill("keeper_1")
     assert run.play().error == "keeper_1 has ended: killed by signal 9"

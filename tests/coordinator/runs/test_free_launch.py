@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -16,14 +15,13 @@ from typing import Any
 
 import pytest
 
-from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs import free_launch
-from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.resuming import keeper_logs
+from cubepath.coordinator.testing.fixtures import StartRun
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import read_recording
@@ -41,34 +39,12 @@ def sound(log: Path) -> None:
     assert found.ok, [check for check in found.checks if not check.ok]
 
 
-@pytest.fixture
-def fleets(monkeypatch: pytest.MonkeyPatch) -> list[FreeFleet]:
-    """Return the fleets that runs make, as they make them."""
-    made: list[FreeFleet] = []
-
-    class Seen(FreeFleet):
-        def begin(self, processes: Any = None) -> None:
-            made.append(self)
-            super().begin(processes)
-
-    monkeypatch.setattr(free_launch, "FreeFleet", Seen)
-    return made
-
-
-def wounded(
-    fleets: list[FreeFleet], name: str, plan: Plan, how: int = signal.SIGKILL, *, after: int = 4
-) -> Outcome:
-    """Run a plan, and do this to a process after some moves."""
-    done: list[str] = []
-
-    def watch(gathered: Gathered) -> None:
-        if not done and len(gathered.path) >= after:
-            done.append(name)
-            os.kill(fleets[0].pids[name], how)
-
-    outcome = run(plan, watch=watch)
-    assert done, "the run was over before"
-    return outcome
+def wounded(start: StartRun, plan: Plan, name: str, *, after: int = 4) -> Outcome:
+    """Run a plan, and kill a process after some moves."""
+    rig = start(plan, links=False, timeout_s=100)
+    rig.until_moves(after)
+    rig.kill(name)
+    return rig.play()
 
 
 @pytest.mark.slow
@@ -89,7 +65,7 @@ def test_a_run_is_on_record_and_holds(tmp_path: Path) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", ["process_0", "keeper_0", "keeper_1", "router"])
-def test_a_run_with_a_crash_holds(name: str, fleets: list[FreeFleet], tmp_path: Path) -> None:
+def test_a_run_with_a_crash_holds(name: str, cubepath_run: StartRun, tmp_path: Path) -> None:
     """Started again, its processes reach the goal by the same moves, and it says who died."""
     log = tmp_path / "run.mcap"
     plan = Plan(
@@ -101,7 +77,7 @@ def test_a_run_with_a_crash_holds(name: str, fleets: list[FreeFleet], tmp_path: 
         speeds=SLOW,
         log=log,
     )
-    outcome = wounded(fleets, name, plan)
+    outcome = wounded(cubepath_run, plan, name)
     assert outcome.goal_reached
     assert outcome.moves == 88
     sound(log)
@@ -113,20 +89,10 @@ def test_a_run_with_a_crash_holds(name: str, fleets: list[FreeFleet], tmp_path: 
 @pytest.mark.thorough
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_run_in_which_everything_dies_again_and_again_holds(
-    seed: int, fleets: list[FreeFleet], tmp_path: Path
+    seed: int, cubepath_run: StartRun, tmp_path: Path
 ) -> None:
     """The router, a keeper and a process, one after the other, each some moves after the last."""
     log = tmp_path / "run.mcap"
-    names = ["router", "keeper_0", "process_1", "router", "process_0", "keeper_1"]
-    due = [30]
-
-    def watch(gathered: Gathered) -> None:
-        if names and len(gathered.path) >= due[0]:
-            name = names[0]
-            if name in fleets[0].pids:  # otherwise it has not come back yet
-                os.kill(fleets[0].pids[names.pop(0)], signal.SIGKILL)
-                due[0] = len(gathered.path) + 60
-
     plan = Plan(
         system="agv:graph=grid6x6,n=6",
         rule="random",
@@ -139,9 +105,16 @@ def test_a_run_in_which_everything_dies_again_and_again_holds(
         max_rounds=300,
         log=log,
     )
-    outcome = run(plan, watch=watch)
-    assert outcome.ended == "max-rounds"
-    assert not names
+    rig = cubepath_run(plan, links=False, timeout_s=100)
+    due = 30
+    for name in ("router", "keeper_0", "process_1", "router", "process_0", "keeper_1"):
+        rig.until_moves(due)
+        while name not in rig.pids:  # it has not come back yet
+            rig.step()
+        rig.kill(name)
+        due = rig.moves + 60
+    assert rig.play().ended == "max-rounds"
+    assert len(rig.outcome.crashes) == 6
     sound(log)
 
 
@@ -163,7 +136,7 @@ def islands() -> Scene:
 
 @pytest.mark.thorough
 def test_the_living_reach_their_goals_where_the_dead_are_in_nobodys_way(
-    fleets: list[FreeFleet], tmp_path: Path
+    cubepath_run: StartRun, tmp_path: Path
 ) -> None:
     """One of two vehicles on two islands dies; the other goes to its goal, and the run says so."""
     system, log = tmp_path / "islands.toml", tmp_path / "run.mcap"
@@ -179,7 +152,7 @@ def test_the_living_reach_their_goals_where_the_dead_are_in_nobodys_way(
         patience=3.0,
         log=log,
     )
-    outcome = wounded(fleets, "process_0", plan, after=1)
+    outcome = wounded(cubepath_run, plan, "process_0", after=1)
     assert outcome.ended == "failed"
     assert outcome.error == "nothing was committed for 3 s; process_0 had died"
     sound(log)
@@ -253,11 +226,14 @@ def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
 
 
 @pytest.mark.thorough
-def test_a_keeper_that_stands_still_is_named(fleets: list[FreeFleet], tmp_path: Path) -> None:
+def test_a_keeper_that_stands_still_is_named(cubepath_run: StartRun, tmp_path: Path) -> None:
     """It has not died, so nobody else says what the run waits for."""
     log = tmp_path / "run.mcap"
     plan = Plan(system=CHAIN, clock="free", keepers=1, patience=5.0, speeds=SLOW, log=log)
-    outcome = wounded(fleets, "keeper_0", plan, signal.SIGSTOP)
+    rig = cubepath_run(plan, links=False, timeout_s=100)
+    rig.until_moves(4)
+    rig.pause("keeper_0")
+    outcome = rig.play()
     assert outcome.error == "nothing was committed for 5 s; keeper_0 did not answer"
 
 

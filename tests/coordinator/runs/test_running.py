@@ -13,7 +13,8 @@ import pytest
 from cubepath.coordinator.runs.asking import ask
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan, PlanOptions
-from cubepath.coordinator.runs.running import Overheard, Running, Tap
+from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.tap import Overheard, Tap
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.recordings.recording import read_recording

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from cubepath.coordinator.runs.launch import run
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.testing.fixtures import StartRun
 from cubepath.coordinator.testing.rig import Rig
 from cubepath.coordinator.testing.rules import Pattern
@@ -172,6 +173,15 @@ def test_what_a_command_said_is_told(cubepath_run: StartRun) -> None:
     assert "died in round 2" in found or "died in round 1" in found
     assert "mine: process id " in found
     assert "stderr: here" in found
+
+
+def test_a_plan_says_itself_what_it_asks_for(cubepath_run: StartRun, tmp_path: Path) -> None:
+    """Its seed, processes and log are not those of the test; what is named beside it counts."""
+    plan = Plan(SYSTEM, seed=7, processes=0, log=tmp_path / "own.mcap", max_rounds=2)
+    rig = cubepath_run(plan, max_rounds=1)
+    assert rig.play().rounds == 1
+    assert (rig.run.plan.seed, rig.run.plan.processes) == (7, 0)
+    assert rig.path == tmp_path / "own.mcap"
 
 
 def test_with_rounds_nobody_is_started_again(cubepath_run: StartRun) -> None:

@@ -45,6 +45,13 @@ class CubepathEnv(ParallelEnv[str, Observation, int | None], EzPickle):
     counts as stay and is marked ``illegal`` in the infos. All agents share one reward: the change
     in the fraction of goal places that are taken. The episode terminates when the goal is reached,
     and is truncated after `max_cycles` rounds.
+
+    >>> env = CubepathEnv("hex:n=3")
+    >>> seen, infos = env.reset(seed=1)
+    >>> actions = {name: int(each["action_mask"].nonzero()[0][-1]) for name, each in seen.items()}
+    >>> seen, rewards, ended, cut, infos = env.step(actions)
+    >>> len(env.last_round.moves), env.state().shape
+    (2, (3, 2))
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable

@@ -44,6 +44,13 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
     and `jitter` (the time between two turns is 1 - jitter to 1 + jitter times the average);
     ``"unfair"``, which prefers those that acted last; ``"turns"``. `lag` shows agents what is up to
     so many commits old. What is attempted follows from the seed and the actions.
+
+    >>> env = FreeEnv("hex:n=3", max_cycles=20)
+    >>> env.reset(seed=1)
+    >>> first = env.agent_selection
+    >>> env.step(int(env.observe(first)["action_mask"].nonzero()[0][-1]))
+    >>> env.infos[first]["committed"]
+    True
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 - PettingZoo types it as an instance variable

@@ -40,6 +40,11 @@ class Played:
         return tuple(move.action for each in self.rounds for move in each.moves.values())
 
     @property
+    def steps(self) -> tuple[tuple[Action, ...], ...]:
+        """The edge path round by round, as pictures and films take it."""
+        return tuple(tuple(move.action for move in each.moves.values()) for each in self.rounds)
+
+    @property
     def placed(self) -> tuple[GeneratorPlacement, ...]:
         """The edge path, each move as a generator and a place."""
         return tuple(
@@ -68,6 +73,9 @@ def play(
     >>> played = play("hex:n=4", seed=1)
     >>> played.reached, len(played.rounds), len(played.path), played.sites[0]
     (True, 14, 18, (3, 1))
+    >>> first = played.placed[0]
+    >>> first.generator, first.at
+    ('pivot-2-right', (1, -1))
     """
     scene, rule = scene_and_rule(system, rule)
     if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):

@@ -105,6 +105,9 @@ class DictWorlds:
 class ModulesVecEnv(VecEnv):  # type: ignore[misc, unused-ignore]
     """Environments of one scene for Stable-Baselines3; `sb3_env` makes and documents it."""
 
+    _seeds: list[int | None]
+    """The seed of each row's next reset."""
+
     def __init__(
         self, worlds: Worlds, modules: int, observation_space: spaces.Box, actions: int
     ) -> None:

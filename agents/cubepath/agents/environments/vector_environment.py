@@ -46,6 +46,11 @@ class CubepathVectorEnv(VectorEnv[Arrays, NDArray[Any], NDArray[Any]]):
 
     An environment whose episode is over is reset as `autoreset_mode` says. The first episode has
     the seed that `reset` was given, later ones draw theirs from a stream of it.
+
+    >>> env = CubepathVectorEnv("hex:n=3", num_envs=4)
+    >>> seen, infos = env.reset(seed=1)
+    >>> seen["observation"].shape[:2], seen["action_mask"].shape
+    ((4, 3), (4, 3, 13))
     """
 
     def __init__(

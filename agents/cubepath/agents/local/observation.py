@@ -102,6 +102,12 @@ def observe(
       the note heard from each place within reach; `SILENT` if none was, and for unused slots;
     - ``register`` under the free clock, if it is given: int32, shape ``(note_length,)``, the
       module's own note, which others may exchange; `SILENT` if it is empty.
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> standing = {site: site for site in scene.start}
+    >>> seen = observe(scene.system, (0, 0), standing, goals=frozenset(scene.goals[0]))
+    >>> seen["observation"].shape, seen["action_mask"].nonzero()[0].tolist()
+    ((39,), [0, 7, 12])
     """
     place = system.place_of(site)
     numbers = [*system.encode_site(site), int(place in goals or site in goals)]

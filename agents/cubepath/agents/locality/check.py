@@ -66,6 +66,11 @@ class Checked:
     findings: tuple[Finding, ...]
     clock: str = "lockstep"
 
+    @property
+    def ok(self) -> bool:
+        """Whether nothing was found."""
+        return not self.findings
+
 
 _USUAL = Conditions()
 
@@ -308,6 +313,10 @@ def check_rule(
     By default these are a small and a larger scene of each family that it is for. `progress` is
     called for each play. The answer follows from the rule, the scenes and the seed; InputError if
     there is no such rule, or it is for none of the scenes.
+
+    >>> found = check_rule("random", ["agv:graph=P3,n=1"])
+    >>> found.systems, found.findings
+    (('agv:graph=P3,n=1',), ())
     """
     if clock not in PERIOD:
         raise InputError(f"clock={clock!r}: expected one of {', '.join(PERIOD)}")

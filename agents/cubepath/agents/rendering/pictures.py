@@ -28,6 +28,10 @@ def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> ND
 
     The width is even and depends only on the scene, so all frames of a film have the same size. If
     modules leave the frame of start and goal, the picture shows more, at a smaller scale.
+
+    >>> scene = scene_from_spec("hex:n=5")
+    >>> draw_pixels(scene, scene.start, height=120).shape
+    (120, 166, 3)
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415

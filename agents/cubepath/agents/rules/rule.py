@@ -86,6 +86,12 @@ class FreeRule:
     """How a rule holds without rounds: `why` it does, and what it is made by there.
 
     Without a `make` of its own it is made as under the lockstep clock.
+
+    >>> from dataclasses import replace
+    >>> rule = policy_rule("last", lambda observation, action_mask: action_mask.nonzero()[0][-1])
+    >>> free = replace(rule, free=FreeRule(why="nothing beyond the support of a move matters"))
+    >>> play_free("hex:n=3", free, max_cycles=5).turns
+    15
     """
 
     why: str

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from cubepath.agents.local.observation import SILENT, STAY, observation_length
 from cubepath.agents.rules.actor import blamed_on
+from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.streams import HESITATE, RULE
 from cubepath.agents.rules.vector_rule import Chosen, Seen, Streams, VectorKnowledge, VectorRule
@@ -28,13 +29,18 @@ _CHECK_STEPS = 1
 
 
 def vector_actors_for(
-    scene: Scene, rule: RuleType, *, seeds: Sequence[int], hesitate: float = 0.0
+    system: str | Scene,
+    rule: str | RuleType | None = None,
+    *,
+    seeds: Sequence[int],
+    hesitate: float = 0.0,
 ) -> VectorActors | None:
     """Return the actors of one environment of the scene for each seed.
 
-    None if the rule has no vectorised form for the scene. InputError if it does not fit the scene,
-    RuleError if it fails, as for `actors_for`.
+    `system` and `rule` may be names, as for `play`. None if the rule has no vectorised form for the
+    scene. InputError if it does not fit the scene, RuleError if it fails, as for `actors_for`.
     """
+    scene, rule = scene_and_rule(system, rule)
     if rule.vectorised is None or not rule.fits(scene.system):
         return None
     modules = len(scene.start)
@@ -68,6 +74,15 @@ class VectorActors:
     `vector_actors_for` makes it. `notes`, int32 of shape (E, n, note length), is what each module
     said last, zeros before it has said anything. `failed` says of each environment in which a
     module gave up in the last round which it was, the first of them, and why: ``module_3: no way``.
+
+    >>> import numpy as np
+    >>> env = CubepathVectorEnv("agv:graph=grid3x3,n=2", num_envs=3)
+    >>> seen, infos = env.reset(seed=1)
+    >>> actors = vector_actors_for(env.scene, "random", seeds=[1, 2, 3])
+    >>> actions = np.zeros((3, 2), np.int32)
+    >>> actors.act(seen["observation"], seen["action_mask"], None, actions)
+    >>> actions.tolist(), actors.failed
+    ([[1, 2], [0, 2], [1, 1]], {})
     """
 
     def __init__(

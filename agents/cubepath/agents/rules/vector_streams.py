@@ -186,6 +186,10 @@ def draw_below(streams: Streams, environment: int, module: int, bound: int) -> n
     """Draw a number from 0 to `bound` - 1 from a module's stream: ``Generator.integers(bound)``.
 
     `bound` is at most 2^32 - 1. If it is 1 or less, the result is 0, and nothing is drawn.
+
+    >>> streams = streams_of([7], modules=2, purpose=1)
+    >>> [int(draw_below(streams, 0, 1, 6)) for draw in range(4)]
+    [4, 2, 5, 5]
     """
     if bound <= 1:
         return _whole(0)

@@ -9,18 +9,25 @@ from cubepath.coordinator.auditing.free_playing import FreePlaying
 from cubepath.coordinator.auditing.playing import Playing
 from cubepath.coordinator.verification.findings import Progress, Verification
 from cubepath.coordinator.verification.recording import verify
-from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.recordings.recording import Recording, recording_of
 
 
-def audit(recording: Recording, progress: Progress | None = None) -> Verification:
-    """Verify a recording, the check `choices` included: each module chose as its rule does.
+def audit(recording: Recording | Source, progress: Progress | None = None) -> Verification:
+    """Verify a recording or its file, `choices` included: each module chose as its rule does.
 
     Where the rule is not installed, or the recording does not say how it chose, that check is
-    marked as not checked. Nothing is raised, unless the file is changed while it is read.
+    marked as not checked. Nothing is raised, unless the file cannot be read, or is changed while it
+    is read.
+
+    >>> found = audit("logs/golden/hex-5.mcap")
+    >>> found.ok, [check.checked for check in found.checks if check.name == "choices"]
+    (True, [True])
     """
+    found = recording_of(recording)
     return verify(
-        recording,
+        found,
         progress,
-        player=lambda: Playing(recording),
-        free_player=lambda: FreePlaying(recording),
+        player=lambda: Playing(found),
+        free_player=lambda: FreePlaying(found),
     )

@@ -56,7 +56,7 @@ def _check_rule(options: argparse.Namespace) -> int:
         )
     seconds = time.monotonic() - began
     answer(options, _document(found, seconds), _text(found, seconds))
-    return FAILED if found.findings else DONE
+    return DONE if found.ok else FAILED
 
 
 def _document(found: Checked, seconds: float) -> dict[str, object]:
@@ -65,7 +65,7 @@ def _document(found: Checked, seconds: float) -> dict[str, object]:
         "clock": found.clock,
         "seed": found.seed,
         "systems": list(found.systems),
-        "local": not found.findings,
+        "local": found.ok,
         "findings": [{"kind": each.kind, "text": each.text} for each in found.findings],
         "modules": found.modules,
         "choices": found.choices,

@@ -65,7 +65,13 @@ class Surface:
 
 
 def surface(complex_: CubicalComplex) -> Surface:
-    """Return the closed surface that the complex is, or why it is not one."""
+    """Return the closed surface that the complex is, or why it is not one.
+
+    >>> built = state_complex(explore(scene_from_spec("agv:graph=K5,n=2")))
+    >>> found = surface(built.complex)
+    >>> found.closed, found.name
+    (True, 'closed non-orientable surface, Euler characteristic -5')
+    """
     dimension = max((k for k, count in enumerate(complex_.f_vector) if count), default=-1)
     if dimension < 0:
         return Surface(flaw="it is empty")

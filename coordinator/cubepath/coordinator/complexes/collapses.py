@@ -50,6 +50,11 @@ def collapse(complex_: CubicalComplex) -> Collapsed:
     Greedy. If more than a point is left of a complex with Euler characteristic 1, other orders are
     tried, `ORDERS` in all and always the same; the one that leaves the fewest cubes counts.
     Linear in the number of faces for each order.
+
+    >>> ring = state_complex(explore(scene_from_spec("agv:graph=C4,n=1"))).complex
+    >>> found = collapse(ring)
+    >>> found.left, found.contractible
+    ((4, 4), False)
     """
     cells = incidence(complex_)
     above = cofaces(cells.faces)
@@ -72,6 +77,10 @@ def contractibility(complex_: CubicalComplex, homology: Homology) -> str:
 
     "not contractible" if the homology is not that of a point, else "collapses to a point" if a
     collapse to one was found, else "acyclic, not shown contractible".
+
+    >>> line = state_complex(explore(scene_from_spec("agv:graph=P4,n=1"))).complex
+    >>> contractibility(line, homology(line))
+    'collapses to a point'
     """
     if not homology.acyclic:
         return "not contractible"

@@ -76,7 +76,13 @@ class CubicalComplex:
 
 
 def complex_from_faces(faces: Sequence[object]) -> CubicalComplex:
-    """Return a complex from nested lists of face numbers, for small examples."""
+    """Return a complex from nested lists of face numbers, for small examples.
+
+    >>> square = complex_from_faces([4, [[0, 1], [2, 3], [0, 2], [1, 3]], [[[0, 1], [2, 3]]]])
+    >>> square.check()
+    >>> square.f_vector, square.euler, homology(square).betti
+    ((4, 4, 1), 1, (1, 0, 0))
+    """
     return CubicalComplex(
         tuple(
             np.asarray(found, dtype=np.int32).reshape(-1, k, 2) if k else _points(found)

@@ -96,12 +96,20 @@ def largest_cubes(complex_: CubicalComplex) -> NDArray[np.int64]:
     return above if complex_.dimension >= 2 else np.empty(0, dtype=np.int64)
 
 
-def draw_complex(complex_: CubicalComplex, path: Path, title: str = "") -> None:
+def draw_complex(complex_: CubicalComplex, path: Path | str, title: str = "") -> None:
     """Draw the complex to a file: in the plane up to dimension 1, else in space.
 
     Squares are coloured by the dimension of the largest cube that they are in. InputError for more
     than `VERTICES_MAX` vertices, an unknown suffix, or a file that cannot be written.
+
+    >>> found = state_complex(explore(scene_from_spec("agv:graph=K5,n=2"))).complex
+    >>> draw_complex(found, "agv.png", title="two vehicles on K5")
+    >>> from PIL import Image
+    >>> with Image.open("agv.png") as picture:
+    ...     picture.format
+    'PNG'
     """
+    path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: expected a picture's suffix, one of {', '.join(SUFFIXES)}")
     if not 0 < complex_.f_vector[0] <= VERTICES_MAX:

@@ -91,6 +91,10 @@ def explore(
     If there are more, the exploration stops within some dozens of states after it has found that. A
     non-local system is explored the same way; whatever its global rule forbids is not a state. The
     start always counts as a state.
+
+    >>> found = explore(scene_from_spec("agv:graph=K5,n=2"))
+    >>> found.complete, len(found.starts) - 1
+    (True, 10)
     """
     walk = _Walk(scene)
     while walk.done < walk.known and walk.allowed <= max_states:

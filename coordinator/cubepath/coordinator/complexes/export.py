@@ -100,10 +100,14 @@ def _action(action: Action) -> dict[str, Any]:
     }
 
 
-def write_complex(built: Complex, path: Path) -> None:
+def write_complex(built: Complex, path: Path | str) -> None:
     """Write the complex as JSON; the file is either complete or unchanged.
 
     InputError if it cannot be written.
+
+    >>> write_complex(state_complex(explore(scene_from_spec("agv:graph=C4,n=1"))), "ring.json")
+    >>> msgspec.json.decode(Path("ring.json").read_bytes())["states"]
+    [[0], [1], [3], [2]]
     """
     data = msgspec.json.encode(complex_document(built))
     with written_whole(path) as stream:

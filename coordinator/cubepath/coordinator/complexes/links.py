@@ -85,6 +85,11 @@ def check_links(complex_: CubicalComplex) -> Links:
     the k ends of edges there (both ends of an edge may occur). The condition holds iff no two
     simplices have the same vertices, no simplex has a vertex twice, and the link has as many
     simplices of each dimension as its graph has cliques of that size.
+
+    >>> built = state_complex(explore(scene_from_spec("agv:graph=K5,n=2")))
+    >>> found = check_links(built.complex)
+    >>> found.checked, found.npc
+    (10, True)
     """
     vertices = complex_.f_vector[0] if complex_.faces else 0
     bad: dict[int, Failing] = {}

@@ -48,6 +48,10 @@ def unfilled(scene: Scene, state: State) -> list[tuple[Action, ...]]:
 
     Each has at least three actions; any proper subset of them spans a cube, but all together do
     not. A local system has none (the paper's theorem on non-positive curvature).
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> unfilled(scene, scene.start_state)
+    []
     """
     actions = actions_at(scene, state)
     filled: set[tuple[int, ...]] = {(number,) for number in range(len(actions))}

@@ -54,6 +54,11 @@ def macro(
     ignored here. CheckError if the second shape cannot be reached, or not within `most` shapes.
     InputError if the system is not local or has no lattice, or if the shapes are empty or differ in
     size.
+
+    >>> system = scene_from_spec("hex:n=3").system
+    >>> plan = macro(system, [(0, 0), (1, 0), (2, 0)], [(0, 0), (0, 1), (0, 2)])
+    >>> len(plan.cubes), sorted(plan.end)
+    (1, [(0, 0), (0, 1), (0, 2)])
     """
     if not system.local:
         raise InputError("a macro of a system that is not local: its shapes have no complex")
@@ -124,6 +129,12 @@ def lift(system: System, plan: Macro, at: Cell) -> Lift:
 
     Every module must start on a free place, and each action must exist in the system and be
     admissible when its turn comes; otherwise the refusal says which one fails, and why.
+
+    >>> system = scene_from_spec("hex:n=3").system
+    >>> plan = macro(system, [(0, 0), (1, 0), (2, 0)], [(0, 0), (0, 1), (0, 2)])
+    >>> done = lift(system, plan, (5, 5))
+    >>> done.refusal, len(done.cubes)
+    (None, 1)
     """
     lattice = _lattice(system)
     if len(at) != lattice.dimension or any(type(number) is not int for number in at):

@@ -103,7 +103,12 @@ def shape_complex(
     max_states: int = MAX_STATES,
     progress: Callable[[int, int], None] | None = None,
 ) -> ShapeComplex:
-    """Return the shape complex; CheckError if it has more than `max_states` shapes."""
+    """Return the shape complex; CheckError if it has more than `max_states` shapes.
+
+    >>> found = shape_complex(scene_from_spec("hex:n=2"))
+    >>> found.complex.f_vector
+    (3, 6)
+    """
     system, lattice = scene.system, lattice_of(scene)
     first, _ = normal_place(lattice, frozenset(scene.start))
     number: dict[Shape, int] = {first: 0}

@@ -8,7 +8,7 @@ alone, and has a row with the reason if that ends in the same way.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -38,6 +38,11 @@ class Workers(Protocol):
 
     count: int
     """How many workers there are, once they are started."""
+
+    @property
+    def play(self) -> Callable[[Batch, Path | None], list[Finished]]:
+        """Return what a worker calls with a batch."""
+        ...
 
     def start(self) -> Executor:
         """Return an executor that works; InputError if there can be none."""
@@ -118,7 +123,7 @@ class _Playing:
 
     def _submit(self, executor: Executor, batch: Batch) -> None:
         try:
-            future = executor.submit(play_batch, batch, self.recordings)
+            future = executor.submit(self.workers.play, batch, self.recordings)
         except BrokenExecutor as error:
             future = Future()
             future.set_exception(error)

@@ -27,6 +27,10 @@ class StandardInstance:
     least number of cubes that is known, `moves` the number of moves of `schedule`, a cubes file
     that attains it. No schedule has fewer than `bound` cubes, whatever its homotopy class; `how`
     says in words how the two are known.
+
+    >>> one = next(each for each in standard() if each.name == "hex-6")
+    >>> one.system, one.best, one.bound, one.proved
+    ('hex:n=6', 18, 18, True)
     """
 
     name: str

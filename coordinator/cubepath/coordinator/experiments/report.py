@@ -50,6 +50,11 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
 
     The files are written to `out`, by default the folder ``report`` in that of the sweep. Returns
     the tables, too. InputError if the folder is no sweep's, has no runs, or cannot be written to.
+
+    >>> results = sweep("hex:n=4..6", rules="chain", seeds=2, out="results")
+    >>> report = write_report("results")
+    >>> report.runs, report.files[0].name
+    (6, 'report.html')
     """
     results = read_sweep(folder)
     if not results.rows:

@@ -44,6 +44,9 @@ class FaultRates:
     that a module process dies before a message that it takes: with rounds that ends the run,
     without rounds another takes its place after a second. `slow` is the share of modules that take
     `slow_factor` times as long as the others for a turn.
+
+    >>> FaultRates(loss=0.1, slow=0.5).text()
+    'loss=0.1,slow=0.5'
     """
 
     loss: float = 0.0

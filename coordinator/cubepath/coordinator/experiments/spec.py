@@ -62,6 +62,11 @@ class Sweep:
     `processes` and `keepers` are those of a run with messages. `optimum` asks for the least number
     of cubes between start and goal, by a search that keeps so many states at most, and `improve`
     for the best path that a search of so many steps finds, in any class.
+
+    >>> from cubepath.coordinator import sweep
+    >>> plan = Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))
+    >>> len(sweep(plan).rows)
+    4
     """
 
     systems: tuple[str, ...]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from concurrent.futures import Executor, wait
+from typing import Any
 
 import numpy as np
 
@@ -51,6 +52,6 @@ def _compile_rule(rule: str, system: str) -> None:
         return
     env = CubepathEnv(scene, note_length=kind.length(len(scene.start)))
     seen = list(env.reset(seed=0)[0].values())
-    columns = {name: np.array([[each[name] for each in seen]]) for name in seen[0]}
+    columns: dict[str, Any] = {name: np.array([[each[name] for each in seen]]) for name in seen[0]}
     out = np.zeros((1, len(seen)), np.int32)
     actors.act(columns["observation"], columns["action_mask"], columns.get("notes"), out)

@@ -5,6 +5,7 @@ Room: coordinator.
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 import time
 from pathlib import Path
@@ -19,6 +20,9 @@ from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.recordings.recording import read_recording
 
+_TRIES = 3
+_scratch: set[str] = set()
+"""Folders with recordings that nobody asked for."""
 _GAVE_UP = "module_"
 """How the error of a run begins if a rule gave up."""
 
@@ -35,7 +39,18 @@ def play_on_wire(setting: Setting, facts: SceneFacts, seed: int, log: Path | Non
         played.recording = log.name
         return played
     with tempfile.TemporaryDirectory(prefix="cubepath-sweep-") as folder:
-        return _played(setting, facts, seed, Path(folder) / "run.mcap")
+        _scratch.add(folder)
+        try:
+            return _played(setting, facts, seed, Path(folder) / "run.mcap")
+        finally:
+            _scratch.discard(folder)
+
+
+def discard_scratch() -> None:
+    """Remove the folders of runs that are played now; for a process that has to end at once."""
+    for folder in sorted(_scratch):
+        for _ in range(_TRIES):  # the run may be writing there still
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _played(setting: Setting, facts: SceneFacts, seed: int, log: Path) -> PlayedRun:

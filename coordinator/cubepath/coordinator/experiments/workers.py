@@ -13,13 +13,18 @@ import threading
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from multiprocessing.connection import wait
 from multiprocessing.context import SpawnContext, SpawnProcess
+from pathlib import Path
 from typing import Any
 
+from cubepath.coordinator.experiments.playing import play_batch
+from cubepath.coordinator.experiments.rows import Finished
+from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.wire_core import discard_scratch
 from cubepath.protocol.core.errors import CheckError, InputError
 
-_END_S_MAX = 5.0
+_END_S_MAX = 10.0
 _CONNECT_S = 10
-_ORPHAN = 3
+_ENDED = 3
 
 
 def cores() -> int:
@@ -41,8 +46,24 @@ class _Spawning(SpawnContext):
         return process
 
 
+def _end() -> None:
+    discard_scratch()
+    os._exit(_ENDED)
+
+
+def play_or_end(batch: Batch, recordings: Path | None) -> list[Finished]:
+    """Play a batch in a process of a pool, which ends if a run of it is told to."""
+    try:
+        return play_batch(batch, recordings)
+    except KeyboardInterrupt:  # which the pool would take for an answer, and go on
+        _end()
+        raise
+
+
 class Pool:
     """Processes of this machine, which end with this one."""
+
+    play = staticmethod(play_or_end)
 
     def __init__(self, count: int) -> None:
         """Have so many."""
@@ -99,6 +120,8 @@ def _begin() -> None:
     """Leave interrupts to the process that hands out the work, and end when that has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    # A run in processes of its own handles this itself, to end them; see `play_or_end`.
+    signal.signal(signal.SIGTERM, lambda *_: _end())
     parent = multiprocessing.parent_process()
     if parent is not None:
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
@@ -106,11 +129,13 @@ def _begin() -> None:
 
 def _end_with(sentinel: int) -> None:
     wait([sentinel])
-    os._exit(_ORPHAN)
+    _end()
 
 
 class Cluster:
     """The workers of a dask cluster that is there already."""
+
+    play = staticmethod(play_batch)
 
     def __init__(self, address: str) -> None:
         """Name the scheduler by its address; nothing is connected to yet."""

@@ -106,6 +106,11 @@ def durations_of(moves: Sequence[PathMove], durations: Durations) -> list[Fracti
     two names. InputError if a duration is given that fits no move of the path, or if two equal
     moves take different times: a move is what it does, whatever its name, so equal moves are
     interchangeable.
+
+    >>> from fractions import Fraction
+    >>> path = shorten(play("hex:n=3")).given.moves
+    >>> set(durations_of(path, Durations(default=Fraction(3, 2))))
+    {Fraction(3, 2)}
     """
     unused = durations.unused(move.name for move in moves) if moves else None
     if unused is not None:

@@ -13,7 +13,12 @@ from cubepath.coordinator.paper.registry import Claim, Row
 
 
 def all_claims() -> tuple[Claim, ...]:
-    """Return all claims in the order of the paper."""
+    """Return all claims in the order of the paper.
+
+    >>> claim = all_claims()[0]
+    >>> claim.item, claim.expected
+    ('2, definition of an action', True)
+    """
     found = (
         *examples.CLAIMS,
         *topology.CLAIMS,
@@ -27,7 +32,12 @@ def all_claims() -> tuple[Claim, ...]:
 def compute_claims(
     claims: Iterable[Claim], progress: Callable[[Row], object] | None = None
 ) -> list[Row]:
-    """Compute the claims one after another; `progress` is called with each row when it is done."""
+    """Compute the claims one after another; `progress` is called with each row when it is done.
+
+    >>> for row in compute_claims(all_claims()[:1]):
+    ...     print(row.item, row.agrees)
+    2, definition of an action True
+    """
     rows = []
     for each in claims:
         began = perf_counter()

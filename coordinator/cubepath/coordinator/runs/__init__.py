@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.outcome import Outcome
     from cubepath.coordinator.runs.plan import Plan, task_of
     from cubepath.coordinator.runs.playback import Replayed, replay
-    from cubepath.coordinator.runs.running import Overheard, Running, Tap
+    from cubepath.coordinator.runs.running import Running
+    from cubepath.coordinator.runs.tap import Overheard, Tap
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -42,7 +43,8 @@ else:
             "outcome": "Outcome",
             "plan": "Plan task_of",
             "playback": "Replayed replay",
-            "running": "Overheard Running Tap",
+            "running": "Running",
+            "tap": "Overheard Tap",
         },
     )
 

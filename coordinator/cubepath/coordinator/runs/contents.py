@@ -13,9 +13,10 @@ import msgspec
 
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.counts import Counts
 from cubepath.protocol.recordings.description import FORMATS
-from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import Certified, Edges, Message, Refused, Summary, decode
 
 _VERSIONS = ("cubepath", "python", "eclipse-zenoh", "mcap", "pettingzoo", "numpy", "platform")
@@ -40,17 +41,17 @@ _ENDED = {
 }
 
 
-def info(recording: Recording) -> dict[str, Any]:
-    """Return the contents of a recording as one JSON document; what is not on record is None.
+def info(recording: Recording | Source) -> dict[str, Any]:
+    """Return the contents of a recording, or of its file, as JSON; what is not on record is None.
 
     The numbers are those of its summary. If it has none, rounds and moves are counted from the
     coordinator's edges. Of a file that is whole only its end is read.
 
-    >>> from pathlib import Path
-    >>> found = info(read_recording(Path("logs/golden/hex-5.mcap")))
+    >>> found = info("logs/golden/hex-5.mcap")
     >>> found["rounds"], found["moves"], found["ended"]
     (29, 28, 'goal')
     """
+    recording = recording_of(recording)
     parameters = recording.parameters
     summary, rounds, moves = _result(recording)
     counts = recording.counts()

@@ -54,7 +54,7 @@ def run_picture(
     scene: Scene,
     rounds: Steps,
     cubes: Steps,
-    path: Path,
+    path: Path | str,
     *,
     found: NormalForm | None = None,
     step_name: str = "round",
@@ -73,6 +73,11 @@ def run_picture(
     cubes.
 
     InputError if the suffix is unknown, a move is not admissible or the file cannot be written.
+
+    >>> played = play("hex:n=4")
+    >>> run_picture(played.scene, played.steps, normal_cube_path(played.path), "run.svg")
+    >>> Path("run.svg").read_text().count("<svg")
+    1
     """
     check_suffix(path, PICTURE_SUFFIXES)
     executed = [list(actions) for actions in rounds]
@@ -85,9 +90,9 @@ def run_picture(
     save_figure(figure, path)
 
 
-def check_suffix(path: Path, known: Sequence[str]) -> None:
+def check_suffix(path: Path | str, known: Sequence[str]) -> None:
     """Raise InputError if a name has none of the known suffixes."""
-    if path.suffix.lower() not in known:
+    if Path(path).suffix.lower() not in known:
         raise InputError(f"{path}: expected a name that ends in {' or '.join(known)}")
 
 
@@ -320,7 +325,7 @@ def _draw_boxes(axes: Axes, cells: Sequence[tuple[int, int]], half: int, **style
     axes.add_collection(PolyCollection(shapes, zorder=2, **style), autolim=False)
 
 
-def save_figure(figure: Figure, path: Path) -> None:
+def save_figure(figure: Figure, path: Path | str) -> None:
     """Draw everything first and then write the file, so that no file is left half written.
 
     InputError if the suffix is unknown or the file cannot be written.
@@ -329,7 +334,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
     check_suffix(path, PICTURE_SUFFIXES)
 
-    kind = path.suffix.lower()[1:]
+    kind = Path(path).suffix.lower()[1:]
     # No dates and no random names, so that the same run gives the same bytes.
     undated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     buffer = io.BytesIO()

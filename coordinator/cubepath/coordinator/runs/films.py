@@ -50,7 +50,7 @@ def _check_frame_rate(rate: float) -> None:
 def animate(
     scene: Scene,
     steps: Steps,
-    path: Path,
+    path: Path | str,
     *,
     step_name: str = "round",
     frames_per_second: float = FRAMES_PER_SECOND,
@@ -65,6 +65,13 @@ def animate(
 
     InputError if the suffix is unknown, the rate is impossible, a move is not admissible or the
     file cannot be written.
+
+    >>> played = play("hex:n=4")
+    >>> animate(played.scene, played.steps[:3], "film.gif")
+    >>> from PIL import Image
+    >>> with Image.open("film.gif") as film:
+    ...     film.n_frames
+    4
     """
     check_suffix(path, FILM_SUFFIXES)
     _check_frame_rate(frames_per_second)

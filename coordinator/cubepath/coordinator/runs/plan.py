@@ -51,6 +51,10 @@ class Plan:
     means the system of the recording, otherwise "hex". The run ends where the schedule stops, or
     with `repair` the modules follow the rule from there. `max_rounds` None allows as many rounds as
     the schedule needs, and `MAX_ROUNDS` for the rule.
+
+    >>> plan = Plan("agv:graph=grid3x3,n=2", "random", max_rounds=10, processes=0)
+    >>> run(plan, seed=4, log="logs/planned.mcap").rounds
+    10
     """
 
     system: str | Scene | None = None

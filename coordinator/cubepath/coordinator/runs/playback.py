@@ -25,8 +25,9 @@ from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.sites import site_from_json
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Record, Recording, recording_of
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.free_messages import decode_free, free_key
 from cubepath.protocol.wire.keys import everything, key_of, topic_in_key, topic_key
@@ -102,7 +103,7 @@ class Replayed:
 
 
 def replay(
-    recording: Recording,
+    recording: Recording | Source,
     *,
     rate: float | None = None,
     kinds: Collection[str] | None = None,
@@ -116,10 +117,16 @@ def replay(
     (as fast as possible if None); `kinds` are the kinds of `SAID` or `FREE_SAID` to put (all of
     them if None), and `endpoint` is where the router listens, for example "tcp/127.0.0.1:7447";
     None means a unix socket at which others of this user can listen. InputError for bad options and
-    malformed messages; CheckError if reports contradict each other or messages do not arrive.
+    malformed messages, and if a path is no recording; CheckError if reports contradict each other
+    or messages do not arrive.
+
+    >>> found = replay("logs/golden/hex-5.mcap")
+    >>> found.same, found.rounds, found.moves
+    (True, 29, 28)
     """
     if rate is not None and not rate > 0:
         raise InputError(f"rate={rate}: expected more than 0 rounds a second")
+    recording = recording_of(recording)
     said, gathered = (
         (FREE_SAID, {"moved", "tail"})
         if recording.clock == "free"

@@ -9,14 +9,11 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol, Self, TypeAlias
-
-import msgspec
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.processes.fleet import Fleet
@@ -31,6 +28,7 @@ from cubepath.coordinator.runs.outcome import Outcome, outcome_of
 from cubepath.coordinator.runs.plan import Plan, Task, check_topics, file_name, parameters_of
 from cubepath.coordinator.runs.plan import task_of as checked
 from cubepath.coordinator.runs.resuming import keeper_logs, resumed
+from cubepath.coordinator.runs.tap import Overheard, Tap
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -44,54 +42,8 @@ from cubepath.protocol.wire.sessions import check_descriptors
 
 Watch: TypeAlias = Callable[[Gathered], None]
 Say: TypeAlias = Callable[[str], None]
-Hear: TypeAlias = Callable[["Overheard"], None]
-TAP_MAX = 1_000_000
-"""So many messages wait in a tap at most; then the oldest are dropped, and counted."""
+Hear: TypeAlias = Callable[[Overheard], None]
 _TIMEOUT_S = 60.0
-
-
-class Overheard(msgspec.Struct, frozen=True):
-    """A message of a run, or a part of one: a claim comes in a `said`, a turn in `turns`."""
-
-    kind: str
-    round: int
-    """The round, or the level."""
-    message: Any
-    """The message as `cubepath.protocol` has it: a `Claim`, a `Report`, a `Moved` ..."""
-    wall_ns: int
-
-
-class Tap:
-    """What was heard since it was opened, and was not taken yet: an iterator that does not wait.
-
-    With `kinds`, messages and parts of these kinds alone.
-    """
-
-    def __init__(self, kinds: tuple[str, ...] = (), most: int = TAP_MAX) -> None:
-        """Hold nothing yet."""
-        self.dropped = 0
-        """How many were dropped because nobody took them."""
-        self._kinds = frozenset(kinds)
-        self._waiting: deque[Overheard] = deque()
-        self._most = most
-
-    def __len__(self) -> int:
-        """Return how many messages wait."""
-        return len(self._waiting)
-
-    def __iter__(self) -> Iterator[Overheard]:
-        """Take what waits, in the order in which it was heard."""
-        while self._waiting:
-            yield self._waiting.popleft()
-
-    def hear(self, overheard: Overheard) -> None:
-        """Put a message behind those that wait."""
-        if self._kinds and overheard.kind not in self._kinds:
-            return
-        if len(self._waiting) >= self._most:
-            self._waiting.popleft()
-            self.dropped += 1
-        self._waiting.append(overheard)
 
 
 class _Driver(Protocol):
@@ -121,6 +73,13 @@ class Running:
 
     `watch` is called after each round, and without rounds now and then; `say` is told in a line
     where others can join, who is waited for, and who died.
+
+    >>> with start("hex:n=3", log="logs/steps.mcap", processes=1) as run:
+    ...     while run.step() and run.status.moves < 3:
+    ...         pass
+    ...     status = run.status
+    >>> status.round, status.moves, run.outcome.ended
+    (3, 3, 'interrupted')
     """
 
     def __init__(
@@ -195,7 +154,7 @@ class Running:
     def _open(self) -> None:
         """Open the recording."""
         plan, task = self.plan, self._task
-        path = plan.log or Path("logs") / file_name(plan, task)
+        path = Path(plan.log) if plan.log else Path("logs") / file_name(plan, task)
         if plan.is_free and plan.resume is None and keeper_logs(path).exists():
             raise InputError(
                 f"{keeper_logs(path)}: exists already, expected no logs of another run"

@@ -83,6 +83,12 @@ def improve(
 
     InputError if neither bound is given, or if `labelled_goals` is given for a system that is not
     on a graph.
+
+    >>> played = play("agv:graph=grid3x3,n=3", "random", seed=2, max_rounds=30)
+    >>> scene = played.scene
+    >>> better = improve(played.path, scene.start_state, scene.system, iterations=200)
+    >>> len(normal_cube_path(played.path)), better.cubes, better.moves
+    (9, 2, 3)
     """
     if seconds is None and iterations is None:
         raise InputError("an improvement needs seconds or iterations to know when to stop")

@@ -62,6 +62,12 @@ def optimum(
     Sites of `still` are not written, so paths are those of the other modules alone.
     If the goal cannot be reached at all, one side runs out of states, and the answer is the same as
     if the search was stopped.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x3,n=2")
+    >>> moves = Transitions(scene.system)
+    >>> found = optimum(moves, moves.encode(scene.start_state), moves.encode(scene.goal))
+    >>> len(found.cubes), found.at_least
+    (3, 3)
     """
     if start == goal:
         return Optimum(0, (), 1)

@@ -35,6 +35,11 @@ def lower_bound(
     `within` is the number of cubes of a known path, which bounds all searches. Without a system all
     that is known of the moves is that they change something. A bound that exceeds the `budget` is
     left out; a step of the budget is a site met on the way of a module.
+
+    >>> scene = scene_from_spec("agv:graph=grid3x3,n=2")
+    >>> found = lower_bound(scene.system, scene.start_state, scene.goal, within=20)
+    >>> found.cubes, found.why
+    (3, 'way of a module')
     """
     found = [Bound(0 if start == goal else 1, "the ends differ" if start != goal else "no move")]
     if system is not None and start != goal:

@@ -33,6 +33,10 @@ def only_class(steps: Transitions, start: State) -> bool | None:
     is computed if it has at most `STATES_MAX` states: True if it collapses to a point, False if its
     homology differs from that of a point. None if neither is found, or the budget of `steps` is
     spent.
+
+    >>> scene = scene_from_spec("agv:graph=C4,n=1")
+    >>> only_class(Transitions(scene.system), scene.start_state)
+    False
     """
     system = steps.system
     if system is None:

@@ -37,8 +37,8 @@ class Converted:
 
 
 def convert(
-    source: Path,
-    target: Path,
+    source: Path | str,
+    target: Path | str,
     *,
     system: str | None = None,
     progress: Progress | None = None,
@@ -49,7 +49,12 @@ def convert(
     ``.npz`` is the binary form, anything else JSON Lines. Moves named by generator keep their
     names. InputError if the source is neither a path nor binary cubes, is malformed, or if the
     target cannot be written.
+
+    >>> done = convert("logs/golden/hex-5.mcap", "run.jsonl")
+    >>> done.what, done.count, shorten("run.jsonl", system="hex:n=5").cubes
+    ('moves', 28, 19)
     """
+    target = Path(target)
     if same_file(source, target):
         raise InputError(f"{target}: is the input, expected another file")
     binary = target.suffix.lower() == ".npz"

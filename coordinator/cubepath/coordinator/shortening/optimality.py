@@ -105,6 +105,10 @@ def task_of(found: Shortened) -> Task:
     Where a plan's vehicles have goals of their own, each must end where the path takes it.
     InputError for moves of which only support and trace are known, and for moves that the system
     does not have: the possible moves are then unknown.
+
+    >>> task = task_of(shorten(play("hex:n=4")))
+    >>> in_order(task.start), in_order(task.goal)
+    (((0, 0), (1, 0), (2, 0), (3, 0)), ((3, 0), (3, 1), (3, 2), (3, 3)))
     """
     given = found.given
     scene = given.scene
@@ -155,6 +159,11 @@ def beyond(
     what is known so far, as running out of time does. `tick` is called now and then with the
     current stage and the steps that it took, `watch` with every better path. InputError as for
     `improve`.
+
+    >>> found = shorten(play("agv:graph=grid3x3,n=3", "random", seed=2, max_rounds=30))
+    >>> better = beyond(task_of(found), found, iterations=200)
+    >>> found.cubes, better.improved, better.lower_bound, better.optimal
+    (9, 2, 2, True)
     """
     look = _Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
     asked = seconds is not None or iterations is not None

@@ -66,6 +66,10 @@ class PathInput:
     `labelled_goals` the vehicles of a plan have no labels, but each must end where the plan takes
     it. `unsolved` is one line on how the end of a plan differs from what its instance asks for, or
     None. `seconds` is how long reading took.
+
+    >>> given = shorten("logs/golden/hex-5.mcap").given
+    >>> given.form, len(given.moves)
+    ('recording', 28)
     """
 
     source: Path

@@ -11,6 +11,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
@@ -66,10 +67,13 @@ class StartRun:
     ) -> Rig:
         """Start a run; the arguments are those of `Rig`.
 
-        The seed is that of the test, and the recording goes to its folder, unless told otherwise.
+        The seed is that of the test, and the recording goes to its folder, unless told otherwise,
+        as by a `Plan`.
         """
         given: dict[str, Any] = {**self._defaults, "links": links, "commands": commands, **options}
-        if "log" not in given:
+        if isinstance(system, Plan) and "seed" not in options:
+            del given["seed"]
+        if "log" not in given and not (isinstance(system, Plan) and system.log is not None):
             given["log"] = self._places.new("run")
         rig = Rig(system, rule, **given)
         self.rigs.append(rig)

@@ -65,8 +65,7 @@ class Executed:
 class Log:
     """The log of a run.
 
-    >>> from pathlib import Path
-    >>> log = Log.read(Path("logs/golden/hex-5.mcap"))
+    >>> log = Log.read("logs/golden/hex-5.mcap")
     >>> log.assert_legal()
     >>> log.assert_goal()
     >>> log.count("claim", round=1), log.claims(module=0, round=1)[0].result
@@ -81,7 +80,7 @@ class Log:
     @classmethod
     def read(cls, path: Path | str) -> Log:
         """Return the log in a file; InputError if it is no recording."""
-        return cls(read_recording(Path(path)))
+        return cls(read_recording(path))
 
     @cached_property
     def gathered(self) -> Gathered:

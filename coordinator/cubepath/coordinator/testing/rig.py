@@ -21,7 +21,9 @@ from msgspec.json import encode
 
 from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.runs.outcome import Outcome
-from cubepath.coordinator.runs.running import Overheard, Running
+from cubepath.coordinator.runs.plan import Plan
+from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.testing.commands import Command, stderr_of
 from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.rules import Pattern
@@ -63,7 +65,7 @@ class Rig(Wire):
         env: Mapping[str, str] | None = None,
         **options: Any,
     ) -> None:
-        """Plan a run; the arguments are those of `cubepath.coordinator.start`.
+        """Plan a run; the arguments are those of `cubepath.coordinator.start`, a `Plan` too.
 
         `commands` are the module processes of others, by names of your own, or named ``own_0`` and
         so on; ``{endpoint}`` in one is where it joins, which is in ``CUBEPATH_ENDPOINT`` too. They
@@ -81,10 +83,11 @@ class Rig(Wire):
         if named:
             options.setdefault("listen", _LOOPBACK)
             options.setdefault("wait_for", len(named))
-        if options.get("clock") == "free":
-            options.setdefault("on_crash", "continue")
-        options.setdefault("processes", 2)
-        options.setdefault("patience", timeout_s)
+        if not isinstance(system, Plan):  # which says all of this itself
+            if options.get("clock") == "free":
+                options.setdefault("on_crash", "continue")
+            options.setdefault("processes", 2)
+            options.setdefault("patience", timeout_s)
         self.timeout_s = timeout_s
         self._env = dict(env or {})
         self.run: Running = start(system, rule, say=self._say, way=self.way, **options)

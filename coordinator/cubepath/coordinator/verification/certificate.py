@@ -49,6 +49,14 @@ def check_certificate(
     If the start is known, the check `end` carries out the path and the cubes from there, and
     compares both ends with the end that the certificate must state. If the start is not known, a
     certificate that states an end fails this check.
+
+    >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> proof = certificate_of([left, right], start={1})
+    >>> found = check_certificate(proof, [left, right], frozenset({1}))
+    >>> list(found), any(found.values())
+    (['form', 'cancelled', 'schedule', 'reduced', 'chain', 'end'], False)
+    >>> check_certificate(proof, [right, left])["end"]
+    'it says what is on at the end, but nobody knows what is on at the start'
     """
     if certificate.moves != len(path):
         return {"form": f"it is of {certificate.moves} moves, and the path has {len(path)}"}

@@ -33,10 +33,11 @@ from cubepath.coordinator.verification.transcript import (
     Sorting,
     transcript_of,
 )
+from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.recording import (
     Record,
     Recording,
-    read_recording,
+    recording_of,
 )
 from cubepath.protocol.recordings.writing import copy_recording
 
@@ -81,18 +82,18 @@ class Recovered:
 
 
 def verify(
-    recording: Recording,
+    recording: Recording | Source,
     progress: Progress | None = None,
     *,
     player: Callable[[], Player] | None = None,
     free_player: Callable[[], FreePlayer] | None = None,
 ) -> Verification:
-    """Derive everything in a recording again from its start state, and compare.
+    """Derive everything in a recording, or in its file, again from its start state, and compare.
 
     Every check of `CHECKS` is made, whether the others pass or fail. Checks on rounds are made on
     the rounds, from the first on, that all modules have reported. If the end of a recording is
     lost, only `complete` fails, or no check if the recording says that it was recovered. Nothing is
-    raised, unless the file is changed while it is read.
+    raised, unless the file cannot be read, or is changed while it is read.
 
     The rules of the modules are asked again by a `player`, a new one of which is made for each
     pass, or by a `free_player` if the run had no rounds; without one, `choices` is not checked.
@@ -102,7 +103,14 @@ def verify(
 
     Messages stand in the order of their rounds, more or less: a round is checked and dropped as
     soon as nothing of it can be still to come.
+
+    >>> found = verify("logs/golden/hex-5.mcap")
+    >>> found.ok, found.moves, found.rounds, found.cubes
+    (True, 28, 29, 19)
+    >>> [check.name for check in found.checks if not check.checked]
+    ['choices']
     """
+    recording = recording_of(recording)
     if recording.clock == "free":
         return verify_free(recording, progress, free_player)
     try:
@@ -181,13 +189,17 @@ def _verified(
     )
 
 
-def recover(source: Path | Recording, out: Path) -> Recovered:
+def recover(source: Recording | Source, out: Path | str) -> Recovered:
     """Write what can be read of a recording, or was read already, as a whole recording to `out`.
 
     Its parameter `recovered` says what it comes from. InputError if nothing can be read, if `out`
     is the recording itself, or if `out` cannot be written.
+
+    >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
+    >>> found.rounds, found.problems, verify("copy.mcap").ok
+    (29, (), True)
     """
-    recording = source if isinstance(source, Recording) else read_recording(source)
+    recording, out = recording_of(source), Path(out)
     transcript = (
         free_results(recording)
         if recording.clock == "free"

@@ -26,6 +26,11 @@ class Lattice:
 
     The remaining entries name the orbit (for lattice edges, the axis). `drawing` says how sites
     look: "hexagons", "squares" or "edges".
+
+    >>> HEXAGONS.shift((1, 2), (3, -1)), HEXAGONS.between((0, 0), (4, 1))
+    ((4, 1), (4, 1))
+    >>> EDGES.check((0, 0, 1))
+    (0, 0, 1)
     """
 
     name: str
@@ -78,6 +83,11 @@ class Generator:
 
     `motion` lists where each module of the trace goes, from `before` to `after`; the first is the
     mover, the module that proposes. Read backwards, it is the motion of the reverse.
+
+    >>> cells = (0, 0), (1, 0)
+    >>> slide = Generator("slide", cells, cells, cells[:1], cells[1:], (cells,))
+    >>> slide.place(SQUARES, (3, 4)).label
+    'slide at [3, 4]'
     """
 
     name: str
@@ -120,7 +130,13 @@ class Generator:
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """What a module can propose: an action, its generator and place, and where modules go."""
+    """What a module can propose: an action, its generator and place, and where modules go.
+
+    >>> system = scene_from_spec("hex:n=3").system
+    >>> move = next(each for each in system.moves((0, 0)) if each is not None)
+    >>> move.generator, move.source, move.target
+    ('pivot-0-left', (0, 0), (1, 0))
+    """
 
     action: Action
     generator: str
@@ -174,6 +190,12 @@ class Catalogue:
     """A finite set of generators on a lattice, indexed by name and by the orbit of the mover.
 
     All neighbourhoods are derived from the generators; no radius is entered by hand.
+
+    >>> cells = (0, 0), (1, 0)
+    >>> slide = Generator("slide", cells, cells, cells[:1], cells[1:], (cells,))
+    >>> system = LatticeSystem(Catalogue(SQUARES, (slide,)))
+    >>> [(move.generator, move.target) for move in system.moves((0, 0)) if move is not None]
+    [('slide', (1, 0)), ('slide', (-1, 0))]
     """
 
     lattice: Lattice

@@ -2,7 +2,14 @@
 
 
 class CubepathError(Exception):
-    """Base of all errors raised on purpose; the message is one line for the user."""
+    """Base of all errors raised on purpose; the message is one line for the user.
+
+    >>> try:
+    ...     scene_from_spec("hex:n=none")
+    ... except CubepathError as error:
+    ...     print(type(error).__name__, error)
+    InputError n=none: expected a whole number of at least 1, at most 100000
+    """
 
 
 class InputError(CubepathError):
@@ -13,12 +20,32 @@ class ExcludedError(InputError):
     """The generator is known, but there is no such action at that place.
 
     An obstacle is in the way, the workspace ends, or there is no such edge or move.
+
+    >>> scene_from_spec("agv:graph=C4,n=1").system.action("edge", (0, 2))
+    Traceback (most recent call last):
+        ...
+    cubepath.protocol.core.errors.ExcludedError: generator edge: [0, 2] is no edge of the graph
     """
 
 
 class RuleError(CubepathError):
-    """A rule did what no rule may do, or failed; the message names it and its module."""
+    """A rule did what no rule may do, or failed; the message names it and its module.
+
+    >>> def leap(observation, action_mask):
+    ...     return 99
+    >>> play("hex:n=3", policy_rule("leap", leap))
+    Traceback (most recent call last):
+        ...
+    cubepath.protocol.core.errors.RuleError: rule 'leap', module_0: chose action 99, legal were ...
+    """
 
 
 class CheckError(CubepathError):
-    """A check on something that was read or run did not hold (exit code 1)."""
+    """A check on something that was read or run did not hold (exit code 1).
+
+    >>> with start("hex:n=3", log="logs/short.mcap", processes=0, max_rounds=2) as run:
+    ...     run.until(lambda run: run.goal_reached)
+    Traceback (most recent call last):
+        ...
+    cubepath.protocol.core.errors.CheckError: the run ended before that: max-rounds (...)
+    """

@@ -75,7 +75,7 @@ class InputFile:
 
 _PIECE = 1 << 16
 """Bytes read from a pipe at a time."""
-Source: TypeAlias = Path | InputFile
+Source: TypeAlias = Path | str | InputFile
 """What readers take: the path of a file, or the open file itself."""
 
 
@@ -97,6 +97,7 @@ def opened(source: Source) -> Generator[InputFile]:
     if isinstance(source, InputFile):
         yield source
         return
+    source = Path(source)
     path = _NAME if source == STANDARD_INPUT else source
     with contextlib.ExitStack() as stack:
         with readable(path):

@@ -23,7 +23,7 @@ _FULL_OR_BROKEN = {errno.ENOSPC, errno.EDQUOT, errno.EIO}
 
 
 @contextlib.contextmanager
-def written_whole(path: Path) -> Generator[BinaryIO]:
+def written_whole(path: Path | str) -> Generator[BinaryIO]:
     """Open a file for writing that is complete afterwards, or unchanged.
 
     A replaced file keeps its permissions, and links to it lead to the new one. Raises InputError if
@@ -31,6 +31,7 @@ def written_whole(path: Path) -> Generator[BinaryIO]:
     BrokenPipeError if it has no reader any more. An OSError of the body counts as a failure to
     write; other errors of the body propagate.
     """
+    path = Path(path)
     if path == STANDARD_OUTPUT:
         with _standard_output() as stream:
             yield stream
@@ -80,11 +81,12 @@ def is_special(path: Path) -> bool:
     return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
 
 
-def same_file(one: Path, other: Path) -> bool:
+def same_file(one: Path | str, other: Path | str) -> bool:
     """Return whether two paths lead to the same file, existing or not; False for special files.
 
     Hard links, symbolic links and other spellings of a path lead to the same file.
     """
+    one, other = Path(one), Path(other)
     if is_special(one) or is_special(other):
         return False
     try:

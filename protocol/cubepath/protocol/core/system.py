@@ -35,7 +35,12 @@ FAR = 1 << 31
 
 
 class Ways(NamedTuple):
-    """Where one move can take a module from a site, whatever other modules stand around."""
+    """Where one move can take a module from a site, whatever other modules stand around.
+
+    >>> ways = scene_from_spec("agv:graph=grid3x2,n=2").system.ways()
+    >>> in_order(ways.near((0, 0)))
+    ((0, 1), (1, 0))
+    """
 
     near: Callable[[Site], Iterable[Site]]
     """The sites that are one move away from a site, each once."""
@@ -347,6 +352,10 @@ class Scene:
     `start` lists the site of module 0, 1, ...; `goal` holds the sites that are on at the end, or is
     None; `goals` lists what each module knows of it from birth (for vehicles one vertex, for a
     chain of hexagons all its cells in order). Where there is a `goal`, all of that is in it.
+
+    >>> scene = scene_from_spec("hex:n=3")
+    >>> scene.start, sorted(scene.goal), scene.modules
+    (((0, 0), (1, 0), (2, 0)), [(2, 0), (2, 1), (2, 2)], ('module_0', 'module_1', 'module_2'))
     """
 
     spec: str

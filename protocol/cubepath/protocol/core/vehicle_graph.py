@@ -18,6 +18,10 @@ class VehicleGraph:
 
     `vertices` are in canonical order, `index` has the number of each, `near` its neighbours in
     canonical order, and `edges` each edge once, in canonical order.
+
+    >>> graph = scene_from_spec("agv:graph=grid3x2,n=2").system.graph
+    >>> graph.near[0, 0], len(graph.edges)
+    (((0, 1), (1, 0)), 7)
     """
 
     vertices: tuple[Site, ...]

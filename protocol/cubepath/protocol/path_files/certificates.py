@@ -58,7 +58,14 @@ def certificate_from_json(text: bytes) -> Certificate:
 
 
 def read_certificate(source: Source) -> Certificate:
-    """Read a certificate; InputError, with the file, if it cannot be read or is none."""
+    """Read a certificate; InputError, with the file, if it cannot be read or is none.
+
+    >>> step = Action([1, 2], [1, 2], [1], [2])
+    >>> write_certificate("proof.json", certificate_of([step, step]))
+    >>> found = read_certificate("proof.json")
+    >>> found.moves, found.cancelled
+    (2, [(1, 2)])
+    """
     with opened(source) as file:
         text = file.whole()
     try:
@@ -67,10 +74,15 @@ def read_certificate(source: Source) -> Certificate:
         raise InputError(f"{file.path}: {error}") from None
 
 
-def write_certificate(path: Path, certificate: Certificate) -> None:
+def write_certificate(path: Path | str, certificate: Certificate) -> None:
     """Write a certificate, as one line; the file is complete afterwards, or unchanged.
 
     Raises InputError if it cannot be written.
+
+    >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> write_certificate("proof.json", certificate_of([left, right], start={1}))
+    >>> read_certificate("proof.json").chain
+    [1, 2]
     """
     write_lines(path, [certificate])
 

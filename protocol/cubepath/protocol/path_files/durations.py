@@ -149,6 +149,12 @@ def read_durations(source: Source) -> Durations:
 
     Raises InputError, with the file and the key in it, if it cannot be read or a value is no
     duration.
+
+    >>> from pathlib import Path
+    >>> _ = Path("times.json").write_text('{"format": "cubepath-durations-1", "default": "3/2"}')
+    >>> found = read_durations("times.json")
+    >>> found.default
+    Fraction(3, 2)
     """
     with opened(source) as file:
         text = file.text()

@@ -46,7 +46,7 @@ def line_schema(line: type[msgspec.Struct]) -> dict[str, Any]:
     return {**top, "$defs": definitions} if definitions else top
 
 
-def write_lines(path: Path, lines: Iterable[object]) -> None:
+def write_lines(path: Path | str, lines: Iterable[object]) -> None:
     """Write one JSON document per line; afterwards the file is complete, or unchanged.
 
     Raises InputError if it cannot be written; other errors of `lines` propagate, see

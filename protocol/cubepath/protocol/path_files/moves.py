@@ -105,6 +105,12 @@ def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]
     Raises InputError, as ``FILE:LINE: what was found, what was expected``, at the first line that
     is no move, or no admissible one. Empty lines, CRLF and a byte order mark are accepted, and an
     empty file is a path without moves.
+
+    >>> done = convert("logs/golden/hex-5.mcap", "five.jsonl")
+    >>> for move in read_moves("five.jsonl", scene_from_spec("hex:n=5")):
+    ...     pass
+    >>> move.name.generator, sorted(move.before)
+    ('pivot-2-left', [(4, 3), (5, 3)])
     """
     reader = _Reader(scene)
     with opened(source) as file:
@@ -119,11 +125,16 @@ def read_moves(source: Source, scene: Scene | None = None) -> Iterator[PathMove]
             yield move
 
 
-def write_moves(path: Path, moves: Iterable[PathMove]) -> None:
+def write_moves(path: Path | str, moves: Iterable[PathMove]) -> None:
     """Write a moves file that `read_moves` reads back; it is complete afterwards, or unchanged.
 
     Raises InputError if it cannot be written, or if an action with free sites or guards would have
     to be written by its contents with local states, which cannot express them.
+
+    >>> played = play("hex:n=4")
+    >>> write_moves("run.jsonl", shorten(played).given.moves)
+    >>> len(list(read_moves("run.jsonl", played.scene)))
+    18
     """
     write_lines(path, (_move_line(move) for move in moves))
 
@@ -157,6 +168,10 @@ def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
     """Yield the cubes of a cubes file, each as the names of its moves; errors as in `read_moves`.
 
     Whether their moves commute is not checked: names alone do not tell.
+
+    >>> write_cubes("two.jsonl", [["a", "b"], ["c"]])
+    >>> list(read_cubes("two.jsonl"))
+    [('a', 'b'), ('c',)]
     """
     with opened(source) as file:
         for number, line in file.numbered_lines():
@@ -166,8 +181,14 @@ def read_cubes(source: Source) -> Iterator[tuple[CubeName, ...]]:
                 raise InputError(f"{file.path}:{number}: {error}") from None
 
 
-def write_cubes(path: Path, cubes: Iterable[Iterable[CubeName]]) -> None:
-    """Write a cubes file, complete or not at all; InputError if it cannot be written."""
+def write_cubes(path: Path | str, cubes: Iterable[Iterable[CubeName]]) -> None:
+    """Write a cubes file, complete or not at all; InputError if it cannot be written.
+
+    >>> write_cubes("cubes.jsonl", shorten(play("hex:n=4")).named)
+    >>> cubes = list(read_cubes("cubes.jsonl"))
+    >>> len(cubes), cubes[0][0].generator
+    (14, 'pivot-2-right')
+    """
     write_lines(path, (CubeLine(list(cube)) for cube in cubes))
 
 

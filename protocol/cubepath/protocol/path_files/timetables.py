@@ -30,7 +30,13 @@ _line = msgspec.json.Decoder(TimedLine).decode
 
 
 def read_timetable(source: Source) -> Iterator[TimedLine]:
-    """Yield the lines of a timetable; InputError, with file and line, at the first invalid one."""
+    """Yield the lines of a timetable; InputError, with file and line, at the first invalid one.
+
+    >>> write_timetable("times.jsonl", [TimedLine(0, "3/2", "left")])
+    >>> for line in read_timetable("times.jsonl"):
+    ...     print(line.start, line.duration, line.move)
+    0 3/2 left
+    """
     with opened(source) as file:
         for number, line in file.numbered_lines():
             try:
@@ -42,11 +48,20 @@ def read_timetable(source: Source) -> Iterator[TimedLine]:
             yield found
 
 
-def write_timetable(path: Path, lines: Iterable[TimedLine]) -> None:
-    """Write a timetable, complete or not at all; InputError if it cannot be written."""
+def write_timetable(path: Path | str, lines: Iterable[TimedLine]) -> None:
+    """Write a timetable, complete or not at all; InputError if it cannot be written.
+
+    >>> write_timetable("times.jsonl", [TimedLine(0, "3/2", "left"), TimedLine("3/2", 1, "right")])
+    >>> [(each.start, each.move) for each in read_timetable("times.jsonl")]
+    [(0, 'left'), ('3/2', 'right')]
+    """
     write_lines(path, lines)
 
 
 def timetable_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of a line of a timetable."""
+    """Return the JSON Schema (2020-12) of a line of a timetable.
+
+    >>> timetable_schema()["required"]
+    ['start', 'duration', 'move']
+    """
     return line_schema(TimedLine)

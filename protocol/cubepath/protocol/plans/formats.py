@@ -30,7 +30,14 @@ from cubepath.protocol.plans.plain import looks_like_plain, read_plain
 
 @dataclass(frozen=True, slots=True)
 class PlanHints:
-    """What a user says of a plan: `name` or `name:key=value,...`, and its companion files."""
+    """What a user says of a plan: `name` or `name:key=value,...`, and its companion files.
+
+    >>> from pathlib import Path
+    >>> _ = Path("rolls.txt").write_text("(0,0) -> (0,1) about (1,0)")
+    >>> hints = PlanHints("plain")
+    >>> hints.format, shorten("rolls.txt", system="hex:n=3", hints=hints).moves
+    ('plain', 1)
+    """
 
     format: str | None = None
     companions: tuple[Path, ...] = ()
@@ -111,20 +118,26 @@ def read_plan(
     source: Source,
     spec: str | None = None,
     *,
-    companions: Sequence[Path] = (),
+    companions: Sequence[Path | str] = (),
     system: str | None = None,
 ) -> Imported | None:
     """Read a plan; `spec`, as `name` or `name:key=value,...`, or else its content gives the format.
 
     None if there is no `spec` and the content has no known format. Raises InputError as `Imported`
     says, and if `spec` is invalid.
+
+    >>> from pathlib import Path
+    >>> _ = Path("rolls.txt").write_text("(0,0) -> (0,1) about (1,0)")
+    >>> plan = read_plan("rolls.txt", "plain", system="hex:n=3")
+    >>> [move.name.generator for move in plan.moves]
+    ['pivot-1-right']
     """
     with opened(source) as file:
         told = _looks(file) if spec is None else spec
         if told is None:
             return None
         known, values = _chosen(told)
-        return known.read(Request(file, tuple(companions), values, system))
+        return known.read(Request(file, tuple(map(Path, companions)), values, system))
 
 
 def _chosen(told: str) -> tuple[Format, dict[str, str]]:

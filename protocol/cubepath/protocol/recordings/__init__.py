@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         is_recording,
         read_recording,
         read_undamaged,
+        recording_of,
     )
     from cubepath.protocol.recordings.writing import TOPICS_MAX, RecordingWriter, copy_recording
 else:
@@ -25,7 +26,9 @@ else:
         {
             "counts": "Counts",
             "description": "FORMATS",
-            "recording": "Record Recording is_recording read_recording read_undamaged",
+            "recording": (
+                "Record Recording is_recording read_recording read_undamaged recording_of"
+            ),
             "writing": "RecordingWriter TOPICS_MAX copy_recording",
         },
     )
@@ -41,4 +44,5 @@ __all__ = [
     "is_recording",
     "read_recording",
     "read_undamaged",
+    "recording_of",
 ]

@@ -50,7 +50,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Record:
-    """One message of a recording."""
+    """One message of a recording.
+
+    >>> record = next(iter(read_recording("logs/golden/hex-5.mcap").of_kind("summary")))
+    >>> record.topic, record.round, decode(record.data).ended
+    ('summary/coordinator', 29, 'goal')
+    """
 
     topic: str
     data: bytes
@@ -211,7 +216,7 @@ class Recording:
         The file is read a chunk at a time while the iterator is consumed, so a recording of any
         length takes the memory of a chunk; chunks without what is asked for are not read.
 
-        >>> recording = read_recording(Path("logs/golden/hex-5.mcap"))
+        >>> recording = read_recording("logs/golden/hex-5.mcap")
         >>> for found in recording.messages("claim", rounds=3):
         ...     print(found.round, found.message.module, found.message.generator)
         3 0 pivot-0-left
@@ -229,7 +234,7 @@ class Recording:
     def moves(self) -> Columns:
         """Return the moves of the run: arrays of one length by name, in canonical order.
 
-        >>> moves = read_recording(Path("logs/golden/hex-5.mcap")).moves()
+        >>> moves = read_recording("logs/golden/hex-5.mcap").moves()
         >>> len(moves["round"]), int(moves["module"][0]), moves["from"][0], moves["to"][0]
         (28, 0, (0, 0), (1, -1))
 
@@ -247,7 +252,7 @@ class Recording:
     def claims(self) -> Columns:
         """Return the claims of the run, each with its outcome: arrays of one length by name.
 
-        >>> claims = read_recording(Path("logs/golden/agv-6.mcap")).claims()
+        >>> claims = read_recording("logs/golden/agv-6.mcap").claims()
         >>> len(claims["outcome"]), int((claims["outcome"] == "lost").sum())
         (39, 1)
 
@@ -266,7 +271,7 @@ class Recording:
     def frame(self, table: str = "moves") -> pd.DataFrame:
         """Return a table as a data frame of pandas: ``pip install 'cubepath[experiments]'``.
 
-        >>> recording = read_recording(Path("logs/golden/hex-5.mcap"))
+        >>> recording = read_recording("logs/golden/hex-5.mcap")
         >>> recording.frame("moves").groupby("module").size().tolist()
         [7, 7, 7, 7]
 
@@ -311,6 +316,10 @@ def read_recording(source: Source) -> Recording:
     message is returned without a valid CRC. If the CRCs of the whole file hold, messages are not
     looked at before they are asked for. Raises InputError if the file is no recording, or has lost
     its parameters or its scene.
+
+    >>> recording = read_recording("logs/golden/hex-5.mcap")
+    >>> recording.parameters["rule"], len(recording.records), recording.problems
+    ('chain', 630, ())
     """
     with opened(source) as file:
         stored = Stored(file)
@@ -333,6 +342,11 @@ def read_recording(source: Source) -> Recording:
     return Recording(
         path, parameters, scene, records, tuple(problems), schedule, stored.size, written_as
     )
+
+
+def recording_of(recording: Recording | Source) -> Recording:
+    """Return a recording that was read already, or read it."""
+    return recording if isinstance(recording, Recording) else read_recording(recording)
 
 
 def read_undamaged(source: Source) -> Recording:

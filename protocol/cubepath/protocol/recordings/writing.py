@@ -49,11 +49,17 @@ class RecordingFull(CheckError):  # noqa: N818 - named for a state
 
 
 class RecordingWriter:
-    """Writes a run to an MCAP file; use as a context manager, which closes the file properly."""
+    """Writes a run to an MCAP file; use as a context manager, which closes the file properly.
+
+    >>> with RecordingWriter("own.mcap", scene_from_spec("hex:n=3"), {"rule": "by hand"}) as writer:
+    ...     pass
+    >>> read_recording("own.mcap").parameters["rule"]
+    'by hand'
+    """
 
     def __init__(
         self,
-        path: Path,
+        path: Path | str,
         scene: Scene,
         parameters: Mapping[str, str],
         schedule: bytes | None = None,
@@ -70,7 +76,7 @@ class RecordingWriter:
         the clock in the parameters. `clock` says, in seconds, when messages have waited for long.
         """
         self._format = written_as or format_of(parameters)
-        self.path = path
+        self.path = path = Path(path)
         self.messages = 0
         self._counts = Counts()
         self._clock = clock

@@ -93,6 +93,9 @@ def all_families() -> dict[str, Family]:
     """Return all families by name; InputError names an entry point with none, or with one twice.
 
     The project's own come first, the others by distribution and entry point.
+
+    >>> list(all_families())[:4]
+    ['hex', 'hex-open', 'hex-connected', 'hex-tunnel']
     """
     found: dict[str, Family] = {}
     tables: dict[str, type[System]] = {}

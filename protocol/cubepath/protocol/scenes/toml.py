@@ -32,8 +32,14 @@ class _SceneFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True)
     goals: list[list[Any]] = []
 
 
-def read_scene(path: Path) -> Scene:
-    """Read a scene from a TOML file; InputError names the file and what is wrong in it."""
+def read_scene(path: Path | str) -> Scene:
+    """Read a scene from a TOML file; InputError names the file and what is wrong in it.
+
+    >>> from pathlib import Path
+    >>> _ = Path("three.toml").write_text(scene_to_toml(scene_from_spec("hex:n=3")))
+    >>> read_scene("three.toml").start
+    ((0, 0), (1, 0), (2, 0))
+    """
     return scene_from_toml(read_text(path), str(path))
 
 

@@ -43,6 +43,10 @@ class FlipSystem(System):
     Flips are found where they are needed, so there may be many thousand points. Some answers number
     all that could ever happen (a module's slots, the places that it senses). They need the whole
     list, which is built on first use and is limited in size: `whole`.
+
+    >>> square = FlipSystem([(0, 0), (1, 0), (1, 1), (0, 1)])
+    >>> [move.target for move in square.moves((0, 2)) if move is not None]
+    [(1, 3)]
     """
 
     table: ClassVar[str] = "triangulation"

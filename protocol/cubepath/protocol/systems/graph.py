@@ -46,6 +46,13 @@ class GraphSystem(System):
     refused. `labels` makes it the labelled system: a site is (vertex, label), the support holds
     every label at both ends, the trace only the mover's. `compass` gives each vertex (x, y) four
     slots, in the order of `COMPASS`, instead of one slot for each neighbour.
+
+    >>> system = GraphSystem(["gate", "dock", "yard"], [("gate", "yard"), ("yard", "dock")])
+    >>> scene = Scene("trucks", "", system, start=("gate", "dock"))
+    >>> [move.target for move in system.moves("yard") if move is not None]
+    ['dock', 'gate']
+    >>> play(scene, "random", seed=3, max_rounds=20).sites
+    ('yard', 'dock')
     """
 
     table: ClassVar[str] = "graph"

@@ -39,6 +39,11 @@ class TabledSystem(System):
     change its letter, exactly one of which is on at any time. `fixed` are sites that are always on
     and in no trace (obstacles). `positions` says where places lie in a picture, `drawing` how they
     look: "chords" (a place is a pair of points), "letters" (a row of places), "edges" or "graph".
+
+    >>> step = Action(["a", "b"], ["a", "b"], ["a"], ["b"])
+    >>> system = TabledSystem([Move(step, "step", "a", (("a", "b"),))], drawing="graph")
+    >>> [move.target for move in system.moves("a") if move is not None]
+    ['b']
     """
 
     table: ClassVar[str] = "listed"

@@ -1,0 +1,71 @@
+"""Taps: what was heard of a run and waits to be taken.
+
+Room: coordinator. Touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import Any
+
+import msgspec
+
+TAP_MAX = 1_000_000
+"""So many messages wait in a tap at most; then the oldest are dropped, and counted."""
+
+
+class Overheard(msgspec.Struct, frozen=True):
+    """A message of a run, or a part of one: a claim comes in a `said`, a turn in `turns`."""
+
+    kind: str
+    round: int
+    """The round, or the level."""
+    message: Any
+    """The message as `cubepath.protocol` has it: a `Claim`, a `Report`, a `Moved` ..."""
+    wall_ns: int
+
+
+class Tap:
+    """What was heard since it was opened, and was not taken yet: an iterator that does not wait.
+
+    With `kinds`, messages and parts of these kinds alone.
+
+    >>> with start("hex:n=3", log="logs/tapped.mcap", processes=1) as run:
+    ...     reports = run.tap("report")
+    ...     more = run.step(2)
+    ...     for heard in reports:
+    ...         print(heard.round, heard.message.module, heard.message.claim)
+    1 0 granted
+    1 1 none
+    1 2 none
+    2 0 granted
+    2 1 none
+    2 2 none
+    """
+
+    def __init__(self, kinds: tuple[str, ...] = (), most: int = TAP_MAX) -> None:
+        """Hold nothing yet."""
+        self.dropped = 0
+        """How many were dropped because nobody took them."""
+        self._kinds = frozenset(kinds)
+        self._waiting: deque[Overheard] = deque()
+        self._most = most
+
+    def __len__(self) -> int:
+        """Return how many messages wait."""
+        return len(self._waiting)
+
+    def __iter__(self) -> Iterator[Overheard]:
+        """Take what waits, in the order in which it was heard."""
+        while self._waiting:
+            yield self._waiting.popleft()
+
+    def hear(self, overheard: Overheard) -> None:
+        """Put a message behind those that wait."""
+        if self._kinds and overheard.kind not in self._kinds:
+            return
+        if len(self._waiting) >= self._most:
+            self._waiting.popleft()
+            self.dropped += 1
+        self._waiting.append(overheard)
