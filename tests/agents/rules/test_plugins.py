@@ -118,7 +118,8 @@ def test_a_rule_that_fails_is_named_in_one_line(
     run = ["run", "hex:n=3", f"--rule={rule}", f"--processes={processes}", "--json"]
     done = cubepath(run, installed, tmp_path)
     assert done.returncode == 1
-    (line,) = done.stderr.strip().splitlines()
+    where, line = done.stderr.strip().splitlines()
+    assert where.startswith("cubepath: endpoint ")
     assert message in line or message.replace("module_0", "module_1") in line
     assert not json.loads(done.stdout)["goal_reached"]
 

@@ -63,8 +63,8 @@ def _on_wire(seen: Seen, run: str) -> Seen:
     message: Any = seen.message
     if message is None:
         return seen
-    kind_has_rounds = hasattr(message, "round")
-    key = key_of(run, message) if kind_has_rounds else free_key(run, message)
+    has_rounds = getattr(message, "round", None) is not None
+    key = key_of(run, message) if has_rounds else free_key(run, message)
     return Seen(key, seen.data, seen.at_s)
 
 

@@ -155,13 +155,13 @@ def _more_of(message: Any) -> str:
     found = []
     if getattr(about, "generator", None) is not None:
         found.append(f"{about.generator} at {about.at}")
-    if hasattr(part, "granted"):
-        found.append("granted" if part.granted else "lost")
+    granted = getattr(part, "granted", None)
+    if granted is not None:
+        found.append("granted" if granted else "lost")
     if isinstance(getattr(part, "claim", None), str):
         found.append(part.claim)
-    if hasattr(part, "moved") and part.moved is None:
+    if getattr(part, "moved", part) is None:
         found.append(f"refused: {part.why}")
-    found += [
-        f"{name} {getattr(part, name)}" for name in ("reason", "ended") if hasattr(part, name)
-    ]
+    told = {name: getattr(part, name, None) for name in ("reason", "ended")}
+    found += [f"{name} {what}" for name, what in told.items() if what is not None]
     return ", ".join(found)
