@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import doctest
 import importlib
 import importlib.metadata
 import pickle
@@ -145,11 +144,6 @@ def test_a_name_loads_what_it_needs_and_no_more(name: str, absent: set[str]) -> 
     face, _, offer = name.partition(".")
     found = loaded(also=f"from cubepath.{face} import {offer}")
     assert not absent & found
-
-
-def test_the_example_of_a_face_holds() -> None:
-    """What stands in the docstring of the one function that makes faces comes out so."""
-    assert not doctest.testmod(cubepath.protocol.faces).failed
 
 
 def test_what_is_not_offered_is_an_error() -> None:

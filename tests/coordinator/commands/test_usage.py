@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
 from pathlib import Path
 
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.protocol.core import suggestions
 
 Capture = pytest.CaptureFixture[str]
 A_DAY = "about a round a day"
@@ -145,8 +143,3 @@ def test_no_command_asks_for_help(capsys: Capture) -> None:
         main(["--help"])
     assert told == capsys.readouterr().out
     assert "shorten a path to its normal cube path" in told
-
-
-def test_examples_of_suggestions_hold() -> None:
-    """The docstring says what is near."""
-    assert doctest.testmod(suggestions).failed == 0

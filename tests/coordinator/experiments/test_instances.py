@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
-
 import pytest
 
 from cubepath.agents.environments.rollout import play_in_python
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.experiments import instances as module
 from cubepath.coordinator.experiments.instances import FOLDER, StandardInstance, standard
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.search.anytime import improve
@@ -59,13 +56,6 @@ SMALL = [
     "assembly-10",
 ]
 """Those whose state complex is finite, with at most so many states."""
-
-
-def test_the_examples() -> None:
-    """The docstrings show what comes."""
-    results = doctest.testmod(module)
-    assert results.attempted
-    assert not results.failed
 
 
 def test_the_folder_holds_the_instances_and_nothing_else() -> None:

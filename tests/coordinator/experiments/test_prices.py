@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from math import log
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 
 from command_line import refused
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.experiments import prices
 from cubepath.coordinator.experiments.plots import price_plot
 from cubepath.coordinator.experiments.prices import FACTORS, price_table, priced
 from cubepath.coordinator.experiments.rows import Row
@@ -27,13 +25,6 @@ def rows() -> list[Row]:
             systems, rules=["tswap", "chain", "random"], hesitate=[0, 0.4], seeds=5, max_rounds=90
         ).rows
     )
-
-
-def test_examples_hold() -> None:
-    """What stands in docstrings comes out so."""
-    found = doctest.testmod(prices)
-    assert found.attempted
-    assert not found.failed
 
 
 def test_the_factors_multiply_and_none_is_below_one(rows: list[Row]) -> None:

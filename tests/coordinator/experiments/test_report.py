@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import json
 import re
 from html.parser import HTMLParser
@@ -13,7 +12,6 @@ import pytest
 
 from command_line import refused
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.experiments import tables
 from cubepath.coordinator.experiments.folder import SweepFolder
 from cubepath.coordinator.experiments.report import write_report
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
@@ -48,13 +46,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rules = ["chain", "random", f"{made}/slow.py:SLOW"]
     sweep("hex:n=3..5", rules=rules, seeds=6, max_rounds=60, out=made / "out")
     return made / "out"
-
-
-def test_examples_hold() -> None:
-    """What stands in docstrings comes out so."""
-    found = doctest.testmod(tables)
-    assert found.attempted
-    assert not found.failed
 
 
 def test_runs_are_counted_by_setting(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from pathlib import Path
 from typing import Any
 
@@ -11,21 +10,12 @@ import tomli_w
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.experiments import ranges, rows, spec
 from cubepath.coordinator.experiments.ranges import expanded, seeds_of
 from cubepath.coordinator.experiments.setting import FaultRates, run_id
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
-
-
-@pytest.mark.parametrize("module", [ranges, spec, rows])
-def test_examples_hold(module: Any) -> None:
-    """What stands in docstrings comes out so."""
-    found = doctest.testmod(module)
-    assert found.attempted
-    assert not found.failed
 
 
 @given(st.integers(0, 50), st.integers(0, 50), st.integers(1, 9))

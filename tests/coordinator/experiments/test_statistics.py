@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from itertools import product
 
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.coordinator.experiments import statistics
 from cubepath.coordinator.experiments.statistics import (
     mean_interval,
     paired_test,
@@ -19,13 +17,6 @@ from cubepath.coordinator.experiments.statistics import (
     sign_test,
     student,
 )
-
-
-def test_examples_hold() -> None:
-    """What stands in docstrings comes out so."""
-    found = doctest.testmod(statistics)
-    assert found.attempted
-    assert not found.failed
 
 
 @given(st.lists(st.integers(-4, 4), min_size=1, max_size=9))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from collections import Counter
 from collections.abc import Generator, Sequence
 from random import Random
@@ -12,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator.normal_form import array_heap as module
 from cubepath.coordinator.normal_form.array_heap import ActionTable, NumberedHeap, normal_form
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap, Numbering, cancellations
 from cubepath.coordinator.normal_form.heap import Heap
@@ -302,10 +300,3 @@ def test_actions_and_sites_may_come_at_any_time(choices: list[int]) -> None:
         reference.append(letters[choice])
         assert grown.cubes == reference.cubes
     assert grown.cube_path() == reference.cube_path()
-
-
-def test_the_examples_in_the_docstrings_run() -> None:
-    """Every example in the module's docstrings gives what it says."""
-    results = doctest.testmod(module)
-    assert results.attempted > 0
-    assert results.failed == 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import doctest
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +15,6 @@ from msgspec.structs import replace
 
 from altered_certificates import GOOD, PATH, TAMPERINGS, WRONG, Tampering
 from counted_lines import lines_of
-from cubepath.coordinator.normal_form import certificate as builder
 from cubepath.coordinator.normal_form.certificate import (
     certificate_of,
     encodable_certificate,
@@ -27,7 +25,6 @@ from cubepath.coordinator.verification import proof as checker
 from cubepath.coordinator.verification.proof import check_proof
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.path_files import certificates
 from cubepath.protocol.path_files.certificates import (
     Certificate,
     certificate_from_json,
@@ -104,12 +101,6 @@ def obviously(path: Sequence[Action], found: Certificate) -> set[str]:
     ):
         fails.add("chain")
     return fails
-
-
-def test_examples() -> None:
-    """What the docstrings show is so."""
-    for module in (builder, checker, certificates):
-        assert not doctest.testmod(module).failed
 
 
 def test_the_checker_knows_actions_and_nothing_else() -> None:

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import doctest
-
 import pytest
 from hypothesis import given
 
-from cubepath.coordinator.normal_form import definitions as cubes_module
 from cubepath.coordinator.normal_form.definitions import end_state, is_cube, is_normal
 from cubepath.protocol.core.actions import apply, commute
 from cubepath.protocol.core.errors import InputError
@@ -59,10 +56,3 @@ def test_end_state_names_the_move_that_does_not_fit() -> None:
         end_state([edge(0, 1), edge(3, 4)], start)
     with pytest.raises(InputError, match=r"^cube 2, move 1: 3-4 is not admissible"):
         end_state([[edge(0, 1)], [edge(3, 4)]], start)
-
-
-def test_the_examples_in_the_docstrings_run() -> None:
-    """Every example in the module's docstrings gives what it says."""
-    results = doctest.testmod(cubes_module)
-    assert results.attempted > 0
-    assert results.failed == 0

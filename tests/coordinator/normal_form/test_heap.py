@@ -5,7 +5,6 @@ All of it holds of the reference, and of the heap of numbers in plain Python and
 
 from __future__ import annotations
 
-import doctest
 import os
 import subprocess
 import sys
@@ -18,7 +17,6 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from complexes import actions_at, commuting_sets
-from cubepath.coordinator.normal_form import compiled_heap as fast_heap_module
 from cubepath.coordinator.normal_form import heap as heap_module
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import (
@@ -403,11 +401,3 @@ def test_processes_agree_on_the_order_in_each_cube() -> None:
         for seed in ("1", "2", "3", "4")
     }
     assert len(shown) == 1
-
-
-def test_the_examples_in_the_docstrings_run() -> None:
-    """Every example in the modules' docstrings gives what it says."""
-    for module in (heap_module, fast_heap_module):
-        results = doctest.testmod(module)
-        assert results.attempted > 0
-        assert results.failed == 0

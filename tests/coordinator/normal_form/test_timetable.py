@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from collections.abc import Sequence
 from fractions import Fraction
 from itertools import pairwise, permutations
@@ -14,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from counted_lines import lines_of
-from cubepath.coordinator.normal_form import timetable as timing
 from cubepath.coordinator.normal_form.certificate import certificate_of
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.normal_form.timetable import Timetable, durations_of, earliest
@@ -67,11 +65,6 @@ def chains(path: Sequence[Action], durations: Sequence[Fraction]) -> list[Fracti
         before = [found[one] for one in range(place) if not commute(path[one], action)]
         found.append(max(before, default=Fraction(0)) + durations[place])
     return found
-
-
-def test_examples() -> None:
-    """What the docstrings show is so."""
-    assert not doctest.testmod(timing).failed
 
 
 # Earliest starts

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -295,10 +294,3 @@ def test_short_paths_are_left_alone() -> None:
     assert TimeGeodesic([]) == ShrinkCubePath([]) == mended_time_geodesic([]) == []
     reader = toggle("a", reads=["s"])
     assert TimeGeodesic([[reader, B]]) == [[reader, B]]
-
-
-def test_the_examples_in_the_docstrings_run() -> None:
-    """Every example in the module's docstrings gives what it says."""
-    results = doctest.testmod(printed)
-    assert results.attempted > 0
-    assert results.failed == 0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from itertools import permutations
 from random import Random
 
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 from complexes import states_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import normal_cube_path
-from cubepath.coordinator.search import lower_bounds as bounds_module
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.lower_bounds import (
     bottleneck,
@@ -218,8 +216,3 @@ def test_modules_that_are_not_taken_one_to_one_are_not_paired() -> None:
     assert module_bound(system, {(0, 0)}, set(), within=9) == 0
     assert module_bound(system, set(), {(0, 0)}, within=9) == 0
     assert module_bound(system, set(), set(), within=9) == 0
-
-
-def test_examples_in_the_docstrings_hold() -> None:
-    """What the docstrings show is what comes out."""
-    assert doctest.testmod(bounds_module).failed == 0

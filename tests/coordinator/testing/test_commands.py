@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import os
 import signal
 import subprocess
@@ -12,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing import commands
 from cubepath.coordinator.testing.commands import Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
 
@@ -154,8 +152,3 @@ def test_a_command_that_cannot_be_started_is_one_line(command: str, line: str) -
     """As everywhere."""
     with pytest.raises(InputError, match=f"^{line}$"):
         Command(command)
-
-
-def test_the_example_holds() -> None:
-    """Of the docstring."""
-    assert not doctest.testmod(commands).failed

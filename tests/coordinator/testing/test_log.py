@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +12,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace as with_fields
 
 from command_line import GOLDEN
-from cubepath.coordinator.testing import log as log_module
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.tables import ROWS_MAX, table
@@ -148,9 +146,3 @@ def test_a_table_has_few_lines_and_those_around_the_place(count: int, place: int
     lines = table(messages, marked).splitlines()
     assert len(lines) <= ROWS_MAX + 2
     assert sum(line.startswith("  >") for line in lines) == len(marked)
-
-
-def test_the_example_holds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of the docstring."""
-    monkeypatch.chdir(Path(__file__).parents[3])
-    assert not doctest.testmod(log_module).failed

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import doctest
 from typing import Any
 
 import pytest
@@ -11,7 +10,6 @@ from hypothesis import strategies as st
 
 from cubepath.coordinator.simulation.faults import ENDING, KINDS
 from cubepath.coordinator.simulation.free_faults import FREE_KINDS
-from cubepath.coordinator.testing import strategies, trials
 from cubepath.coordinator.testing.strategies import faults, scenarios
 from cubepath.coordinator.testing.trials import Trial, fault, trial_of
 from cubepath.protocol.core.errors import InputError
@@ -140,9 +138,3 @@ def test_what_cannot_be_tried_is_one_line(make: Any, line: str) -> None:
     """As everywhere."""
     with pytest.raises(InputError, match=f"^{line}"):
         make()
-
-
-def test_the_examples_hold() -> None:
-    """Of the docstrings."""
-    assert not doctest.testmod(strategies).failed
-    assert not doctest.testmod(trials).failed

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
 import unicodedata
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cubepath.protocol.core import control_characters
 from cubepath.protocol.core.control_characters import visible
 
 
@@ -20,8 +18,3 @@ def test_no_control_character_is_left(text: str) -> None:
     assert all(unicodedata.category(each) != "Cc" for each in shown)
     assert (shown == text) == (kept == text)
     assert len(shown) == len(text) + 3 * (len(text) - len(kept))
-
-
-def test_examples_hold() -> None:
-    """The docstring says what comes out."""
-    assert doctest.testmod(control_characters).failed == 0

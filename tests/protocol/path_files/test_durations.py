@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import doctest
 from fractions import Fraction
 from pathlib import Path
 
 import pytest
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.path_files import durations
 from cubepath.protocol.path_files.durations import Durations, durations_in_words, read_durations
 
 GOOD = """\
@@ -154,8 +152,3 @@ def test_a_duration_of_no_move_is_told_with_the_nearest_name() -> None:
     """A generator or an id that is misspelt."""
     told = Durations(named={"slid": Fraction(2)}).unused(["slide", 7])
     assert told == "'slid' (did you mean 'slide'?) is no generator and no id of a move"
-
-
-def test_examples_of_durations_hold() -> None:
-    """The docstrings say what comes out."""
-    assert not doctest.testmod(durations).failed

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import doctest
 from collections import Counter
 from hashlib import sha256
 from itertools import islice
 
 from chances import as_chance_has_it
-from cubepath.protocol.scenes.randomly import stream as module
 from cubepath.protocol.scenes.randomly.stream import Stream
 
 
@@ -48,10 +46,3 @@ def test_every_order_is_as_likely() -> None:
     found = Counter(tuple(Stream("orders", seed).drawn(range(4))) for seed in range(6000))
     assert len(found) == 24
     assert as_chance_has_it(found.values(), 250)
-
-
-def test_the_examples() -> None:
-    """The docstrings show what comes."""
-    results = doctest.testmod(module)
-    assert results.attempted
-    assert not results.failed
