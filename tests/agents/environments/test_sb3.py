@@ -6,6 +6,7 @@ These take the extra ``learning``; without it none of them is collected. `.ci/ru
 from __future__ import annotations
 
 import contextlib
+import doctest
 import importlib
 import json
 from collections.abc import Iterator
@@ -37,6 +38,13 @@ pytestmark = [pytest.mark.thorough, pytest.mark.filterwarnings("ignore::Deprecat
 
 SPEC = "agv:graph=grid4x4,n=2"
 CYCLES = 40
+
+
+def test_the_example_holds() -> None:
+    """Of the docstring, which `tests/test_examples.py` leaves out."""
+    name = sb3_env.__module__
+    known = {"sb3_env": sb3_env, "sb3_rule": sb3_rule}
+    assert doctest.testmod(importlib.import_module(name), extraglobs=known) == (0, 3)
 
 
 def legal(masks: Any, random: np.random.Generator) -> Any:
