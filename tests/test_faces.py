@@ -19,7 +19,6 @@ import pytest
 import cubepath.agents
 import cubepath.coordinator
 import cubepath.protocol
-import cubepath.protocol.faces
 from cubepath.agents import RuleType
 from cubepath.coordinator import Shortened, StateComplex
 from cubepath.protocol import Action, Scene
