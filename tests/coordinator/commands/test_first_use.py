@@ -27,6 +27,13 @@ COMMAND = """
 from cubepath.coordinator.commands.main import main
 assert main(sys.argv[2:]) == 0
 """
+PARSED = """
+from cubepath.coordinator.commands.main import main
+try:
+    main(["run", "--help"])
+except SystemExit as ended:
+    assert not ended.code
+"""
 RESET = """
 from cubepath.agents import parallel_env
 seen, _ = parallel_env("hex:n=7").reset(seed=1)
@@ -123,3 +130,16 @@ def test_a_large_path_is_shortened_by_compiled_code(tmp_path: Path, kept: Path) 
     assert answer["moves"] == 100_010
     assert loaded
     assert any(path.name.startswith("kernel.append_moves") for path in cached)
+
+
+@pytest.mark.parametrize("work", ["import cubepath.coordinator.commands.main", PARSED])
+def test_what_there_is_to_ask_costs_no_libraries(work: str) -> None:
+    """The commands and their options are known without numpy, zenoh, mcap or pettingzoo."""
+    heavy = "set(sys.modules) & {'numpy', 'zenoh', 'mcap', 'pettingzoo', 'numba'}"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{work}\nimport sys; print({heavy}, file=sys.stderr)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == "set()\n"

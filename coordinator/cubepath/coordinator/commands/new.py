@@ -22,7 +22,6 @@ from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import unwritable
-from cubepath.protocol.scenes.registry import all_families
 
 KINDS = ("rule", "system")
 _NAME = re.compile(r"[A-Za-z](?:[A-Za-z0-9_]*[A-Za-z0-9])?")
@@ -93,6 +92,8 @@ def _check_name(kind: str, name: str) -> None:
 
 def _is_known(kind: str, name: str) -> bool:
     if kind == "system":
+        from cubepath.protocol.scenes.registry import all_families  # noqa: PLC0415 - loads numpy
+
         return name in all_families()
     from cubepath.agents.rules.registry import rules  # noqa: PLC0415 - loads all rules
 
