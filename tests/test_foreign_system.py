@@ -110,6 +110,7 @@ def test_it_is_listed(commands: Commands) -> None:
     assert not any("ring" in rules[name] for name in ("chain", "tswap", "pibt", "word"))
 
 
+@pytest.mark.thorough
 def test_the_recording_of_a_run_is_verified_replayed_and_drawn(commands: Commands) -> None:
     """Modules in processes of their own play it, and other code derives the same."""
     assert commands.json("verify", "ring.mcap")["ok"]
@@ -157,6 +158,7 @@ assert parallel_env("ring", render_mode="rgb_array").render().shape[2] == 3
     assert "off" in done.stdout
 
 
+@pytest.mark.thorough
 def test_its_paths_are_shortened_and_proved(commands: Commands, moves: str) -> None:
     """The schedule is certified, its own lower bound is the proof that none is shorter."""
     options = ("--system=ring:n=6", "-o", "cubes.jsonl", "--certificate=cubes.certificate.json")
@@ -220,6 +222,7 @@ def test_what_its_methods_raise_is_one_line(
     assert said.count("\n") == 1
 
 
+@pytest.mark.thorough
 def test_a_schedule_is_carried_out(commands: Commands) -> None:
     """Of a recording, and of a cubes file in another scene of the class."""
     assert commands.json("run", "--schedule=ring.mcap", "--log=again.mcap", "--processes=2")[

@@ -163,7 +163,13 @@ def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> 
         assert path_of(played)
 
 
-@pytest.fixture(scope="module", params=SPECS)
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(each, marks=pytest.mark.thorough if n % 3 else [])
+        for n, each in enumerate(SPECS)
+    ],
+)
 def told(request: pytest.FixtureRequest) -> tuple[Scene, list[Report]]:
     """Return a scene, and the reports of 20 rounds of it in two processes."""
     scene = scene_from_spec(request.param)

@@ -51,6 +51,7 @@ def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: StartRu
     assert len(log.moves) == sum(each.generator is not None for each in commits)
 
 
+@pytest.mark.thorough
 def test_a_coordinator_that_comes_late_finds_everything() -> None:
     """Nobody listens while modules go to the goal; keepers have it all in their logs."""
     scene = scene_from_spec(CHAIN)
@@ -73,7 +74,7 @@ def test_a_process_that_is_killed_and_started_again_takes_its_place(
     assert [(each.name, each.restarted) for each in run.outcome.crashes] == [(name, True)]
 
 
-@pytest.mark.parametrize("name", [LONG("process_0"), "keeper_0", LONG("router")])
+@pytest.mark.parametrize("name", [LONG("process_0"), LONG("keeper_0"), LONG("router")])
 def test_a_process_that_is_stopped_for_a_while_goes_on(name: str, cubepath_run: StartRun) -> None:
     run = cubepath_run(CHAIN, **FREE)
     run.until_moves(3)
@@ -100,6 +101,7 @@ def test_modules_join_late_and_leave() -> None:
         assert [watch.gatherer.sites[each] for each in first] == places
 
 
+@pytest.mark.thorough
 def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
     """A process dies with its vehicle, which stays where it is; the others go on."""
     options: dict[str, Any] = {**FREE, "processes": 4, "max_rounds": 10**6}
@@ -124,6 +126,7 @@ def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> N
     assert run.play().error == "keeper_1 has ended: killed by signal 9"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["process_0", LONG("keeper_1")])
 @pytest.mark.parametrize("keep", [True, LONG(False)])
 def test_who_is_cut_off_for_a_while_goes_on_where_it_was(

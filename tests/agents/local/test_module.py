@@ -134,7 +134,13 @@ def step(world: World, actors: dict[int, Actor], seen: dict[int, str]) -> Round:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spec", SPECS)
+@pytest.mark.parametrize(
+    "spec",
+    [
+        pytest.param(each, marks=pytest.mark.thorough if n % 3 else [])
+        for n, each in enumerate(SPECS)
+    ],
+)
 def test_modules_come_by_messages_to_what_the_world_does(spec: str) -> None:
     """In any order of delivery: what each observes, is told, claims, is granted, where it ends.
 

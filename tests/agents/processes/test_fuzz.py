@@ -81,6 +81,7 @@ def test_an_honest_run_comes_to_the_same_path(case: tuple[str, str], seed: int) 
     assert found == honest(*case, 2)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "case",
     [

@@ -71,7 +71,7 @@ def cubepath(
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_rule_of_another_distribution_runs_and_may_print(
     installed: dict[str, str], tmp_path: Path
 ) -> None:
@@ -98,17 +98,18 @@ FAILING = [
 """Each with the line that is told of it. All that a rule raises takes one way through processes."""
 
 
+SHORT = {("illegal", "0"), ("leave", "0"), ("long", "0"), ("boom", "2"), ("give-up", "2")}
+"""One of each kind; the others are thorough."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "message", "processes"),
     [
-        *((*each, "0") for each in FAILING),
-        *(
-            pytest.param(
-                *each, "2", marks=[] if each[0] in ("boom", "give-up") else pytest.mark.thorough
-            )
-            for each in FAILING
-        ),
+        pytest.param(*each, processes, marks=[] if key in SHORT else pytest.mark.thorough)
+        for each in FAILING
+        for processes in ("0", "2")
+        if (key := (each[0], processes))
     ],
 )
 def test_a_rule_that_fails_is_named_in_one_line(

@@ -29,7 +29,15 @@ COMMANDS = {
     "help of a command": ("run", "--help"),
     "version": ("--version",),
 }
-each_command = pytest.mark.parametrize("command", COMMANDS.values(), ids=COMMANDS)
+SHORT = {"rules as JSON", "verify", "help of a command"}
+"""A long answer, one of some work, and what argparse says itself; the others are thorough."""
+each_command = pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(command, id=name, marks=[] if name in SHORT else pytest.mark.thorough)
+        for name, command in COMMANDS.items()
+    ],
+)
 
 
 @each_command

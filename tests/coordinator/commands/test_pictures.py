@@ -33,7 +33,7 @@ def numbers(log: Path, capsys: pytest.CaptureFixture[str]) -> dict[str, int]:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_films_of_the_run_and_of_its_schedule(
     log: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -142,6 +142,7 @@ OPTIONS = {
 }
 
 
+@pytest.mark.thorough
 def test_shortening_reads_once_and_builds_once(folder: Path) -> None:
     """Every form of file, with its system and with what belongs to it, under every option."""
     found = opened_once(
@@ -158,6 +159,7 @@ def test_shortening_reads_once_and_builds_once(folder: Path) -> None:
     fell_once(found)
 
 
+@pytest.mark.thorough
 def test_looking_beyond_the_class_builds_nothing_of_the_input_again(folder: Path) -> None:
     """Neither for the bounds nor as what an improvement begins with."""
     commands = [
@@ -183,6 +185,7 @@ def test_what_is_wrong_is_found_by_going_back_in_the_open_file(folder: Path) -> 
     )
 
 
+@pytest.mark.thorough
 def test_converting_reads_once(folder: Path) -> None:
     """Every form to lines and to arrays, and cubes to lines; nothing is shortened."""
     targets = ("out.npz", "out.jsonl")
@@ -222,6 +225,7 @@ def test_recovering_writes_what_was_verified(folder: Path) -> None:
     assert (folder / "out.mcap").exists()
 
 
+@pytest.mark.thorough
 def test_what_is_done_with_a_recording_reads_it_once(folder: Path) -> None:
     """Described, replayed and drawn; replayed and drawn its moves fall once."""
     (told,) = opened_once(folder, ("info", "run.mcap", "--json"))

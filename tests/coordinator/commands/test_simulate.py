@@ -126,7 +126,7 @@ def test_bad_input_is_one_line(
     assert why in refused("simulate", *options)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
 )

@@ -103,7 +103,7 @@ def test_a_file_with_a_slip_is_refused_in_a_line(tmp_path: Path) -> None:
     assert line.startswith(f"cubepath: {path}: unknown key 'seed' (did you mean 'seeds'?)")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_interrupt_keeps_what_is_finished(tmp_path: Path) -> None:
     """Exit code 130, no process left, and the rest is played the next time."""
     out = tmp_path / "out"

@@ -69,14 +69,14 @@ def test_what_a_search_finds_counts_as_best_known() -> None:
     """Known values are those of the standard set, or of a search that the sweep asks for."""
     (known,) = sweep("hex:n=4", seeds=1).rows
     (plain,) = sweep("hex:n=5", seeds=1).rows
-    (found,) = sweep("hex:n=5", seeds=1, improve=200).rows
+    (found,) = sweep("hex:n=5", seeds=1, improve=60).rows
     (proved,) = sweep("hex:n=5", seeds=1, optimum=20_000).rows
     assert (known["best_known"], known["optimum"]) == (9, 9)
     assert plain["best_known"] is None
     assert proved["optimum"] == proved["best_known"] <= found["best_known"] < found["cubes"]
     assert proved["digest"] == found["digest"]
     facts_of.cache_clear()
-    assert facts_of("hex:n=5", 0, 200).best_found == found["best_known"]
+    assert facts_of("hex:n=5", 0, 60).best_found == found["best_known"]
     # From where nothing leads to the goal in time no search can go out.
     assert facts_of("sliding:n=6,p=5,q=5", 0, 1).best_found is None
 

@@ -105,7 +105,7 @@ def test_pairs_cancel_one_after_the_other(word: Word) -> None:
         there.remove(late)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @settings(max_examples=120)
 @given(all_words, st.data())
 def test_the_stream_agrees_with_the_reference_at_every_question(

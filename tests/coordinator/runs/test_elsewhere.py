@@ -95,6 +95,7 @@ def test_no_own_process_where_all_modules_are_elsewhere(commands: Commands, dige
     assert joined.end()[0] == 0
 
 
+@pytest.mark.thorough
 def test_whoever_is_refused_is_told_why_and_the_run_goes_on_waiting(
     commands: Commands, digest: str
 ) -> None:

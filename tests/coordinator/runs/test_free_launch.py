@@ -202,7 +202,7 @@ def started(*arguments: str) -> subprocess.Popen[bytes]:
 RESTLESS = ("hex:n=6", "--rule", "random", "--clock", "free", "--keepers", "2", "--processes", "2")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_coordinator_that_is_killed_is_taken_up_where_its_keepers_logs_end(
     tmp_path: Path,
 ) -> None:
@@ -267,7 +267,7 @@ def test_an_interrupt_closes_the_recording(tmp_path: Path) -> None:
     assert audit(found).ok
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_schedule_is_carried_out_without_rounds(tmp_path: Path) -> None:
     """The levels are its cubes."""
     log, again = tmp_path / "run.mcap", tmp_path / "again.mcap"
@@ -284,7 +284,7 @@ def test_no_level_is_begun_where_none_is_allowed(tmp_path: Path) -> None:
     assert (outcome.ended, outcome.moves) == ("max-rounds", 0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_modules_are_held_back_where_the_record_does_not_keep_up(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:

@@ -151,7 +151,7 @@ def quiet() -> list[Reports]:
     "do",
     [
         NONSENSE,
-        FLOOD,
+        pytest.param(FLOOD, marks=pytest.mark.thorough),
         pytest.param(HUGE, marks=pytest.mark.thorough),
         pytest.param(FAKE, marks=pytest.mark.thorough),
         pytest.param(DISGUISED, marks=pytest.mark.thorough),

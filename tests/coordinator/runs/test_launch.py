@@ -470,10 +470,8 @@ def test_a_router_that_dies_is_started_again_and_the_run_goes_on(
         ends_whole(tmp_path, child)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "who", ["host", *(pytest.param(each, marks=pytest.mark.thorough) for each in ("router", "own"))]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("who", ["host", "router", "own"])
 def test_a_process_that_is_paused_is_waited_for(tmp_path: Path, who: str) -> None:
     """A module process, the router or the coordinator stands still: the run goes on after that."""
     with started(tmp_path, "--processes", "2") as child:
@@ -521,7 +519,7 @@ def test_who_is_late_is_named_when_patience_is_over(tmp_path: Path) -> None:
     assert verify(read_recording(tmp_path / "run.mcap")).ok
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_messages_that_come_twice_change_nothing(tmp_path: Path) -> None:
     """Somebody who may puts every message of the run once more, late and in another order."""
     plan = Plan("hex:n=6", "random", seed=3, processes=2, max_rounds=40)

@@ -145,7 +145,7 @@ def test_a_rate_paces_the_rounds() -> None:
     assert found.seconds >= (rounds - 1) / 50
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_rate_too_slow_for_the_clock_only_waits() -> None:
     """However far away the second round is, a signal ends the replay, and nothing else does."""
     code = f"""

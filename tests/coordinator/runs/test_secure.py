@@ -120,6 +120,7 @@ def test_with_the_certificate_of_another_there_is_no_voice(
         assert Ear(listener).hears(speaker, KEYS, len(heard)) == heard
 
 
+@pytest.mark.thorough
 def test_a_secure_run_with_a_process_elsewhere_takes_the_same_path(
     folder: Path, tmp_path: Path
 ) -> None:

@@ -70,7 +70,7 @@ def test_a_planted_bug_is_found_shrunk_and_kept(told: tuple[Kept, Tally, list[in
     assert not {check.name: check.ok for check in verify(recording).checks}["deliveries"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_kept_can_be_opened(told: tuple[Kept, Tally, list[int]]) -> None:
     """By verify, info, view and replay; the pictures show the messages, and view leaves them."""
     kept, _, _ = told

@@ -13,7 +13,7 @@ import pytest
 EXAMPLE = Path(__file__).parents[3] / "docs" / "examples" / "vehicles"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_example_project_passes(tmp_path: Path) -> None:
     """Copied elsewhere, in a fresh process, with nothing of ours on its path; it leaves nothing."""
     project = tmp_path / "vehicles"

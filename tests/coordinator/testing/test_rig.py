@@ -44,7 +44,7 @@ Wound = Callable[[Rig], Any]
 LONG: Any = pytest.mark.thorough
 WOUNDS: list[Any] = [
     pytest.param(lambda rig: rig.double("said"), id="doubled", marks=LONG),
-    pytest.param(lambda rig: rig.drop("ready", sender="process_1", times=2), id="lost"),
+    pytest.param(lambda rig: rig.drop("ready", sender="process_1", times=2), id="lost", marks=LONG),
     pytest.param(
         lambda rig: rig.drop("go", to=0, round=3, phase="claim", times=1), id="go lost", marks=LONG
     ),
@@ -141,7 +141,8 @@ def failing(act: Callable[[], object], line: str) -> str:
     return str(found.value)
 
 
-def test_what_does_not_come_is_told_with_what_came(cubepath_run: StartRun) -> None:
+@pytest.mark.thorough
+def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None:
     """How the run stands, each process with its modules, and the last messages."""
     rig = cubepath_run(SYSTEM, timeout_s=3.0)
     rig.step(3)
@@ -151,6 +152,10 @@ def test_what_does_not_come_is_told_with_what_came(cubepath_run: StartRun) -> No
     assert "process_0: process id " in text
     assert ", modules 0, 1, its link is cut (lost)\n" in text
     assert "the last messages:\n" in text
+
+
+def test_what_does_not_come_in_time_is_told(cubepath_run: StartRun) -> None:
+    """With the pattern, and at once where who would have to say it has died."""
     rig = cubepath_run("hex:n=4", "random", clock="free", timeout_s=1.0, patience=20.0)
     failing(lambda: rig.until("act"), r"^not within 1 s: a message with kind=act\nlevel \d+, ")
     os.kill(rig.pids["process_1"], signal.SIGKILL)

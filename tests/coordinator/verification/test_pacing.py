@@ -148,7 +148,9 @@ def test_without_a_parameter_those_who_joined_are_the_processes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("processes", [1, 2, 3])
+@pytest.mark.parametrize(
+    "processes", [2, *(pytest.param(each, marks=pytest.mark.thorough) for each in (1, 3))]
+)
 def test_real_runs_keep_their_pace(processes: int) -> None:
     """In both forms, whichever process is first."""
     whole = recorded("hex-open:n=6", rounds=8, seed=3, hesitate=0.2, processes=processes)
