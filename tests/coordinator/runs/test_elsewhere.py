@@ -16,7 +16,7 @@ from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
-from elsewhere import Command, Commands, soon
+from elsewhere import Commands, Running, soon
 
 pytestmark = pytest.mark.slow
 
@@ -40,12 +40,12 @@ def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     return run(plan).path_digest
 
 
-def listens(command: Command) -> str:
+def listens(command: Running) -> str:
     """Return where a command listens."""
     return command.says(r"listening on (\S+) without TLS: whoever can connect can speak")[1]
 
 
-def joins(commands: Commands, endpoint: str, modules: str, *more: str) -> Command:
+def joins(commands: Commands, endpoint: str, modules: str, *more: str) -> Running:
     """Start a process that joins."""
     return commands.start("join", f"--connect={endpoint}", f"--modules={modules}", *more)
 
@@ -81,7 +81,7 @@ def test_hosts_on_several_addresses_give_the_same_path(commands: Commands, diges
     recording = read_recording(commands.folder / found["log"])
     assert verify(recording).ok
     assert recording.parameters["wait_for"] == "2"
-    router.child.send_signal(signal.SIGINT)
+    router.signal(signal.SIGINT)
     assert router.end()[0] == 130
 
 
@@ -139,7 +139,7 @@ def test_a_run_that_waits_can_be_interrupted(commands: Commands) -> None:
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=2")
     joined = joins(commands, listens(runs), "0-2")
     runs.says("waiting for 1 process")
-    runs.child.send_signal(signal.SIGINT)
+    runs.signal(signal.SIGINT)
     assert runs.end()[0] == 130
     code, _, errors = joined.end()
     assert (code, errors[-1]) == (1, "cubepath: the run has ended")
@@ -154,8 +154,8 @@ def test_who_leaves_before_the_beginning_is_waited_for_again(
     endpoint = listens(runs)
     gone = joins(commands, endpoint, "0-2")
     runs.says("waiting for 1 process: modules 3-5")
-    gone.child.kill()
-    runs.says("waiting for 2 processes: modules 0-5")
+    gone.signal()
+    runs.says("waiting for 2 processes: modules 0-5", again=True)
     joined = [joins(commands, endpoint, modules) for modules in ("0-2", "3-5")]
     assert json.loads(runs.end()[1])["path_digest"] == digest
     assert [each.end()[0] for each in joined] == [0, 0]
@@ -175,7 +175,7 @@ def test_a_joined_process_that_ends_ends_the_run(
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
     joined = joins(commands, listens(runs), "0,4")
     goes_on(commands.folder)
-    joined.child.send_signal(number)
+    joined.signal(number)
     begun = time.monotonic()
     assert joined.end()[0] == code
     found, _, errors = runs.end()
@@ -192,7 +192,7 @@ def test_a_joined_process_ends_when_its_coordinator_is_killed(commands: Commands
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
     joined = joins(commands, listens(runs), "0-3")
     goes_on(commands.folder)
-    runs.child.kill()
+    runs.signal()
     code, answer, errors = joined.end()
     assert (code, answer) == (1, "")
     assert errors[-1].endswith("is gone")
@@ -206,7 +206,7 @@ def test_a_joined_process_that_hears_nothing_ends_when_its_patience_is_over(
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
     joined = joins(commands, listens(runs), "0-3", "--patience=3")
     goes_on(commands.folder)
-    runs.child.send_signal(signal.SIGSTOP)
+    runs.signal(signal.SIGSTOP)
     code, answer, errors = joined.end()
     assert (code, answer) == (1, "")
     assert re.search(r"nothing was heard of run \w+ for 3 s$", errors[-1])
@@ -218,11 +218,11 @@ def test_a_joined_process_that_is_paused_is_waited_for(commands: Commands) -> No
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=1")
     joined = joins(commands, listens(runs), "0-3")
     goes_on(commands.folder)
-    joined.child.send_signal(signal.SIGSTOP)
+    joined.signal(signal.SIGSTOP)
     time.sleep(3)
-    joined.child.send_signal(signal.SIGCONT)
+    joined.signal(signal.SIGCONT)
     goes_on(commands.folder)
-    runs.child.send_signal(signal.SIGINT)
+    runs.signal(signal.SIGINT)
     assert (runs.end()[0], joined.end()[0]) == (130, 0)
     assert verify(read_recording(commands.folder / "run.mcap")).ok
 
@@ -233,11 +233,11 @@ def test_a_process_that_waits_to_join_can_be_interrupted(commands: Commands) -> 
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=2")
     joined = joins(commands, listens(runs), "0-3")
     runs.says("waiting for 1 process")
-    joined.child.send_signal(signal.SIGINT)
+    joined.signal(signal.SIGINT)
     code, answer, errors = joined.end()
     assert (code, answer, errors[-1]) == (130, "", "cubepath: interrupted")
-    runs.says("waiting for 2 processes: modules 0-5")
-    runs.child.send_signal(signal.SIGTERM)
+    runs.says("waiting for 2 processes: modules 0-5", again=True)
+    runs.signal(signal.SIGTERM)
     assert runs.end()[0] == 130
 
 
@@ -249,11 +249,11 @@ def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     runs = commands.start("run", *ENDLESS, f"--connect={endpoint}", "--wait-for=1")
     joined = joins(commands, endpoint, "0-3")
     goes_on(commands.folder)
-    task = Path(f"/proc/{router.child.pid}/task/{router.child.pid}/children")
+    task = Path(f"/proc/{router.pid}/task/{router.pid}/children")
     os.kill(int(task.read_text().split()[0]), signal.SIGKILL)
     router.says("the router died, and was started again")
     goes_on(commands.folder)
-    runs.child.send_signal(signal.SIGINT)
+    runs.signal(signal.SIGINT)
     assert runs.end()[0] == 130
     assert joined.end()[0] == 0
     assert verify(read_recording(commands.folder / "run.mcap")).ok

@@ -4,30 +4,24 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+import subprocess
+import sys
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from elsewhere import Command, Commands, folders, soon
+from elsewhere import Commands, folders, soon
 
 pytestmark = pytest.mark.slow
 
 RUN = ("run", "hex:n=6", "--rule=random", "--max-rounds=999999", "--log=run.mcap")
 
 
-@pytest.fixture
-def commands(tmp_path: Path) -> Iterator[Commands]:
-    """Return what starts commands, and ends them."""
-    with Commands(tmp_path) as found:
-        yield found
-
-
-def children_of(command: Command) -> dict[str, list[int]]:
+def children_of(pid: int) -> dict[str, list[int]]:
     """Return the process ids of the router and of the module processes."""
     found: dict[str, list[int]] = {"router": [], "host": []}
-    for task in Path(f"/proc/{command.child.pid}/task").iterdir():
+    for task in Path(f"/proc/{pid}/task").iterdir():
         for child in (task / "children").read_text().split():
             with suppress(OSError):
                 words = Path(f"/proc/{child}/cmdline").read_bytes().decode().split("\0")
@@ -49,32 +43,43 @@ def children_of(command: Command) -> dict[str, list[int]]:
     ],
     ids=" ".join,
 )
-def test_nothing_is_left(commands: Commands, victims: tuple[str, ...]) -> None:
-    """Those that are left end by themselves, and the last takes the folder away."""
-    begun = commands.start(*RUN, "--processes=2")
-    log = commands.folder / "run.mcap"
+def test_nothing_is_left(tmp_path: Path, victims: tuple[str, ...]) -> None:
+    """Those that are left end by themselves, and the last takes the folder away.
+
+    So the command is not one of the plugin's, which would end them.
+    """
+    begun = subprocess.Popen(
+        [sys.executable, "-m", "cubepath.coordinator", *RUN, "--processes=2"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        process_group=0,
+    )
+    log = tmp_path / "run.mcap"
     soon(lambda: log.exists() and log.stat().st_size > 20_000, "no run")
-    pids = children_of(begun)
-    everyone = [begun.child.pid, *pids["router"], *pids["host"]]
-    assert (len(everyone), len(folders(commands.folder))) == (4, 1)
+    pids = children_of(begun.pid)
+    everyone = [begun.pid, *pids["router"], *pids["host"]]
+    assert (len(everyone), len(folders(tmp_path))) == (4, 1)
     for victim in victims:
         how, _, who = victim.rpartition(" ")
         number = {"stopped": signal.SIGSTOP, "interrupted": signal.SIGINT}.get(how, signal.SIGKILL)
-        for pid in pids.get(who, [begun.child.pid]):
+        for pid in pids.get(who, [begun.pid]):
             os.kill(pid, number)
-    begun.end()
-    soon(lambda: not folders(commands.folder), "the folder is still there")
+    begun.wait(60)
+    soon(lambda: not folders(tmp_path), "the folder is still there")
     for pid in pids["router"]:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGCONT)
     soon(lambda: not any(Path(f"/proc/{pid}").exists() for pid in everyone), "some still run")
 
 
-def test_a_run_that_was_refused_leaves_no_folder(commands: Commands) -> None:
+def test_a_run_that_was_refused_leaves_no_folder(tmp_path: Path) -> None:
     """Nor one that could not begin."""
-    code, _, errors = commands.start("run", "hex:n=6", "--log=run.mcap", "--rule=tswap").end()
-    assert (code, len(errors)) == (2, 1)
-    code, _, errors = commands.start("run", "hex:n=6", "--listen=tcp/192.0.2.1:1").end()
-    assert (code, len(errors)) == (1, 1)
-    assert "cannot listen there" in errors[0]
-    assert folders(commands.folder) == []
+    with Commands(tmp_path) as commands:
+        code, _, errors = commands.start("run", "hex:n=6", "--log=run.mcap", "--rule=tswap").end()
+        assert (code, len(errors)) == (2, 1)
+        code, _, errors = commands.start("run", "hex:n=6", "--listen=tcp/192.0.2.1:1").end()
+        assert (code, len(errors)) == (1, 1)
+        assert "cannot listen there" in errors[0]
+        assert folders(tmp_path) == []

@@ -152,3 +152,23 @@ def test_a_command_that_cannot_be_started_is_one_line(command: str, line: str) -
     """As everywhere."""
     with pytest.raises(InputError, match=f"^{line}$"):
         Command(command)
+
+
+def test_a_command_can_be_interrupted() -> None:
+    """As from a terminal, also where this process was started with interrupts ignored."""
+    waits = "print('here'); import time; time.sleep(1000)"
+    with Command([sys.executable, "-c", waits]) as command:
+        command.says("here")
+        command.signal(signal.SIGINT)
+        command.says("^KeyboardInterrupt")
+        assert command.wait() == -signal.SIGINT
+
+
+def test_a_line_can_be_waited_for_again() -> None:
+    """The one that was found last does not count, nor what came before it."""
+    with Command([sys.executable, "-c", "for n in range(3): print('ready', n)"]) as command:
+        found = [command.says(r"ready (\d)", again=True)[1] for _ in range(3)]
+        assert (found, command.says("ready 1")[0]) == (["0", "1", "2"], "ready 1")
+        command.says("ready 2", again=True)
+        with pytest.raises(CheckError, match="says 'ready 2': it ended"):
+            command.says("ready 2", again=True)

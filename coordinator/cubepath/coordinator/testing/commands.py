@@ -107,6 +107,7 @@ class Command:
         self.name = name or Path(arguments[0]).name
         self._told = threading.Condition()
         self._lines: dict[str, list[str]] = {"out": [], "err": []}
+        self._heard = {"out": 0, "err": 0}
         self._ward, report = new_ward(
             arguments,
             stdout=subprocess.PIPE,
@@ -155,18 +156,21 @@ class Command:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.pid, number)
 
-    def says(self, pattern: str, timeout_s: float = 30.0) -> re.Match[str]:
+    def says(self, pattern: str, timeout_s: float = 30.0, *, again: bool = False) -> re.Match[str]:
         """Wait for a line, of either stream, in which a pattern is found; return the match.
 
-        CheckError with what it said instead if it ends or the time is over before.
+        With `again` the line has to come after the one that was found last. CheckError with what it
+        said instead if it ends or the time is over before.
         """
         deadline = time.monotonic() + timeout_s
         with self._told:
             while True:
-                for line in (*self._lines["out"], *self._lines["err"]):
-                    found = re.search(pattern, line)
-                    if found is not None:
-                        return found
+                for kind, lines in self._lines.items():
+                    for number in range(self._heard[kind] if again else 0, len(lines)):
+                        found = re.search(pattern, lines[number])
+                        if found is not None:
+                            self._heard[kind] = number + 1
+                            return found
                 left = deadline - time.monotonic()
                 over = not any(reader.is_alive() for reader in self._readers)
                 if over or left <= 0:

@@ -78,6 +78,8 @@ class Ward:
         os.close(report)
 
     def _end_with_ward(self) -> None:
+        # What is ignored stays so in a new program: a command is interrupted as from a terminal.
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
         self._libc.prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL, 0, 0, 0)
 
     def wait(self) -> None:
