@@ -1,0 +1,66 @@
+"""Processes of a run with rounds that die or stand still: what is tolerated, and what is told."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import pytest
+
+from cubepath.coordinator.testing.fixtures import StartRun
+from cubepath.coordinator.testing.rig import Rig
+
+MORE = 10
+"""How many rounds show that a run goes on."""
+
+
+def begun(start: StartRun, processes: int = 2, **options: Any) -> Rig:
+    """Start a run that has no end, and play some rounds of it."""
+    run = start("hex:n=6", "random", max_rounds=10**6, processes=processes, links=False, **options)
+    run.step(5)
+    return run
+
+
+@pytest.mark.slow
+def test_a_module_process_that_dies_ends_the_run(cubepath_run: StartRun) -> None:
+    """One clear line naming the modules, and a whole recording."""
+    run = begun(cubepath_run, 3)
+    run.kill("process_0")
+    outcome = run.play()
+    assert outcome.ended == "failed"
+    assert re.match(r"module_0, module_1 \(process 0\) died in round \d+", outcome.error or "")
+    run.finish().assert_legal()
+
+
+@pytest.mark.thorough
+def test_a_router_that_dies_is_started_again(cubepath_run: StartRun) -> None:
+    """What was on its way is lost and asked for again."""
+    run = begun(cubepath_run)
+    run.kill("router")
+    run.step(MORE)
+    run.finish().assert_legal()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seconds", [1.5, 12, 50])
+@pytest.mark.parametrize("who", ["process_0", "router"])
+def test_who_stands_still_is_waited_for(cubepath_run: StartRun, who: str, seconds: float) -> None:
+    """Longer than it takes to ask again, than the lease of a link, and than all of these."""
+    run = begun(cubepath_run, patience=100.0)
+    run.pause(who, seconds=seconds)
+    run.until_round(run.round + MORE, timeout_s=100)
+    run.finish().assert_legal()
+
+
+@pytest.mark.thorough
+def test_who_is_late_is_named_when_patience_is_over(cubepath_run: StartRun) -> None:
+    """The one that stands still and not those that wait for it; the recording is whole."""
+    run = begun(cubepath_run, 3, patience=4.0)
+    run.pause("process_1")
+    outcome = run.play(timeout_s=60)
+    assert outcome.ended == "failed"
+    assert re.fullmatch(
+        r"no answer within 4 s to phase \w+ of round \d+ from module_2, module_3 \(process 1\)",
+        outcome.error or "",
+    )
+    run.finish().assert_legal()
