@@ -94,7 +94,8 @@ def test_plans_recordings_and_schedules_come_by_pipes(folder: Path) -> None:
         "cubepath complex <(cat grid.toml)",
     ):
         done = in_shell(line)
-        assert (done.returncode, done.stderr, line) == (0, "", line)
+        said = [each for each in done.stderr.splitlines() if ": endpoint " not in each]
+        assert (done.returncode, said, line) == (0, [], line)
 
 
 @pytest.mark.slow

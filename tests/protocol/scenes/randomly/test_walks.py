@@ -33,6 +33,8 @@ def test_every_step_is_an_admissible_move_and_never_the_one_back(family: str) ->
     last = None
     for moves in range(1, 9):
         state = after(scene, moves, 5)
+        if state == before:  # the walk is back where it began, and is said to be one step shorter
+            state = scene.start_state
         actions = actions_at(scene, before)
         (action,) = [each for each in actions if apply(each, before) == state]
         assert action != last or len(actions) == 1
