@@ -20,7 +20,7 @@ Three things make it smaller without leaving anything out:
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple, TypeAlias
 
@@ -45,8 +45,8 @@ class Global(NamedTuple):
     """A global state; the coordinator is the first node."""
 
     nodes: tuple[int, ...]
-    under_way: tuple[tuple[int, ...], ...]
-    """To each node the messages by number, in increasing order."""
+    under_way: tuple[int, ...]
+    """To each node the number of the pile of messages; 0 is the empty one."""
     timers: tuple[float | None, ...]
     """The time left of each; None: it does not run."""
     put: int = 0
@@ -56,7 +56,7 @@ class Global(NamedTuple):
     """Whether a fault can still happen."""
 
 
-Core: TypeAlias = tuple[tuple[int, ...], tuple[tuple[int, ...], ...], tuple[float | None, ...]]
+Core: TypeAlias = tuple[tuple[int, ...], tuple[int, ...], tuple[float | None, ...]]
 """A global state without what is known of faults."""
 
 
@@ -103,20 +103,25 @@ class Explorer:
         self._nodes = [States(node) for node in nodes]
         self._messages: list[Letters] = []
         self._numbers: dict[Letters, int] = {}
+        self._piles: list[tuple[int, ...]] = [()]
+        """Messages by number, in increasing order."""
+        self._pile_numbers: dict[tuple[int, ...], int] = {(): 0}
+        self._smaller: dict[tuple[int, int], int] = {}
+        self._letters: dict[tuple[int, ...], list[Letter]] = {}
         self._histories: list[frozenset[int]] = [frozenset()]
         self._history_numbers: dict[frozenset[int], int] = {frozenset(): 0}
         self._longer: dict[tuple[int, tuple[int, ...]], int] = {}
         self._doubles: dict[tuple[int, int, int], list[int]] = {}
         self._reactions: dict[tuple[int, int, int], tuple[Reaction, tuple[int, ...]]] = {}
         self._new: dict[tuple[int, int, int, tuple[int, ...]], tuple[int, ...]] = {}
-        self._left: dict[tuple[int, int, tuple[int, ...]], tuple[int, ...]] = {}
+        self._arrived: dict[tuple[int, int, int, int, tuple[int, ...]], int] = {}
         self._guessed: dict[Letter, set[int]] = {}
         self._not_guessed: set[Letter] = set()
 
     def explore(self) -> Explored:
         """Explore all; BrokenError with the way there if something does not hold."""
         while True:
-            self._guessed, self._left = {}, {}
+            self._guessed, self._arrived = {}, {}
             found = Explored()
             self._walk(self._start(), found)
             try:
@@ -128,10 +133,11 @@ class Explorer:
 
     def _start(self) -> Global:
         count = len(self._nodes)
-        world = Global((), ((),) * count, (None,) * count, fault=bool(self._faults))
+        world = Global((), (0,) * count, (None,) * count, fault=bool(self._faults))
         world = world._replace(nodes=tuple(node.first.state for node in self._nodes))
         for node, states in enumerate(self._nodes):
-            world = self._carried_out(world, node, states.first, self._said(node, states.first))
+            said = self._said(node, states.first)
+            world = self._carried_out(world, world.under_way, node, states.first, said)
         return world
 
     def _walk(self, start: Global, found: Explored) -> None:
@@ -184,16 +190,13 @@ class Explorer:
 
     def _steps(self, world: Global, ends: set[int]) -> Iterator[Step]:
         """Yield what can happen in a state; faults come last, when the rest is explored."""
-        letters = [
-            Letter(node, message)
-            for node, messages in enumerate(world.under_way)
-            for message in dict.fromkeys(messages)
-        ]
+        letters = self._letters_of(world.under_way)
         for letter in letters:
-            yield "takes", letter, self._delivered(self._taken_out(world, letter), letter)
+            rest = self._without(world.under_way, letter)
+            yield "takes", letter, self._delivered(world, rest, letter)
         if world.late is not None:
-            rest = world._replace(late=None)
-            yield "takes late", world.late, self._delivered(rest, world.late)
+            in_time = world._replace(late=None)
+            yield "takes late", world.late, self._delivered(in_time, world.under_way, world.late)
         if not letters:
             if self._seat(world, COORDINATOR).ended:
                 ends.add(world.nodes[COORDINATOR])
@@ -216,9 +219,9 @@ class Explorer:
 
     def _with_fault(self, world: Global, letters: list[Letter]) -> Iterator[Step]:
         after = world._replace(fault=False, put=0)
-        if sum(map(len, world.under_way)) == 1:
+        if sum(len(self._piles[pile]) for pile in world.under_way) == 1:
             (letter,) = letters
-            rest = self._taken_out(after, letter)
+            rest = after._replace(under_way=self._without(world.under_way, letter))
             if "loss" in self._faults:
                 yield "never takes", letter, rest
             if "late" in self._faults:
@@ -227,7 +230,7 @@ class Explorer:
             if "double" in self._faults:
                 for message in self._doubles_for(node, state, world.put):
                     letter = Letter(node, message)
-                    yield "takes a double", letter, self._delivered(after, letter)
+                    yield "takes a double", letter, self._delivered(after, after.under_way, letter)
             if "tick" in self._faults and world.timers[node] is not None:
                 yield f"early tick of node {node}", None, self._ticked(after, node)
 
@@ -249,20 +252,21 @@ class Explorer:
 
     # What comes of it.
 
-    def _delivered(self, world: Global, letter: Letter) -> Global:
+    def _delivered(self, world: Global, under_way: tuple[int, ...], letter: Letter) -> Global:
         node, message = letter
         key = (node, world.nodes[node], message)
         found = self._reactions.get(key)
         if found is None:
             reaction = self._nodes[node].after(world.nodes[node], self._messages[message].put)
             found = self._reactions[key] = reaction, self._said(node, reaction)
-        return self._carried_out(world, node, *found)
+        return self._carried_out(world, under_way, node, *found)
 
     def _ticked(self, world: Global, node: int) -> Global:
         timers = _with(world.timers, node, None)
         reaction = self._nodes[node].after(world.nodes[node], None)
         said = self._said(node, reaction)
-        return self._carried_out(world._replace(timers=timers), node, reaction, said)
+        after = world._replace(timers=timers)
+        return self._carried_out(after, after.under_way, node, reaction, said)
 
     def _said(self, node: int, reaction: Reaction) -> tuple[int, ...]:
         """Return the numbers of the messages that a node puts."""
@@ -276,23 +280,30 @@ class Explorer:
         return tuple(found)
 
     def _carried_out(
-        self, world: Global, node: int, reaction: Reaction, said: tuple[int, ...]
+        self,
+        world: Global,
+        under_way: tuple[int, ...],
+        node: int,
+        reaction: Reaction,
+        said: tuple[int, ...],
     ) -> Global:
-        """Return the global state in which a node has reacted."""
+        """Return the global state in which a node has reacted, with what was under way else."""
         nodes = _with(world.nodes, node, reaction.state)
         timers, put = world.timers, world.put
         if reaction.timer is not None:
             timers = _with(timers, node, reaction.timer.seconds)
         if said and world.fault and "double" in self._faults:
             put = self._with_history(put, said)
-        under_way: list[tuple[int, ...]] = []
-        for other, (state, messages) in enumerate(zip(nodes, world.under_way, strict=True)):
-            new = self._new_for(other, state, node, said) if said and other != node else ()
-            more = tuple(sorted((*messages, *new))) if new else messages
-            under_way.append(self._left_for(other, state, more) if more else more)
+        piles = list(under_way)
+        if piles[node]:
+            piles[node] = self._after_arrival(node, reaction.state, piles[node], node, ())
+        if said:
+            for other, pile in enumerate(under_way):
+                if other != node:
+                    piles[other] = self._after_arrival(other, nodes[other], pile, node, said)
         if self._nodes[node].seats[reaction.state].ended:
             timers = _with(timers, node, None)
-        return Global(nodes, tuple(under_way), timers, put, world.late, world.fault)
+        return Global(nodes, tuple(piles), timers, put, world.late, world.fault)
 
     def _new_for(self, other: int, state: int, node: int, said: tuple[int, ...]) -> tuple[int, ...]:
         """Return what comes to another node of what a node puts."""
@@ -306,16 +317,53 @@ class Explorer:
             )
         return found
 
-    def _left_for(self, node: int, state: int, messages: tuple[int, ...]) -> tuple[int, ...]:
-        """Return the messages without those that are ignored, and it is assumed later too."""
-        found = self._left.get((node, state, messages))
+    def _after_arrival(
+        self, node: int, state: int, pile: int, speaker: int, said: tuple[int, ...]
+    ) -> int:
+        """Return the pile with what comes of it, without what is ignored, and assumed so later."""
+        key = node, state, pile, speaker, said
+        found = self._arrived.get(key)
         if found is None:
-            found = self._left[node, state, messages] = (
-                ()
+            new = self._new_for(node, state, speaker, said)
+            messages = sorted((*self._piles[pile], *new))
+            found = self._arrived[key] = (
+                0
                 if self._nodes[node].seats[state].ended
-                else tuple(each for each in messages if not self._is_ignored(node, state, each))
+                else self._pile(
+                    each for each in messages if not self._is_ignored(node, state, each)
+                )
             )
         return found
+
+    def _pile(self, messages: Iterable[int]) -> int:
+        """Return the number of a pile."""
+        pile = tuple(messages)
+        found = self._pile_numbers.setdefault(pile, len(self._piles))
+        if found == len(self._piles):
+            self._piles.append(pile)
+        return found
+
+    def _letters_of(self, under_way: tuple[int, ...]) -> list[Letter]:
+        """Return what is under way, equal messages once."""
+        found = self._letters.get(under_way)
+        if found is None:
+            found = self._letters[under_way] = [
+                Letter(node, message)
+                for node, pile in enumerate(under_way)
+                for message in dict.fromkeys(self._piles[pile])
+            ]
+        return found
+
+    def _without(self, under_way: tuple[int, ...], letter: Letter) -> tuple[int, ...]:
+        """Return what is under way when a message is not any more."""
+        node, message = letter
+        key = under_way[node], message
+        found = self._smaller.get(key)
+        if found is None:
+            messages = list(self._piles[under_way[node]])
+            messages.remove(message)
+            found = self._smaller[key] = self._pile(messages)
+        return _with(under_way, node, found)
 
     def _with_history(self, put: int, said: tuple[int, ...]) -> int:
         found = self._longer.get((put, said))
@@ -326,11 +374,6 @@ class Explorer:
                 self._histories.append(longer)
             self._longer[put, said] = found
         return found
-
-    def _taken_out(self, world: Global, letter: Letter) -> Global:
-        messages = list(world.under_way[letter.node])
-        messages.remove(letter.message)
-        return world._replace(under_way=_with(world.under_way, letter.node, tuple(messages)))
 
     # What is ignored.
 
