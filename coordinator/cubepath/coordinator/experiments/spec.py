@@ -13,6 +13,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
+from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
 from cubepath.agents.rules.rule_files import forget_rule_files, is_in_file
 from cubepath.coordinator.experiments.instances import standard
@@ -238,10 +239,8 @@ def is_small(batches: Iterable[Batch]) -> bool:
 def _of_scene(
     sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
 ) -> Iterator[Setting]:
-    family = sound_family(scene.family)
-    own = (family.rule if family is not None else "") or "random"
     hashed = scene_hash(scene)
-    axes = (sweep.rules or (own,), sweep.clocks, sweep.hesitate, sweep.faults)
+    axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
         try:
