@@ -28,7 +28,7 @@ from cubepath.coordinator.experiments.rows import (
     Row,
     in_canonical_order,
 )
-from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.setting import OF_SCENES, Batch
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import check_output_folder, unwritable, written_whole
 
@@ -134,15 +134,28 @@ class SweepFolder:
         with written_whole(self.folder / MARK) as stream:
             stream.write(json.dumps(told, indent=1).encode())
 
-    def begin(self, batches: Iterable[Batch]) -> set[str]:
-        """Take note that these are played now, and return the ids of all finished runs.
+    def begin(self, batches: Iterable[Batch]) -> dict[str, str | None]:
+        """Take note that these are played now; return the recordings of finished runs by their ids.
 
         One that died or was prevented is none of them: it may have been the machine.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
         self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
-        rows = (row for part in parts_of(self.folder) for row in _read(part, ("id", "ended")))
-        return {row["id"] for row in rows if row["ended"] not in AGAIN}
+        known: dict[str, str | None] = {}
+        for part in parts_of(self.folder):
+            for row in _read(part, ("id", "ended", "recording")):
+                if row["ended"] not in AGAIN:
+                    known[row["id"]] = row["recording"] or known.get(row["id"])
+        return known
+
+    def replace(self, rows: Sequence[Row]) -> None:
+        """Keep these rows of runs for those that are there; their rounds stay as they are."""
+        if rows:
+            self.write()
+            told = "".join(f"{row['id']} {row['configuration']}" for row in rows)
+            name = f"{sha256(told.encode()).hexdigest()[:16]}-again"
+            self._write("rounds", name, table_of([], ROUND_COLUMNS))
+            self._write("runs", name, table_of(rows, RUN_COLUMNS))
 
     def add(self, rows: Iterable[Finished]) -> None:
         """Keep the rows of finished runs, and write a part if one is due."""
@@ -214,19 +227,25 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
     """Return the rows of all runs of a folder in canonical order.
 
     Of runs that were played with several versions of the code, the scene or the rule, those of the
-    last one are returned, or with `all_versions` all. InputError if the folder is no sweep's, or is
-    damaged.
+    last one are returned, or with `all_versions` all. Of several rows of a run it is one that was
+    played, then one with a recording, then that for which most was searched. InputError if the
+    folder is no sweep's, or is damaged.
     """
     places = {version: place for place, version in enumerate(read_mark(folder))}
-    found: dict[str, tuple[tuple[int, bool], Row]] = {}
+    found: dict[str, tuple[tuple[object, ...], Row]] = {}
     for part in parts_of(folder):
         for row in _read(part, RUN_COLUMNS):
             told = json.loads(row["configuration"])
             version = f"{row['code']} {told.pop('scene')} {told.pop('source')}"
-            for name in ("best_known", "proved"):
-                del told[name]
+            searched = [told.pop(name) for name in OF_SCENES][:2]
             key = row["id"] if all_versions else json.dumps(told, sort_keys=True)
-            rank = places.get(version, -1), row["ended"] not in AGAIN
+            rank = (
+                places.get(version, -1),
+                row["ended"] not in AGAIN,
+                row["recording"] is not None,
+                *searched,
+                row["id"],
+            )
             if key not in found or found[key][0] <= rank:
                 found[key] = rank, row
     return in_canonical_order(row for _, row in found.values())

@@ -20,12 +20,12 @@ from cubepath.agents.rules.rule_files import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
 from cubepath.coordinator.experiments.rows import PREVENTED, Finished
-from cubepath.coordinator.experiments.scene_facts import facts_of
+from cubepath.coordinator.experiments.scene_facts import SceneFacts, facts_of
 from cubepath.coordinator.experiments.setting import Batch, Setting, code_version, scene_hash
 from cubepath.coordinator.experiments.simulated_core import play_simulated
 from cubepath.coordinator.experiments.sources import source_hash
 from cubepath.coordinator.experiments.wire_core import play_on_wire
-from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 _alone = threading.RLock()
@@ -98,6 +98,21 @@ def _prevented(batch: Batch, seed: int, why: str) -> Finished:
     found = failed(batch, seed, PREVENTED, why)
     found.run.update(family="", modules=None, best_known=batch.setting.best_known)
     return found
+
+
+def loaded_facts(setting: Setting, *, optimum: int, improve: int) -> SceneFacts:
+    """Return what these searches find in the scene of a setting, as its file is now.
+
+    InputError if that is not the scene that was asked for.
+    """
+    with _alone, contextlib.redirect_stdout(sys.stderr):
+        facts = facts_of(setting.system, optimum, improve)
+        if facts.hashed != setting.scene:
+            facts_of.cache_clear()
+            facts = facts_of(setting.system, optimum, improve)
+        if facts.hashed != setting.scene:
+            raise InputError(f"{setting.system}: was changed while the sweep began")
+    return facts
 
 
 def _check(batch: Batch) -> None:

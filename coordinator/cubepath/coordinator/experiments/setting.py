@@ -25,6 +25,8 @@ CORES: tuple[str, ...] = get_args(Core)
 CLOCKS: tuple[str, ...] = get_args(Clock)
 SLOW_FACTOR_MAX = 10_000
 DELAY_MS_MAX = 1_000_000
+OF_SCENES = ("optimum", "improve", "best_known", "proved")
+"""Keys of a setting that are of its scene, and decide nothing about a run."""
 _ID = 16
 _WITHOUT_RESULTS = ("commands", "paper", "auditing", "testing")
 """Rooms of the coordinator whose code decides nothing about a run."""
@@ -113,9 +115,12 @@ class Setting:
         return asdict(self)
 
     def deciding(self) -> dict[str, Any]:
-        """Return what decides about the run: files by what they hold, and not by where they lie."""
+        """Return what decides about the run: files by what they hold, and not by where they lie.
+
+        What is searched for or known in the scene changes nothing in it.
+        """
         told = asdict(self)
-        for name in ("label", "system", "best_known", "proved"):
+        for name in ("label", "system", *OF_SCENES):
             del told[name]
         return told | {"rule": self.rule.rpartition("/")[2]}
 

@@ -5,7 +5,7 @@ Room: coordinator.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +21,7 @@ from cubepath.coordinator.experiments.rows import (
     Row,
     in_canonical_order,
 )
+from cubepath.coordinator.experiments.searches import searched_again, searching
 from cubepath.coordinator.experiments.setting import Batch, FaultRates
 from cubepath.coordinator.experiments.spec import (
     Expansion,
@@ -189,11 +190,14 @@ def play_sweep(
         raise InputError("record: without a folder for the recordings, expected one")
     with ExitStack() as stack:
         writing = None if folder is None else stack.enter_context(SweepFolder(folder))
-        known = set[str]() if writing is None else writing.begin(expansion.batches)
+        known = dict[str, str | None]() if writing is None else writing.begin(expansion.batches)
         left = [rest for batch in expansion.batches if (rest := _without(batch, known)).seeds]
         before = expansion.runs - sum(len(batch.seeds) for batch in left)
         begin(before)
         recordings = folder.absolute() / "recordings" if record and folder is not None else None
+        if writing is not None and before and searching(expansion.batches):
+            earlier = results_of(expansion, writing.folder, before).rows
+            writing.replace([*searched_again(expansion.batches, earlier)])
         kept: list[Finished] = []
         with closing(_played(left, recordings, jobs, cluster)) as played:
             for found in played:
@@ -226,7 +230,7 @@ def read_sweep(folder: Path | str) -> SweepResults:
     return SweepResults(rows, known=len(rows), folder=path)
 
 
-def _without(batch: Batch, known: set[str]) -> Batch:
+def _without(batch: Batch, known: Collection[str]) -> Batch:
     pairs = zip(batch.seeds, batch.ids(), strict=True)
     return replace(batch, seeds=tuple(seed for seed, run in pairs if run not in known))
 
