@@ -92,7 +92,9 @@ def test_the_same_scene_by_another_name_is_no_other_run(tmp_path: Path) -> None:
     """A name with its default keys, and a file that holds the same."""
     path = tmp_path / "mine.toml"
     path.write_text(scene_to_toml(scene_from_spec("hex:n=4")))
-    assert len(expand(Sweep(("hex:n=4", str(path)))).batches) == 1
+    found = expand(Sweep(("hex:n=4", str(path)), rules=("chain", "random")))
+    assert len(found.batches) == 2
+    assert found.left_out == (f"{path}: the same scene as hex:n=4, which is played",)
 
 
 MINE = """

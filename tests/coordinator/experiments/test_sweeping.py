@@ -27,6 +27,8 @@ from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.workers import Cluster, Pool
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_to_toml
 
 SMALL: dict[str, Any] = {"rules": ["chain", "random"], "seeds": 6, "max_rounds": 30}
 RULE = """
@@ -222,6 +224,34 @@ def test_one_sweep_at_a_time_writes_to_a_folder(tmp_path: Path) -> None:
     assert len(sweep("hex:n=4", out=tmp_path / "out", seeds=1).rows) == 1
 
 
+def test_a_new_folder_is_looked_into_by_one_sweep_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two that start together: one finds the folder locked, and not half made by the other."""
+    inside = SweepFolder._check
+
+    def check(folder: SweepFolder) -> None:
+        (tmp_path / ".sweep.json.part").touch()  # as the mark is written
+        monkeypatch.setattr(SweepFolder, "_check", inside)
+        with pytest.raises(InputError, match="another sweep is writing there"):
+            SweepFolder(tmp_path).__enter__()
+        (tmp_path / ".sweep.json.part").unlink()
+        inside(folder)
+
+    monkeypatch.setattr(SweepFolder, "_check", check)
+    assert len(sweep("hex:n=4", out=tmp_path, seeds=1).rows) == 1
+
+
+def test_what_is_written_of_a_report_is_left_alone(tmp_path: Path) -> None:
+    """It has a folder of its own there, and may be under way; parts of a dead sweep go."""
+    for name in ("report", "runs"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / ".half.part").touch()
+    (tmp_path / "sweep.json").write_text('{"format": "cubepath-sweep-1", "versions": []}')
+    sweep("hex:n=4", out=tmp_path, seeds=1)
+    assert [each.parent.name for each in tmp_path.glob("*/.*.part")] == ["report"]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "why"),
     [
@@ -239,7 +269,7 @@ def test_the_folder_of_something_else_is_left_alone(
     with pytest.raises(InputError, match=why):
         sweep("hex:n=4", out=tmp_path, seeds=1)
     assert (tmp_path / name).read_text() == text
-    assert not list(tmp_path.glob("r*"))
+    assert [each.name for each in tmp_path.iterdir()] == [name]
 
 
 def test_results_are_read_as_tables(tmp_path: Path) -> None:
@@ -269,6 +299,48 @@ def test_recordings_are_kept_if_asked_for(tmp_path: Path) -> None:
     assert (tmp_path / "recordings" / found.rows[0]["recording"]).stem == found.rows[0]["id"]
     with pytest.raises(InputError, match="record: without a folder"):
         sweep("hex:n=3", seeds=1, record=True)
+
+
+def test_a_run_that_lacks_its_recording_is_played_again(tmp_path: Path) -> None:
+    """If recordings are asked for: it was played without, or somebody took it away."""
+    known = []
+    for record in (False, True, True, False):
+        found = sweep("hex:n=3", out=tmp_path, seeds=2, core="simulated", record=record)
+        known.append(found.known)
+    assert known == [0, 0, 2, 2]
+    lost, kept = (tmp_path / "recordings" / row["recording"] for row in found.rows)
+    before = kept.read_bytes()
+    lost.unlink()
+    again = sweep("hex:n=3", out=tmp_path, seeds=2, core="simulated", record=True)
+    assert (again.known, timeless(again.rows)) == (1, timeless(found.rows))
+    assert lost.is_file()
+    assert kept.read_bytes() == before
+    assert sweep("hex:n=3", out=tmp_path, seeds=2, record=True).known == 0  # has no messages
+    assert sweep("hex:n=3", out=tmp_path, seeds=2, record=True).known == 2
+
+
+def test_what_cannot_be_recorded_is_refused(tmp_path: Path) -> None:
+    """Before anything is played: without rounds under the simulator."""
+    with pytest.raises(InputError, match="record: the simulator keeps no recording"):
+        sweep(
+            "hex:n=3",
+            out=tmp_path / "out",
+            core="simulated",
+            clocks=["lockstep", "free"],
+            seeds=1,
+            record=True,
+        )
+    assert not (tmp_path / "out").exists()
+
+
+def test_rows_are_named_as_the_sweep_names_them(tmp_path: Path) -> None:
+    """Whoever played the scene first, by another name; nothing is played again."""
+    path = tmp_path / "mine.toml"
+    path.write_text(scene_to_toml(scene_from_spec("hex:n=4")))
+    first = sweep("hex:n=4", out=tmp_path / "out", seeds=2)
+    second = sweep(str(path), out=tmp_path / "out", seeds=2)
+    assert (second.known, [row["system"] for row in second.rows]) == (2, [str(path)] * 2)
+    assert [row | {"system": "hex:n=4"} for row in second.rows] == list(first.rows)
 
 
 def test_without_pyarrow_a_line_says_how_to_install_it(

@@ -21,6 +21,7 @@ import numpy as np
 
 from cubepath.coordinator.experiments.rows import (
     AGAIN,
+    FAILURES,
     ROUND_COLUMNS,
     ROUND_MEASURES,
     RUN_COLUMNS,
@@ -85,6 +86,7 @@ class SweepFolder:
         """Name the folder; nothing is done before it is entered."""
         self.folder = folder
         self._lock: IO[bytes] | None = None
+        self._locked_first = False
         self._waiting: list[Finished] = []
         self._written_s = 0.0
 
@@ -94,13 +96,12 @@ class SweepFolder:
         check_output_folder(self.folder)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock_it()
             self._check()
-            self._lock = (self.folder / _LOCK).open("ab")
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            for part in self.folder.glob("r*/.*.part"):  # of a sweep that was killed
-                part.unlink()
             for name in ("runs", "rounds"):
                 (self.folder / name).mkdir(exist_ok=True)
+                for part in (self.folder / name).glob(".*.part"):  # of a sweep that was killed
+                    part.unlink()
         except BlockingIOError:
             self._release()
             raise InputError(
@@ -110,10 +111,18 @@ class SweepFolder:
             self._release()
             raise unwritable(self.folder, error) from None
         except InputError:
+            if self._locked_first:  # it is somebody else's, and is left as it was
+                (self.folder / _LOCK).unlink(missing_ok=True)
             self._release()
             raise
         self._written_s = time.monotonic()
         return self
+
+    def _lock_it(self) -> None:
+        """Lock the folder, or raise BlockingIOError: it is looked into by one sweep at a time."""
+        self._locked_first = not (self.folder / _LOCK).exists()
+        self._lock = (self.folder / _LOCK).open("ab")
+        fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
     def _check(self) -> None:
         """Raise InputError if the folder is that of something else; mark a new one."""
@@ -137,6 +146,7 @@ class SweepFolder:
     def begin(self, batches: Iterable[Batch]) -> dict[str, str | None]:
         """Take note that these are played now; return the recordings of finished runs by their ids.
 
+        "" is that of a run that failed and has none, None that of one that may have one yet.
         One that died or was prevented is none of them: it may have been the machine.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
@@ -145,7 +155,8 @@ class SweepFolder:
         for part in parts_of(self.folder):
             for row in _read(part, ("id", "ended", "recording")):
                 if row["ended"] not in AGAIN:
-                    known[row["id"]] = row["recording"] or known.get(row["id"])
+                    none = "" if row["ended"] in FAILURES else None
+                    known[row["id"]] = row["recording"] or known.get(row["id"]) or none
         return known
 
     def replace(self, rows: Sequence[Row]) -> None:

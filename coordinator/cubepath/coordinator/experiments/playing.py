@@ -170,6 +170,8 @@ def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
     play = play_simulated if setting.core == "simulated" else play_on_wire
     for seed, name in zip(batch.seeds, batch.ids(), strict=True):
         log = None if recordings is None else recordings / f"{name}.mcap"
+        if log is not None:
+            log.unlink(missing_ok=True)  # of a run that was cut off
         played = play(setting, facts, seed, log)
         _check_again(setting)
         yield played

@@ -170,7 +170,10 @@ def expand(sweep: Sweep) -> Expansion:
             left_out.append(_said(instance.label, error))
             continue
         for setting in _of_scene(sweep, instance, scene, left_out):
-            settings.setdefault(run_id(setting, 0, code), setting)
+            found = settings.setdefault(run_id(setting, 0, code), setting)
+            if found.label != setting.label:
+                line = f"{setting.label}: the same scene as {found.label}, which is played"
+                left_out += [line] if line not in left_out else []
     if not settings:
         more = f" (and {len(left_out) - 1} more)" if len(left_out) > 1 else ""
         raise InputError(f"nothing to run: {left_out[0]}{more}")

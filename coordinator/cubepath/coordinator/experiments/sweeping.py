@@ -5,7 +5,7 @@ Room: coordinator.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -188,13 +188,22 @@ def play_sweep(
     """Play what is not finished yet; `begin` is told how many runs were finished before."""
     if record and folder is None:
         raise InputError("record: without a folder for the recordings, expected one")
+    if record and any(_unrecorded(batch) for batch in expansion.batches):
+        raise InputError(
+            "record: the simulator keeps no recording of a run without rounds, expected core wire"
+            " or clock lockstep"
+        )
     with ExitStack() as stack:
         writing = None if folder is None else stack.enter_context(SweepFolder(folder))
         known = dict[str, str | None]() if writing is None else writing.begin(expansion.batches)
-        left = [rest for batch in expansion.batches if (rest := _without(batch, known)).seeds]
+        recordings = folder.absolute() / "recordings" if record and folder is not None else None
+        left = [
+            rest
+            for batch in expansion.batches
+            if (rest := _without(batch, known, recordings)).seeds
+        ]
         before = expansion.runs - sum(len(batch.seeds) for batch in left)
         begin(before)
-        recordings = folder.absolute() / "recordings" if record and folder is not None else None
         if writing is not None and before and searching(expansion.batches):
             earlier = results_of(expansion, writing.folder, before).rows
             writing.replace([*searched_again(expansion.batches, earlier)])
@@ -214,10 +223,19 @@ def play_sweep(
 
 
 def results_of(expansion: Expansion, folder: Path, known: int) -> SweepResults:
-    """Return the rows that a folder has of the runs of a sweep."""
-    ids = {each for batch in expansion.batches for each in batch.ids()}
-    rows = [row for row in read_runs(folder, all_versions=True) if row["id"] in ids]
-    return SweepResults(tuple(rows), expansion.left_out, known, folder)
+    """Return the rows that a folder has of the runs of a sweep, named as the sweep names them.
+
+    Another one may have played the same scene or rule by another name, or from another folder.
+    """
+    names = {
+        each: {"system": batch.setting.label, "rule": batch.setting.rule}
+        for batch in expansion.batches
+        for each in batch.ids()
+    }
+    rows = (
+        row | names[row["id"]] for row in read_runs(folder, all_versions=True) if row["id"] in names
+    )
+    return SweepResults(tuple(in_canonical_order(rows)), expansion.left_out, known, folder)
 
 
 def read_sweep(folder: Path | str) -> SweepResults:
@@ -230,9 +248,23 @@ def read_sweep(folder: Path | str) -> SweepResults:
     return SweepResults(rows, known=len(rows), folder=path)
 
 
-def _without(batch: Batch, known: Collection[str]) -> Batch:
+def _unrecorded(batch: Batch) -> bool:
+    """Return whether runs have messages of which there is no recording."""
+    return batch.setting.core == "simulated" and batch.setting.clock == "free"
+
+
+def _without(batch: Batch, known: Mapping[str, str | None], recordings: Path | None) -> Batch:
+    """Return what is left of a batch; where recordings are kept, also what lacks its own."""
+    kept = None if batch.setting.core == "compiled" else recordings
+
+    def is_known(run: str) -> bool:
+        if run not in known or kept is None:
+            return run in known
+        name = known[run]
+        return name is not None and (not name or (kept / name).is_file())
+
     pairs = zip(batch.seeds, batch.ids(), strict=True)
-    return replace(batch, seeds=tuple(seed for seed, run in pairs if run not in known))
+    return replace(batch, seeds=tuple(seed for seed, run in pairs if not is_known(run)))
 
 
 def _played(
