@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import signal
 from pathlib import Path
 from typing import Literal
@@ -21,16 +19,9 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, subscribe
+from living import is_there
 
 VEHICLES = "agv-labelled:graph=grid4x4,n=6"
-
-
-def is_there(pid: int) -> bool:
-    """Return whether a process exists."""
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, 0)
-        return True
-    return False
 
 
 @pytest.mark.slow
