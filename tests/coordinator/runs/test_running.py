@@ -120,6 +120,14 @@ def test_a_run_without_rounds_is_listened_to(tmp_path: Path) -> None:
         running.step(3)
         assert running.gathered.moves >= 3
         assert len(moves) >= 3
+        for name, told in (
+            ("keeper_1", "^keeper_1: lives, expected a process that has died$"),
+            ("proces_0", r"^proces_0: .*did you mean 'process_0'.* keeper_1$"),
+            ("router", "^router: cannot be started again, expected one of process_0, process_1, "),
+        ):
+            with pytest.raises(InputError, match=told):
+                running.restart(name)
+        assert ask(running.endpoint).moves == running.status.moves >= 3  # and others can still join
         running.signal("keeper_1", signal.SIGKILL)
         running.until(lambda each: "keeper_1" not in each.pids)
         running.restart("keeper_1")

@@ -177,7 +177,10 @@ class Standing:
         os.kill(pids[process], number)
 
     def restart(self, process: str) -> None:
-        """Start a process again that has died; InputError for runs with rounds, which then fail."""
+        """Start a process again that has died.
+
+        InputError for one that lives, or is unknown, and for runs with rounds, which then fail.
+        """
         fleet = self._driver.fleet
         if not isinstance(fleet, FreeFleet):
             raise InputError(f"{process}: started again only in runs without rounds (clock=free)")
