@@ -103,6 +103,8 @@ class Running:
         """Where whoever may join can listen: ``cubepath.protocol.open_client(endpoint)``."""
         self.run = ""
         """The name of the run in keys: ``cubepath/RUN/...``."""
+        self.check: Callable[[], None] = lambda: None
+        """Called while the run waits, from its start on; what it raises ends the run."""
         self._task = task
         self._watch = watch
         self._say = say or (lambda _: None)
@@ -119,7 +121,7 @@ class Running:
         self._open()
         with ExitStack() as stack:
             stack.callback(self._abandon)
-            self._begin(lambda: None)
+            self._begin(self.check)
             self._conclude()
             if self._outcome is not None and self._outcome.ended == "failed":
                 raise CheckError(str(self._outcome.error))

@@ -24,6 +24,7 @@ from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.testing.commands import Command, stderr_of
+from cubepath.coordinator.testing.joiners import CommandLine, Joiners
 from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import RESULTS, Seen
@@ -47,7 +48,6 @@ When: TypeAlias = "Pattern | str | int | None"
 """Now (None), in a round or at a level, or at the first message of a kind or a pattern."""
 Who: TypeAlias = "str | int"
 """A process by its name, or by the number of one of its modules."""
-CommandLine: TypeAlias = "str | Sequence[str]"
 
 
 class Rig(Wire):
@@ -70,31 +70,30 @@ class Rig(Wire):
         so on; ``{endpoint}`` in one is where it joins, which is in ``CUBEPATH_ENDPOINT`` too. They
         join runs with rounds. `links` puts a link before every process, or before those named.
 
-        What is awaited comes within `timeout_s`, unless told otherwise. InputError for what cannot
-        be run.
+        What is awaited comes within `timeout_s`, unless told otherwise, and so do the commands: a
+        CheckError tells who did not join, or ended before, and what it said. InputError for what
+        cannot be run.
         """
         super().__init__(links=links)
-        if isinstance(commands, str):
-            raise InputError(f"commands={commands}: expected a list, or names with commands")
-        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
-        named = dict(commands) if isinstance(commands, Mapping) else numbered
-        self._command_lines: dict[str, CommandLine] = named
-        if named:
+        self._joiners = Joiners(commands, env, timeout_s)
+        if self._joiners.lines:
+            own = system.secure if isinstance(system, Plan) else None
+            self._joiners.fit(options.get("secure", own))
             options.setdefault("listen", _LOOPBACK)
-            options.setdefault("wait_for", len(named))
+            options.setdefault("wait_for", len(self._joiners.lines))
         if not isinstance(system, Plan):  # which says all of this itself
             if options.get("clock") == "free":
                 options.setdefault("on_crash", "continue")
             options.setdefault("processes", 2)
             options.setdefault("patience", timeout_s)
         self.timeout_s = timeout_s
-        self._env = dict(env or {})
         self.run: Running = start(system, rule, say=self._say, way=self.way, **options)
+        self.run.check = self._joiners.check
         self.said: list[str] = []
         """What the run said in lines: where it listens, who is waited for, who died."""
         self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
-        self.commands: dict[str, Command] = {}
+        self.commands: dict[str, Command] = self._joiners.running
         self._planned: list[Planned] = []
         self._wounded: set[str] = set()
         self._unexpected: list[str] = []
@@ -108,7 +107,9 @@ class Rig(Wire):
         """Start everything; CheckError or InputError if that fails."""
         try:
             self.run.listen(self._hear)
+            self._joiners.begin()
             self.run.__enter__()
+            self._joiners.over()
             self._known = self.pids
             self._modules = {
                 link: self.run.modules_of(self._speaks_as(link) or link) for link in self._known
@@ -156,21 +157,11 @@ class Rig(Wire):
         self.said.append(line)
         found = _LISTENS.search(line)
         if found is not None:
-            for name, command in self._command_lines.items():
-                self._start_command(name, command, found[1])
+            endpoint = found[1]
+            self._joiners.start(lambda name: self.way(name, endpoint, GUEST)[0])
         died = _DIED.match(line)
         if died is not None and died[1] not in self._wounded:
             self._unexpected.append(line)
-
-    def _start_command(self, name: str, line: CommandLine, endpoint: str) -> None:
-        where, _ = self.way(name, endpoint, GUEST)
-
-        def filled(text: str) -> str:
-            return text.replace("{endpoint}", where)
-
-        command = filled(line) if isinstance(line, str) else list(map(filled, line))
-        env = {"CUBEPATH_ENDPOINT": where, **self._env}
-        self.commands[name] = Command(command, name=name, env=env)
 
     def _hear(self, overheard: Overheard) -> None:
         if self._parts:  # parts follow the message that brings them
