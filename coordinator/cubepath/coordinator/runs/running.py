@@ -81,6 +81,8 @@ class Running(Standing):
         """Where whoever may join can listen: ``cubepath.protocol.open_client(endpoint)``."""
         self.run = ""
         """The name of the run in keys: ``cubepath/RUN/...``."""
+        self.check: Callable[[], None] = lambda: None
+        """Called while the run waits, from its start on; what it raises ends the run."""
         self._task = task
         self._watch = watch
         self._say = say or (lambda _: None)
@@ -101,7 +103,12 @@ class Running(Standing):
         with self._turns.hold():
             self._open()
             with self._whole():
-                self._begin(self._turns.check)
+
+                def check() -> None:
+                    self._turns.check()
+                    self.check()
+
+                self._begin(check)
                 self._conclude()
                 if self._outcome is not None and self._outcome.ended == "failed":
                     raise CheckError(str(self._outcome.error))
