@@ -118,6 +118,18 @@ def test_an_id_is_of_all_that_decides(tmp_path: Path) -> None:
     assert not ids & {*other.ids()}
 
 
+def test_files_that_have_changed_are_other_runs_in_the_same_process(tmp_path: Path) -> None:
+    """A rule and a scene; as they were before, they are the runs that they were."""
+    rule, scene, ids = tmp_path / "mine.py", tmp_path / "scene.toml", list[str]()
+    for text, size in ((MINE, 4), (MINE + "#", 4), (MINE, 5), (MINE, 4)):
+        rule.write_text(text)
+        scene.write_text(scene_to_toml(scene_from_spec(f"hex:n={size}")))
+        (batch,) = expand(Sweep((str(scene),), rules=(f"{rule}:MINE",), seeds=(1,))).batches
+        ids += batch.ids()
+    assert ids[0] == ids[3]
+    assert len({*ids}) == 3
+
+
 TABLE: dict[str, Any] = {
     "systems": ["hex:n=4", {"name": "agv", "graph": ["K5", "C8"], "n": "2..3"}],
     "rules": "random",
