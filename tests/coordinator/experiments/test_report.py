@@ -13,9 +13,11 @@ import pytest
 from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder
+from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import write_report
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
+    best_by_system,
     growth_table,
     pairs_table,
     runs_table,
@@ -62,6 +64,29 @@ def test_runs_are_counted_by_setting(folder: Path) -> None:
             assert told["rounds"]["low"] <= mean <= told["rounds"]["high"]
         else:
             assert told["rounds"] is None
+
+
+def test_there_is_one_best_of_a_system(folder: Path) -> None:
+    """The fewest cubes of any run there or known before, in all tables, whichever row has it."""
+    rows = read_sweep(folder).rows
+    runs, paid = runs_table(rows).document(), price_table(rows).document()
+    best = best_by_system(rows)
+    assert {told["system"]: told["best"] for told in runs} == best
+    assert {told["system"]: told["best"] for told in paid} == best
+    for system, fewest in best.items():
+        mine = [row for row in rows if row["system"] == system]
+        took = [row["cubes"] for row in mine if row["goal"]]
+        known = [row[key] for row in mine for key in ("optimum", "best_known") if row[key]]
+        assert fewest == min(took + known)
+    lucky = next(row for row in rows if row["system"] == "hex:n=5" and row["rule"] == "random")
+    more = [*rows, lucky | {"goal": True, "cubes": 2, "rounds": 3}]
+    told = [
+        row["best"]
+        for table in (runs_table, price_table)
+        for row in table(more).document()
+        if row["system"] == "hex:n=5"
+    ]
+    assert set(told) == {2}
 
 
 def test_rules_are_compared_on_equal_seeds(folder: Path) -> None:
@@ -114,7 +139,13 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     for one, two in zip(found.files, again.files, strict=True):
         assert one.read_bytes() == two.read_bytes()
     names = {path.name for path in found.files}
-    assert names >= {"report.html", "growth-rounds.svg", "progress.png", "class.svg", "price.svg"}
+    assert names >= {
+        "report.html",
+        "growth-rounds.svg",
+        "progress.png",
+        "cubes-over-best.svg",
+        "price.svg",
+    }
     for path in found.files:
         if path.suffix == ".svg":
             ET.parse(path)  # noqa: S314 - our own
@@ -128,7 +159,7 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     assert page.tags.count("svg") == len(names) // 2
     assert page.tags.count("table") == 5
     assert "prefers-color-scheme: dark" in text
-    assert not re.search(r"url\(#(?!growth|progress|class|price)", text)
+    assert not re.search(r"url\(#(?!growth|progress|cubes-over-best|price)", text)
 
 
 @pytest.mark.slow

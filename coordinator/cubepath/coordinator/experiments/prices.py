@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.statistics import Interval, geometric_mean_interval
-from cubepath.coordinator.experiments.tables import WORLD, Table, best_of, groups, varying
+from cubepath.coordinator.experiments.tables import WORLD, Table, best_by_system, groups, varying
 
 FACTORS = ("timing", "class", "rule factor")
 """The columns of the three factors; their product is the column ``price``."""
@@ -39,16 +39,12 @@ def priced(rows: Iterable[Row]) -> list[Row]:
     >>> [(each["timing"], each["class"], each["best"]) for each in priced([row])]
     [(1.5, 1.0, 9)]
     """
-    reached = [row for row in rows if row["goal"] and row["cubes"]]
-    best = {
-        system: min(
-            known for row in several for known in (row["cubes"], best_of(row)) if known is not None
-        )
-        for (system,), several in groups(reached, ["system"]).items()
-    }
+    several = list(rows)
+    reached = [row for row in several if row["goal"] and row["cubes"]]
+    best = best_by_system(several)
     fewest = {
-        key: min(row["cubes"] for row in several)
-        for key, several in groups(reached, ["system", "rule"]).items()
+        key: min(row["cubes"] for row in mine)
+        for key, mine in groups(reached, ["system", "rule"]).items()
     }
     found = []
     for row in reached:
