@@ -103,6 +103,32 @@ def test_rules_are_compared_on_equal_seeds(folder: Path) -> None:
     assert (other["both"], other["first alone"], other["p of goals"]) == (0, 6, 0.03125)
 
 
+def test_runs_on_other_numbers_of_processes_are_others(folder: Path) -> None:
+    """Tables tell them apart where they differ in that alone, and pair them with their like."""
+    rows = [row for row in read_sweep(folder).rows if row["rule"] != "random"]
+    small = [row | {"core": "simulated", "processes": min(4, row["modules"])} for row in rows]
+    assert "processes" not in runs_table([*rows, *small]).columns
+    assert "processes" not in growth_table([*rows, *small]).columns
+    two = [row | {"core": "simulated", "processes": 2, "keepers": 1} for row in rows]
+    told = runs_table([*small, *two]).document()
+    assert [(row["runs"], "keepers" in row) for row in told] == [(6, True)] * 12
+    assert {row["processes"] for row in told} == {2, 3, 4}
+    pairs = pairs_table([*small, *two]).document()
+    assert [row["pairs"] for row in pairs] == [6] * 6
+
+
+def test_a_run_in_two_versions_is_in_no_pair(folder: Path) -> None:
+    """Unless they came to the same; the order of rows decides nothing."""
+    rows = [row for row in read_sweep(folder).rows if row["system"] == "hex:n=5"]
+    again = next(row for row in rows if row["rule"] == "chain" and row["seed"] == 2)
+    same, other = again | {"id": "0"}, again | {"rounds": again["rounds"] + 9}
+    plain = pairs_table(rows)
+    assert pairs_table([*rows, same]).rows == plain.rows
+    told = pairs_table([*rows, other]).document()
+    assert [row["pairs"] for row in told] == [5, 6, 5]
+    assert pairs_table([other, *rows]).rows == pairs_table([*rows, other]).rows
+
+
 def test_growth_is_that_of_the_means(folder: Path) -> None:
     """Of `chain`, whose moves are known: n (n - 1) / 2 and more, so the exponent is near 2."""
     found = [r for r in growth_table(read_sweep(folder).rows).document() if r["rule"] == "chain"]

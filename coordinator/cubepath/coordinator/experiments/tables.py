@@ -20,7 +20,9 @@ from cubepath.coordinator.experiments.statistics import (
     sign_test,
 )
 
-WORLD = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
+_ALIKE = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
+_PARTS = ("processes", "keepers")
+WORLD = (*_ALIKE, *_PARTS)
 """What two runs have in common whose rules are compared."""
 
 
@@ -83,9 +85,20 @@ def groups(rows: Iterable[Row], keys: Sequence[str]) -> dict[tuple[Any, ...], li
 
 
 def varying(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
-    """Return those columns that do not have the same value throughout, and always the first."""
+    """Return those columns that do not have the same value throughout, and always the first.
+
+    How many processes and keepers there are follows from the rest as a rule: a run in compiled code
+    has none, and one of few modules has few. They are returned if runs differ in them alone.
+    """
+    alike = list(groups(rows, ("rule", *_ALIKE)).values())
     return [
-        key for place, key in enumerate(keys) if not place or len({row[key] for row in rows}) > 1
+        key
+        for place, key in enumerate(keys)
+        if not place
+        or any(
+            len({row.get(key) for row in several}) > 1
+            for several in (alike if key in _PARTS else [rows])
+        )
     ]
 
 
@@ -167,9 +180,10 @@ def pairs_table(rows: Sequence[Row]) -> Table:
     found = []
     for key, several in groups(rows, keys).items():
         by_rule: dict[str, dict[Any, Row]] = {}
-        for row in several:
-            rest = tuple(row[name] for name in WORLD)
-            by_rule.setdefault(row["rule"], {})[*rest, row["seed"]] = row
+        for (rule, *place), copies in groups(several, ("rule", *WORLD, "seed")).items():
+            # Of versions of a run none counts more than the others, nor does it count twice.
+            if len({(row["goal"], row["rounds"]) for row in copies}) == 1:
+                by_rule.setdefault(rule, {})[tuple(place)] = copies[0]
         for one, other in combinations(sorted(by_rule, key=natural), 2):
             pairs = [
                 (row, by_rule[other][place])
@@ -184,7 +198,8 @@ def pairs_table(rows: Sequence[Row]) -> Table:
         " rounds of the second rule and the first, over the pairs in which both reached the goal,"
         " with its bootstrap interval; p is two-sided and exact, of Wilcoxon's signed-rank test or,"
         " with more than 200 differences, of the sign test. Where one alone reached the goal, p of"
-        " goals is that of the sign test. No p is corrected for how many there are.",
+        " goals is that of the sign test. No p is corrected for how many there are. A run that is"
+        " there in several versions, which differ, is left out.",
         (
             *keys,
             "first",
