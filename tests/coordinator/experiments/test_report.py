@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -13,8 +14,10 @@ import pytest
 from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder
+from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
 from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import write_report
+from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
     best_by_system,
@@ -186,6 +189,48 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     assert page.tags.count("table") == 5
     assert "prefers-color-scheme: dark" in text
     assert not re.search(r"url\(#(?!growth|progress|cubes-over-best|price)", text)
+
+
+def test_a_report_mixes_no_versions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a scene or a rule whose file was changed the last one counts, and the rest is told."""
+
+    def swept(seeds: int, *rules: str, **version: str) -> None:
+        given = {"rules": list(rules or ("chain", "random")), "seeds": seeds}
+        asked = expand(sweep_of(["hex:n=3..4"], given))
+        batches = [
+            replace(each, setting=replace(each.setting, **version))
+            if (each.setting.system, each.setting.rule) == ("hex:n=3", "chain")
+            else each
+            for each in asked.batches
+        ]
+        with SweepFolder(tmp_path) as folder:
+            known = folder.begin(batches)
+            folder.add(
+                failed(batch, seed, GAVE_UP, "it would not")
+                for batch in batches
+                for seed, run in zip(batch.seeds, batch.ids(), strict=True)
+                if run not in known
+            )
+
+    def counted() -> tuple[list[int], int]:
+        assert main(["report", str(tmp_path), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        runs = [row["runs"] for row in told["tables"]["Runs"]]
+        assert told["runs"] == sum(runs)
+        assert told["runs"] + told["older"] == len(read_sweep(tmp_path).rows)
+        return runs, told["older"]
+
+    swept(3, source="first")
+    assert counted() == ([3, 3, 3, 3], 0)
+    swept(1, source="second")
+    assert counted() == ([1, 3, 3, 3], 2)
+    assert main(["report", str(tmp_path)]) == 0
+    assert "left out: 2 runs of earlier versions" in capsys.readouterr().out
+    assert "2 runs of earlier versions" in (tmp_path / "report" / "report.html").read_text()
+    swept(3, source="first")
+    assert counted() == ([3, 3, 3, 3], 0)
+    swept(2, "chain", source="first", scene="other")
+    assert counted() == ([2, 3, 3], 4)  # of the other scene no run of `random` is there
 
 
 @pytest.mark.slow
