@@ -24,6 +24,7 @@ _ALIKE = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
 _PARTS = ("processes", "keepers")
 WORLD = (*_ALIKE, *_PARTS)
 """What two runs have in common whose rules are compared."""
+_LEVELS = "levels of moves, which take no fixed time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,7 +200,8 @@ def pairs_table(rows: Sequence[Row]) -> Table:
         " with its bootstrap interval; p is two-sided and exact, of Wilcoxon's signed-rank test or,"
         " with more than 200 differences, of the sign test. Where one alone reached the goal, p of"
         " goals is that of the sign test. No p is corrected for how many there are. A run that is"
-        " there in several versions, which differ, is left out.",
+        " there in several versions, which differ, is left out. Rounds of runs without"
+        f" rounds are {_LEVELS}.",
         (
             *keys,
             "first",
@@ -276,7 +278,7 @@ def growth_table(rows: Sequence[Row]) -> Table:
         "Least squares of the logarithms: the mean over the runs that reached their goal is about"
         " factor x modules^exponent. The 95% interval of the exponent is Student's, from how far"
         " the means lie off the line: it tells how well a power law fits, and with two sizes there"
-        " is none.",
+        f" is none. Rounds of runs without rounds are {_LEVELS}.",
         (*keys, "measure", "modules", "sizes", "exponent", "factor", "R2"),
         tuple(found),
     )
