@@ -9,7 +9,9 @@ import pytest
 from cubepath.coordinator.experiments.prices import FACTORS, priced
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.spec import expand, read_sweep_file
+from cubepath.coordinator.experiments.statistics import mean_interval
 from cubepath.coordinator.experiments.sweeping import play_sweep
+from cubepath.coordinator.experiments.tables import groups
 from studies import FOLDER, PAGES, PICTURES, TABLES, beat, committed, kept, tables_of_page
 
 SPECS = {
@@ -54,6 +56,46 @@ def test_the_rows_are_those_of_the_sweeps(study: str) -> None:
         for seed in batch.seeds
     ]
     assert sorted(map(_named, committed(study)), key=str) == sorted(runs, key=str)
+
+
+def test_how_long_paths_are_without_rounds() -> None:
+    """As long at equal speeds; with slow modules longer in 9 of 48 settings, all of vehicles."""
+    rows = [row for row in committed("free-clock") if row["core"] == "compiled" and row["goal"]]
+    longer: dict[tuple[str, str], float] = {}
+    settings = groups(rows, ["system", "faults"])
+    for (system, faults), several in settings.items():
+        by_clock = groups(several, ["clock"])
+        free, lockstep = (
+            mean_interval([row["cubes"] for row in by_clock[clock,]])
+            for clock in ("free", "lockstep")
+        )
+        one, other = (each.low or 0 for each in (free, lockstep))
+        if one > (lockstep.high or 0) or other > (free.high or 0):
+            longer[system, faults] = free.estimate / lockstep.estimate
+    slow = [faults for _, faults in settings if faults != "none"]
+    assert (len(longer), len(slow)) == (9, 48)
+    assert {system.partition("-")[0].partition(":")[0] for system, _ in longer} == {"agv"}
+    assert all(faults != "none" for _, faults in longer)
+    most = max(longer, key=lambda each: longer[each])
+    assert most == ("agv-labelled:graph=grid8x8,n=16,seed=1", "slow=0.5")
+    assert 1.195 < min(longer.values()) < 1.205
+    assert 1.465 < longer[most] < 1.475
+    text = " ".join(PAGES["free-clock"].read_text("utf-8").split())
+    assert "in 9 of the 48 settings" in text
+    assert "takes 20 to 47% more" in text
+
+
+def test_which_runs_of_pibt_did_not_arrive() -> None:
+    """With 32 vehicles they gave up; on the map their rounds were over."""
+    rows = [row for row in committed("price") if row["rule"] == "pibt" and not row["goal"]]
+    gave_up, late = ([row for row in rows if row["modules"] == modules] for modules in (32, 20))
+    assert len(rows) == len(gave_up) + len(late)
+    assert {row["ended"] for row in gave_up} == {"gave-up"}
+    assert {(row["ended"], row["rounds"]) for row in late} == {("max-rounds", 1000)}
+    rounds = [row["rounds"] for row in gave_up]
+    text = " ".join(PAGES["price"].read_text("utf-8").split())
+    assert f"{len(gave_up)} of 60 runs gave up after {min(rounds)} to {max(rounds)} rounds" in text
+    assert f"on the map {len(late)} of 60 did not arrive in 1000" in text
 
 
 def test_prices_multiply_in_every_row() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from cubepath.agents.arrays import batch, warming
+from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.environments.rollout import play, play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.rules.chain import CHAIN
@@ -16,6 +17,7 @@ from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.uniform import RANDOM
 from cubepath.agents.rules.word import WORD
 from cubepath.protocol.compiled import Allowance
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 RUNS = [
@@ -103,6 +105,25 @@ def test_a_rule_without_a_vectorised_form_is_played_all_the_same() -> None:
     assert plain.rounds.tolist() == fast.rounds.tolist()
     assert plain.reached.all()
     assert plain.played is None
+
+
+@pytest.mark.parametrize("rule", [CHAIN, replace(CHAIN, vectorised=None)])
+def test_without_rounds_nothing_is_played(rule: RuleType) -> None:
+    """Nobody moves in no round, one run or many, and fewer are refused."""
+    scene = scene_from_spec("hex:n=4")
+    played = play(scene, rule, max_rounds=0)
+    many = play_many(scene, rule, [0], max_rounds=0, keep_rounds=True, keep_moves=True)
+    assert (played.rounds, played.sites, played.reached) == ((), scene.start, False)
+    assert (many.played, many.sites) == (((),), (scene.start,))
+    assert (many.rounds.tolist(), many.reached.tolist()) == ([0], [False])
+    assert many.made is not None
+    assert [lost.tolist() for lost in many.made.lost] == [[]]
+    for refuses in (play, lambda *args, **more: play_many(*args, [0], **more)):
+        with pytest.raises(InputError, match="max_rounds=-1: expected 0 or more"):
+            refuses(scene, rule, max_rounds=-1)
+    assert play_free(scene, rule, max_cycles=0).turns == 0
+    with pytest.raises(InputError, match="max_cycles=-1: expected 0 or more"):
+        play_free(scene, rule, max_cycles=-1)
 
 
 def test_no_runs_are_none() -> None:

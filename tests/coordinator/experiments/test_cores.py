@@ -73,6 +73,21 @@ def test_runs_over_the_wire_are_the_same(system: str, rule: str, hesitate: float
     assert wire.run["messages"] > 0
 
 
+@pytest.mark.slow
+def test_without_rounds_nothing_is_played_in_any_core() -> None:
+    """A run that may have no round ends where it starts, as after all its rounds."""
+    given: dict[str, Any] = {"seeds": (4,), "max_rounds": 0}
+    (compiled,) = runs("hex:n=4", "chain", **given)
+    (simulated,) = runs("hex:n=4", "chain", core="simulated", **given)
+    (wire,) = runs("hex:n=4", "chain", core="wire", processes=2, **given)
+    found = [
+        {key: each.run[key] for key in each.run.keys() - DIFFER}
+        for each in (compiled, simulated, wire)
+    ]
+    assert found[0] == found[1] == found[2]
+    assert (found[0]["ended"], found[0]["rounds"], found[0]["moves"]) == ("max-rounds", 0, 0)
+
+
 def test_many_seeds_in_compiled_code_are_the_runs_of_each() -> None:
     """Together they are so many that compiled code is worth its loading."""
     together = runs("hex:n=5", "chain", hesitate=(0.3,), seeds=tuple(range(50)))

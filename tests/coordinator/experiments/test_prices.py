@@ -65,6 +65,19 @@ def test_the_plot_says_which_bar_is_which(rows: list[Row]) -> None:
     assert price_plot([row | {"goal": False} for row in rows]) is None
 
 
+def test_levels_have_no_price(rows: list[Row]) -> None:
+    """Runs without rounds pay in time; what they found counts as known."""
+    free = [row | {"clock": "free", "cubes": row["cubes"] - 1} for row in rows if row["goal"]]
+    assert price_table(free).rows == ()
+    assert price_plot(free) is None
+    mixed = priced([*rows, *free])
+    plain = {row["id"]: row for row in priced(rows)}
+    assert {row["clock"] for row in mixed} == {"lockstep"}
+    assert [row["id"] for row in mixed] == list(plain)
+    assert all(row["best"] < plain[row["id"]]["best"] for row in mixed)
+    assert "clock" not in price_table([*rows, *free]).columns
+
+
 def test_what_a_search_finds_counts_as_best_known() -> None:
     """Known values are those of the standard set, or of a search that the sweep asks for."""
     (known,) = sweep("hex:n=4", seeds=1).rows

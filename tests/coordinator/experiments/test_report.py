@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -13,9 +14,13 @@ import pytest
 from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder
+from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
+from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import write_report
+from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
+    best_by_system,
     growth_table,
     pairs_table,
     runs_table,
@@ -64,6 +69,29 @@ def test_runs_are_counted_by_setting(folder: Path) -> None:
             assert told["rounds"] is None
 
 
+def test_there_is_one_best_of_a_system(folder: Path) -> None:
+    """The fewest cubes of any run there or known before, in all tables, whichever row has it."""
+    rows = read_sweep(folder).rows
+    runs, paid = runs_table(rows).document(), price_table(rows).document()
+    best = best_by_system(rows)
+    assert {told["system"]: told["best"] for told in runs} == best
+    assert {told["system"]: told["best"] for told in paid} == best
+    for system, fewest in best.items():
+        mine = [row for row in rows if row["system"] == system]
+        took = [row["cubes"] for row in mine if row["goal"]]
+        known = [row[key] for row in mine for key in ("optimum", "best_known") if row[key]]
+        assert fewest == min(took + known)
+    lucky = next(row for row in rows if row["system"] == "hex:n=5" and row["rule"] == "random")
+    more = [*rows, lucky | {"goal": True, "cubes": 2, "rounds": 3}]
+    told = [
+        row["best"]
+        for table in (runs_table, price_table)
+        for row in table(more).document()
+        if row["system"] == "hex:n=5"
+    ]
+    assert set(told) == {2}
+
+
 def test_rules_are_compared_on_equal_seeds(folder: Path) -> None:
     """One that waits each other round never is faster; one that moves at random does not arrive."""
     found = pairs_table(short_rules(read_sweep(folder).rows)).document()
@@ -76,6 +104,32 @@ def test_rules_are_compared_on_equal_seeds(folder: Path) -> None:
     assert chain["difference"]["estimate"] > 0
     assert (chain["first faster"], chain["p"], chain["test"]) == (6, 0.03125, "Wilcoxon")
     assert (other["both"], other["first alone"], other["p of goals"]) == (0, 6, 0.03125)
+
+
+def test_runs_on_other_numbers_of_processes_are_others(folder: Path) -> None:
+    """Tables tell them apart where they differ in that alone, and pair them with their like."""
+    rows = [row for row in read_sweep(folder).rows if row["rule"] != "random"]
+    small = [row | {"core": "simulated", "processes": min(4, row["modules"])} for row in rows]
+    assert "processes" not in runs_table([*rows, *small]).columns
+    assert "processes" not in growth_table([*rows, *small]).columns
+    two = [row | {"core": "simulated", "processes": 2, "keepers": 1} for row in rows]
+    told = runs_table([*small, *two]).document()
+    assert [(row["runs"], "keepers" in row) for row in told] == [(6, True)] * 12
+    assert {row["processes"] for row in told} == {2, 3, 4}
+    pairs = pairs_table([*small, *two]).document()
+    assert [row["pairs"] for row in pairs] == [6] * 6
+
+
+def test_a_run_in_two_versions_is_in_no_pair(folder: Path) -> None:
+    """Unless they came to the same; the order of rows decides nothing."""
+    rows = [row for row in read_sweep(folder).rows if row["system"] == "hex:n=5"]
+    again = next(row for row in rows if row["rule"] == "chain" and row["seed"] == 2)
+    same, other = again | {"id": "0"}, again | {"rounds": again["rounds"] + 9}
+    plain = pairs_table(rows)
+    assert pairs_table([*rows, same]).rows == plain.rows
+    told = pairs_table([*rows, other]).document()
+    assert [row["pairs"] for row in told] == [5, 6, 5]
+    assert pairs_table([other, *rows]).rows == pairs_table([*rows, other]).rows
 
 
 def test_growth_is_that_of_the_means(folder: Path) -> None:
@@ -114,7 +168,13 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     for one, two in zip(found.files, again.files, strict=True):
         assert one.read_bytes() == two.read_bytes()
     names = {path.name for path in found.files}
-    assert names >= {"report.html", "growth-rounds.svg", "progress.png", "class.svg", "price.svg"}
+    assert names >= {
+        "report.html",
+        "growth-rounds.svg",
+        "progress.png",
+        "cubes-over-best.svg",
+        "price.svg",
+    }
     for path in found.files:
         if path.suffix == ".svg":
             ET.parse(path)  # noqa: S314 - our own
@@ -128,7 +188,49 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     assert page.tags.count("svg") == len(names) // 2
     assert page.tags.count("table") == 5
     assert "prefers-color-scheme: dark" in text
-    assert not re.search(r"url\(#(?!growth|progress|class|price)", text)
+    assert not re.search(r"url\(#(?!growth|progress|cubes-over-best|price)", text)
+
+
+def test_a_report_mixes_no_versions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a scene or a rule whose file was changed the last one counts, and the rest is told."""
+
+    def swept(seeds: int, *rules: str, **version: str) -> None:
+        given = {"rules": list(rules or ("chain", "random")), "seeds": seeds}
+        asked = expand(sweep_of(["hex:n=3..4"], given))
+        batches = [
+            replace(each, setting=replace(each.setting, **version))
+            if (each.setting.system, each.setting.rule) == ("hex:n=3", "chain")
+            else each
+            for each in asked.batches
+        ]
+        with SweepFolder(tmp_path) as folder:
+            known = folder.begin(batches)
+            folder.add(
+                failed(batch, seed, GAVE_UP, "it would not")
+                for batch in batches
+                for seed, run in zip(batch.seeds, batch.ids(), strict=True)
+                if run not in known
+            )
+
+    def counted() -> tuple[list[int], int]:
+        assert main(["report", str(tmp_path), "--json"]) == 0
+        told = json.loads(capsys.readouterr().out)
+        runs = [row["runs"] for row in told["tables"]["Runs"]]
+        assert told["runs"] == sum(runs)
+        assert told["runs"] + told["older"] == len(read_sweep(tmp_path).rows)
+        return runs, told["older"]
+
+    swept(3, source="first")
+    assert counted() == ([3, 3, 3, 3], 0)
+    swept(1, source="second")
+    assert counted() == ([1, 3, 3, 3], 2)
+    assert main(["report", str(tmp_path)]) == 0
+    assert "left out: 2 runs of earlier versions" in capsys.readouterr().out
+    assert "2 runs of earlier versions" in (tmp_path / "report" / "report.html").read_text()
+    swept(3, source="first")
+    assert counted() == ([3, 3, 3, 3], 0)
+    swept(2, "chain", source="first", scene="other")
+    assert counted() == ([2, 3, 3], 4)  # of the other scene no run of `random` is there
 
 
 @pytest.mark.slow

@@ -46,6 +46,20 @@ def test_seeds_that_are_none_are_refused(text: str, why: str) -> None:
         seeds_of(text)
 
 
+@pytest.mark.parametrize("key", ["seeds", "max_rounds", "processes", "optimum"])
+def test_numbers_that_no_column_holds_are_refused(key: str) -> None:
+    """Before anything is played."""
+    given: Any = {key: [0, 10**23] if key == "seeds" else 10**23}
+    with pytest.raises(InputError, match=f"^{key}: .*expected at most 9{{18}}"):
+        Sweep(("hex:n=4",), **given)
+
+
+def test_of_many_seeds_the_one_that_stands_twice_is_named() -> None:
+    """However many there are."""
+    with pytest.raises(InputError, match=r"^seeds: 999999 stands twice"):
+        seeds_of("0..999999,999999")
+
+
 def labels(sweep: Sweep) -> list[tuple[object, ...]]:
     """Return what each run of a sweep is, in order."""
     return [

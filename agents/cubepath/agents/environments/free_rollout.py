@@ -15,6 +15,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
@@ -79,12 +80,15 @@ def play_free(
 
     `system` is a scene or its name, and `rule` a rule or its name, as for `play`. The arguments
     from `scheduler` to `lag` are those of `FreeEnv`. `restarts` has the modules that lose all they
-    know before a turn, by its number from 1. `watch` is told of each turn.
+    know before a turn, by its number from 1. `watch` is told of each turn. InputError as for
+    `play`, or if `max_cycles` is negative.
 
     >>> played = play_free("hex:n=4", seed=1)
     >>> played.reached, len(played.path)
     (True, 18)
     """
+    if max_cycles < 0:
+        raise InputError(f"max_cycles={max_cycles}: expected 0 or more")
     scene, rule = scene_and_rule(system, rule, "free")
     env = FreeEnv(
         scene,
@@ -101,7 +105,8 @@ def play_free(
     commits: list[Moved] = []
     refused = 0
     failed: str | None = None
-    while failed is None and not any(env.truncations.values()) and not scene.reached(world.sites):
+    turns = max_cycles * len(scene.start)
+    while world.turns < turns and failed is None and not scene.reached(world.sites):
         for module in (restarts or {}).get(world.turns + 1, ()):
             world.restart(module)
             sites = {module: world.sites[module]}

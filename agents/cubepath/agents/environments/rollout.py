@@ -16,6 +16,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -68,7 +69,7 @@ def play(
     `system` is a scene, or its name as on the command line. `rule` is a rule or the name of one,
     and None means the rule of the system's family. One that has a vectorised form is played in
     compiled code once that is ready. `watch` is called after each round. InputError if the system
-    or the rule is not known, or they do not go together.
+    or the rule is not known, or they do not go together, or `max_rounds` is negative.
 
     >>> played = play("hex:n=4", seed=1)
     >>> played.reached, len(played.rounds), len(played.path), played.sites[0]
@@ -77,6 +78,7 @@ def play(
     >>> first.generator, first.at
     ('pivot-2-right', (1, -1))
     """
+    check_max_rounds(max_rounds)
     scene, rule = scene_and_rule(system, rule)
     if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):
         from cubepath.agents.environments.rollouts import play_many  # noqa: PLC0415 - a circle
@@ -89,6 +91,12 @@ def play(
     return play_in_python(
         scene, rule, seed=seed, hesitate=hesitate, max_rounds=max_rounds, watch=watch
     )
+
+
+def check_max_rounds(max_rounds: int) -> None:
+    """Raise InputError if a run is to have less than no rounds."""
+    if max_rounds < 0:
+        raise InputError(f"max_rounds={max_rounds}: expected 0 or more")
 
 
 def play_in_python(
@@ -108,7 +116,9 @@ def play_in_python(
     spoken: dict[str, Note] = {}
     rounds: list[Round] = []
     failed: str | None = None
-    while env.agents and failed is None and not scene.reached(env.sites):
+    while (
+        len(rounds) < max_rounds and env.agents and failed is None and not scene.reached(env.sites)
+    ):
         actions = {}
         for number, name in enumerate(env.possible_agents):
             choice = actors[number].act(observations[name])

@@ -16,7 +16,7 @@ from cubepath.agents.arrays.kinds import UntabledError
 from cubepath.agents.arrays.state import GRANTED, LOST
 from cubepath.agents.environments.array_world import ArrayRound
 from cubepath.agents.environments.made_moves import MadeMoves, MoveKeeper, made_in
-from cubepath.agents.environments.rollout import Played, play_in_python
+from cubepath.agents.environments.rollout import Played, check_max_rounds, play_in_python
 from cubepath.agents.environments.world import Round
 from cubepath.agents.rules.asked import scene_and_rule
 from cubepath.agents.rules.rule import RuleType
@@ -62,12 +62,13 @@ def play_many(
 
     `system` and `rule` may be names, as for `play`. Rules in plain Python, and systems that fit
     into no tables, are played one run after another. `keep_rounds` and `keep_moves` ask for
-    `played` and `made`, of which the latter costs far less.
+    `played` and `made`, of which the latter costs far less. InputError as for `play`.
 
     >>> runs = play_many("hex:n=4", "chain", range(100))
     >>> bool(runs.reached.all()), float(runs.rounds.mean())
     (True, 14.0)
     """
+    check_max_rounds(max_rounds)
     scene, rule = scene_and_rule(system, rule)
     scene = local_only(scene, "environment")
     if not seeds:
@@ -126,7 +127,7 @@ class _Playing:
         seen = batch.observe()
         actions = np.zeros((runs, batch.modules), np.int32)
         speaks = np.ones((runs, batch.modules), np.bool_)
-        playing = ~batch.reached
+        playing = ~batch.reached & (batch.round < self.max_rounds)
         while playing.any():
             heard = seen.notes if batch.note_length else None
             self.actors.act(seen.observation, seen.mask, heard, actions, playing=playing)

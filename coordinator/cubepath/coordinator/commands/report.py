@@ -33,6 +33,8 @@ def _report(options: argparse.Namespace) -> int:
     with progress_bar(None, "report", ""):
         report = write_report(options.folder, options.out)
     lines = [line for table in report.tables for line in _lines(table)]
+    if report.older:
+        lines.append(f"left out: {report.older} runs of earlier versions of a scene or rule")
     lines += [f"written to {path}" for path in report.files[:1]]
     answer(options, report.document(), "\n".join(map(visible, lines)))
     return DONE

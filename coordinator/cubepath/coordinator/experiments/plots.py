@@ -25,7 +25,7 @@ from cubepath.coordinator.experiments.prices import priced, stacked
 from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.tables import (
     WORLD,
-    best_of,
+    best_by_system,
     by_size,
     groups,
     varying,
@@ -41,6 +41,7 @@ _PANELS_MAX, _ACROSS = 9, 3
 _WIDE, _HIGH = 3.6, 2.9
 _DOTS = 144
 _DECADE = 10
+_OVER = "cubes over best"
 _NUMBERS = FuncFormatter(lambda number, _: f"{number:g}")
 _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
@@ -126,9 +127,10 @@ def plots_of(rows: Sequence[Row], rounds: Sequence[Row]) -> list[Plot]:
         found.append(
             _figure(f"growth-{measure}", f"{title}, by modules", sized, "base", looks, draw)
         )
-    priced = [row | {"class": row["cubes"] / best} for row in sized if (best := _best(row))]
-    title = "Cubes over the best known, or the bound"
-    found.append(_figure("class", title, priced, "base", looks, _by_size("class")))
+    best = best_by_system(rows)
+    over = [row | {_OVER: row["cubes"] / best[row["system"]]} for row in sized if row["cubes"]]
+    title = "Cubes over the best known"
+    found.append(_figure("cubes-over-best", title, over, "base", looks, _by_size(_OVER)))
     found.append(price_plot(rows))
     curves = _curves(rounds)
     drawn = [row for row in rows if row["id"] in curves]
@@ -158,10 +160,6 @@ def price_plot(rows: Sequence[Row]) -> Plot | None:
     return _figure("price", title, drawn, "panel", looks, stacked(variants or [""], looks.rest))
 
 
-def _best(row: Row) -> int | None:
-    return best_of(row) or row["bound"]
-
-
 def _by_size(measure: str) -> Draw:
     def draw(axes: Axes, rows: Sequence[Row], looks: Looks) -> None:
         for look, several in looks.by_variant(rows):
@@ -178,7 +176,7 @@ def _by_size(measure: str) -> Draw:
                 **look,
             )
         axes.set_xscale("log")
-        if measure != "class":
+        if measure != _OVER:
             axes.set_yscale("log")
             bottom, top = axes.get_ylim()
             narrow = top / bottom < _DECADE
@@ -191,7 +189,7 @@ def _by_size(measure: str) -> Draw:
         axes.set_xticks(shown, [str(size) for size in shown])
         axes.minorticks_off()
         axes.set_xlabel("modules")
-        axes.set_ylabel("cubes over best" if measure == "class" else measure)
+        axes.set_ylabel(measure)
 
     return draw
 

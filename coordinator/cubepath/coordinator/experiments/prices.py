@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.statistics import Interval, geometric_mean_interval
-from cubepath.coordinator.experiments.tables import WORLD, Table, best_of, groups, varying
+from cubepath.coordinator.experiments.tables import WORLD, Table, best_by_system, groups, varying
 
 FACTORS = ("timing", "class", "rule factor")
 """The columns of the three factors; their product is the column ``price``."""
@@ -27,31 +27,30 @@ _WIDE = 0.8
 
 
 def priced(rows: Iterable[Row]) -> list[Row]:
-    """Return the runs that reached their goal, each with what it paid and for what.
+    """Return the runs with rounds that reached their goal, each with what it paid and for what.
 
     Columns are added: `best`, the fewest cubes that are known between start and goal, those of all
     runs here among them; `timing`, rounds over cubes; `class`, cubes over the fewest of all runs of
     the same rule in the same system; `rule factor`, these over `best`; and `price`, rounds over
-    `best`, which is the product of the three. Runs that start at their goal are left out.
+    `best`, which is the product of the three. Runs that start at their goal are left out, and those
+    without rounds, whose levels take no fixed time; the cubes of these count all the same.
 
-    >>> row = {"system": "hex:n=4", "rule": "chain", "goal": True, "rounds": 21, "cubes": 14,
-    ...     "optimum": None, "best_known": 9}
+    >>> row = {"system": "hex:n=4", "rule": "chain", "clock": "lockstep", "goal": True,
+    ...     "rounds": 21, "cubes": 14, "optimum": None, "best_known": 9}
     >>> [(each["timing"], each["class"], each["best"]) for each in priced([row])]
     [(1.5, 1.0, 9)]
     """
-    reached = [row for row in rows if row["goal"] and row["cubes"]]
-    best = {
-        system: min(
-            known for row in several for known in (row["cubes"], best_of(row)) if known is not None
-        )
-        for (system,), several in groups(reached, ["system"]).items()
-    }
+    several = list(rows)
+    reached = [row for row in several if row["goal"] and row["cubes"]]
+    best = best_by_system(several)
     fewest = {
-        key: min(row["cubes"] for row in several)
-        for key, several in groups(reached, ["system", "rule"]).items()
+        key: min(row["cubes"] for row in mine)
+        for key, mine in groups(reached, ["system", "rule"]).items()
     }
     found = []
     for row in reached:
+        if row["clock"] == "free":
+            continue
         least, known = fewest[row["system"], row["rule"]], best[row["system"]]
         factors = (row["rounds"] / row["cubes"], row["cubes"] / least, least / known)
         paid = {"best": known, "price": row["rounds"] / known}
@@ -61,9 +60,10 @@ def priced(rows: Iterable[Row]) -> list[Row]:
 
 def price_table(rows: Sequence[Row]) -> Table:
     """Return what the runs of each setting paid: the three factors, and their product."""
-    keys = ["system", "rule", *varying(rows, WORLD)[1:]]
+    paid = priced(rows)
+    keys = ["system", "rule", *varying(paid, WORLD)[1:]]
     found = []
-    for key, several in groups(priced(rows), keys).items():
+    for key, several in groups(paid, keys).items():
         bounds = [row["bound"] for row in several if row["bound"] is not None]
         found.append(
             (
@@ -77,11 +77,11 @@ def price_table(rows: Sequence[Row]) -> Table:
         )
     return Table(
         "Price",
-        "What runs that reached their goal paid: rounds over the best known (that of all runs here"
-        " included) is timing x class x rule. Timing is rounds over cubes, class is cubes over the"
-        " fewest that the rule took in any run here, rule is these over the best known. All are"
-        " geometric means, so that they multiply here too, with the 95% interval of 2,000 seeded"
-        " bootstrap resamples. No schedule has fewer cubes than the bound.",
+        "What runs with rounds that reached their goal paid: rounds over the best known (that of"
+        " all runs here included) is timing x class x rule. Timing is rounds over cubes, class is"
+        " cubes over the fewest that the rule took in any run here, rule is these over the best"
+        " known. All are geometric means, so that they multiply here too, with the 95% interval"
+        " of 2,000 seeded bootstrap resamples. No schedule has fewer cubes than the bound.",
         (*keys, "modules", "runs", "bound", "best", *FACTORS, "price"),
         tuple(found),
     )

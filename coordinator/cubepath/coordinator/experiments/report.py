@@ -5,11 +5,13 @@ Room: coordinator. The same rows give the same files, byte for byte.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from cubepath.coordinator.experiments.folder import read_mark
 from cubepath.coordinator.experiments.page import page_of
 from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.prices import price_table
@@ -17,6 +19,7 @@ from cubepath.coordinator.experiments.rows import Row, natural
 from cubepath.coordinator.experiments.sweeping import read_sweep
 from cubepath.coordinator.experiments.tables import (
     Table,
+    groups,
     growth_table,
     pairs_table,
     runs_table,
@@ -30,9 +33,14 @@ PAGE = "report.html"
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """A report: its tables, and the files that were written, the page first."""
+    """A report: its tables, and the files that were written, the page first.
+
+    `older` counts the runs of the folder that are in no table, as their scene or rule has changed
+    since.
+    """
 
     runs: int
+    older: int
     tables: tuple[Table, ...]
     files: tuple[Path, ...]
 
@@ -40,6 +48,7 @@ class Report:
         """Return the keys of ``cubepath report --json``."""
         return {
             "runs": self.runs,
+            "older": self.older,
             "tables": {table.title: table.document() for table in self.tables},
             "files": [str(path) for path in self.files],
         }
@@ -49,7 +58,9 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     """Write the report on a sweep's folder: a page, and each plot as SVG and PNG.
 
     The files are written to `out`, by default the folder ``report`` in that of the sweep. Returns
-    the tables, too. InputError if the folder is no sweep's, has no runs, or cannot be written to.
+    the tables, too. Of a system or rule whose file has changed between runs the last version is
+    taken, and the others are counted as `older`. InputError if the folder is no sweep's, has no
+    runs, or cannot be written to.
 
     >>> results = sweep("hex:n=4..6", rules="chain", seeds=2, out="results")
     >>> report = write_report("results")
@@ -61,10 +72,12 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
         raise InputError(f"{folder}: has no finished runs, expected some to report on")
     target = Path(folder) / "report" if out is None else Path(out)
     check_output_folder(target)
-    rows = short_rules(results.rows)
+    last = _of_last_versions(results.rows, read_mark(Path(folder)))
+    older = len(results.rows) - len(last)
+    rows = short_rules(last)
     tables = tuple(make(rows) for make in (runs_table, price_table, pairs_table, growth_table))
     plots = plots_of(rows, results.rounds)
-    page = page_of(_title(rows), _facts(rows), tables, plots)
+    page = page_of(_title(rows), _facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
         files |= {f"{plot.name}.svg": plot.svg, f"{plot.name}.png": plot.png}
@@ -75,7 +88,30 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     for name, data in files.items():
         with written_whole(target / name) as stream:
             stream.write(data)
-    return Report(len(results.rows), tables, tuple(target / name for name in files))
+    return Report(len(rows), older, tables, tuple(target / name for name in files))
+
+
+def _of_last_versions(rows: Sequence[Row], versions: Sequence[str]) -> list[Row]:
+    """Return the rows of the last version of each scene, and there of each rule.
+
+    `versions` are those of the folder in the order in which they were last swept, each the version
+    of the code and the hashes of what the scene and the rule's file held.
+    """
+    places = {tuple(version.split(" ")): n for n, version in enumerate(versions)}
+    told = {row["id"]: json.loads(row["configuration"]) for row in rows}
+
+    def place(row: Row) -> int:
+        of = told[row["id"]]
+        return places.get((row["code"], of["scene"], of["source"]), -1)
+
+    kept = set[str]()
+    for several in groups(rows, ["system"]).values():
+        scene = told[max(several, key=place)["id"]]["scene"]
+        there = [row for row in several if told[row["id"]]["scene"] == scene]
+        for mine in groups(there, ["rule"]).values():
+            source = told[max(mine, key=place)["id"]]["source"]
+            kept |= {row["id"] for row in mine if told[row["id"]]["source"] == source}
+    return [row for row in rows if row["id"] in kept]
 
 
 def _title(rows: Sequence[Row]) -> str:
@@ -84,12 +120,14 @@ def _title(rows: Sequence[Row]) -> str:
     return f"{', '.join(rules)} on {', '.join(families)}"
 
 
-def _facts(rows: Sequence[Row]) -> list[tuple[str, object]]:
+def _facts(rows: Sequence[Row], older: int) -> list[tuple[str, object]]:
     seeds = sorted({row["seed"] for row in rows})
     ended = sorted({row["ended"] for row in rows})
     counts = ", ".join(f"{sum(row['ended'] == end for row in rows)} {end}" for end in ended)
+    before = [("left out", f"{older} runs of earlier versions of a scene or rule")] if older else []
     return [
         ("runs", len(rows)),
+        *before,
         ("systems", len({row["system"] for row in rows})),
         ("seeds", f"{len(seeds)}, from {seeds[0]} to {seeds[-1]}"),
         ("cores", ", ".join(sorted({row["core"] for row in rows}))),

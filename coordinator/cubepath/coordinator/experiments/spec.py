@@ -17,7 +17,7 @@ from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
 from cubepath.agents.rules.rule_files import forget_rule_files, is_in_file
 from cubepath.coordinator.experiments.instances import standard
-from cubepath.coordinator.experiments.ranges import checked_seeds, expanded, seeds_of
+from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.coordinator.experiments.setting import (
     CLOCKS,
     CORES,
@@ -98,6 +98,8 @@ class Sweep:
         for key, least in _LEAST:
             if getattr(self, key) < least:
                 raise InputError(f"{key}: {getattr(self, key)}, expected {least} or more")
+            if getattr(self, key) > LARGEST:
+                raise InputError(f"{key}: {getattr(self, key)}, expected at most {LARGEST}")
         checked_seeds(list(self.seeds), "seeds")
         for rates in self.faults:
             _check_rates(rates)

@@ -20,8 +20,11 @@ from cubepath.coordinator.experiments.statistics import (
     sign_test,
 )
 
-WORLD = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
+_ALIKE = ("system", "clock", "core", "hesitate", "faults", "max_rounds")
+_PARTS = ("processes", "keepers")
+WORLD = (*_ALIKE, *_PARTS)
 """What two runs have in common whose rules are compared."""
+_LEVELS = "levels of moves, which take no fixed time"
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,15 +86,39 @@ def groups(rows: Iterable[Row], keys: Sequence[str]) -> dict[tuple[Any, ...], li
 
 
 def varying(rows: Sequence[Row], keys: Iterable[str]) -> list[str]:
-    """Return those columns that do not have the same value throughout, and always the first."""
+    """Return those columns that do not have the same value throughout, and always the first.
+
+    How many processes and keepers there are follows from the rest as a rule: a run in compiled code
+    has none, and one of few modules has few. They are returned if runs differ in them alone.
+    """
+    alike = list(groups(rows, ("rule", *_ALIKE)).values())
     return [
-        key for place, key in enumerate(keys) if not place or len({row[key] for row in rows}) > 1
+        key
+        for place, key in enumerate(keys)
+        if not place
+        or any(
+            len({row.get(key) for row in several}) > 1
+            for several in (alike if key in _PARTS else [rows])
+        )
     ]
 
 
-def best_of(row: Row) -> int | None:
-    """Return the cubes of the best path that is known between start and goal, if one is."""
-    found: int | None = row["optimum"] if row["optimum"] is not None else row["best_known"]
+def best_by_system(rows: Iterable[Row]) -> dict[str, int]:
+    """Return for each system the fewest cubes that are known between its start and its goal.
+
+    They are those of a run to the goal, whatever its setting, or were known before; a system
+    without either is left out.
+
+    >>> run = {"system": "hex:n=4", "goal": True, "optimum": None, "best_known": None}
+    >>> best_by_system([run | {"cubes": 14}, run | {"cubes": 11}, run | {"cubes": 12}])
+    {'hex:n=4': 11}
+    """
+    found: dict[str, int] = {}
+    for row in rows:
+        own = row["cubes"] if row["goal"] else None
+        for cubes in (own, row["optimum"], row["best_known"]):
+            if cubes is not None:
+                found[row["system"]] = min(cubes, found.get(row["system"], cubes))
     return found
 
 
@@ -99,6 +126,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
     """Return what came of the runs of each setting."""
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
+    best = best_by_system(rows)
     found = []
     for key, several in groups(rows, keys).items():
         reached = [row for row in several if row["goal"]]
@@ -111,7 +139,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
                 _mean(reached, lambda row: row["moves"]),
                 _mean(reached, lambda row: row["cubes"]),
                 max((row["bound"] for row in several if row["bound"] is not None), default=None),
-                best_of(several[0]),
+                best.get(several[0]["system"]),
                 _mean(several, lambda row: row["conflicts"]),
                 _mean(several, lambda row: row["messages"]),
                 sum(bool(row["stuck"]) for row in several),
@@ -122,7 +150,8 @@ def runs_table(rows: Sequence[Row]) -> Table:
         "Runs",
         "Rounds, moves and cubes are means over the runs that reached their goal, with the 95%"
         " interval of 2,000 seeded bootstrap resamples; the share of these runs has its exact"
-        " interval (Clopper and Pearson).",
+        " interval (Clopper and Pearson). Best is the fewest cubes known in the system, those of"
+        " all runs here included.",
         (
             *keys,
             "runs",
@@ -152,9 +181,10 @@ def pairs_table(rows: Sequence[Row]) -> Table:
     found = []
     for key, several in groups(rows, keys).items():
         by_rule: dict[str, dict[Any, Row]] = {}
-        for row in several:
-            rest = tuple(row[name] for name in WORLD)
-            by_rule.setdefault(row["rule"], {})[*rest, row["seed"]] = row
+        for (rule, *place), copies in groups(several, ("rule", *WORLD, "seed")).items():
+            # Of versions of a run none counts more than the others, nor does it count twice.
+            if len({(row["goal"], row["rounds"]) for row in copies}) == 1:
+                by_rule.setdefault(rule, {})[tuple(place)] = copies[0]
         for one, other in combinations(sorted(by_rule, key=natural), 2):
             pairs = [
                 (row, by_rule[other][place])
@@ -169,7 +199,9 @@ def pairs_table(rows: Sequence[Row]) -> Table:
         " rounds of the second rule and the first, over the pairs in which both reached the goal,"
         " with its bootstrap interval; p is two-sided and exact, of Wilcoxon's signed-rank test or,"
         " with more than 200 differences, of the sign test. Where one alone reached the goal, p of"
-        " goals is that of the sign test. No p is corrected for how many there are.",
+        " goals is that of the sign test. No p is corrected for how many there are. A run that is"
+        " there in several versions, which differ, is left out. Rounds of runs without"
+        f" rounds are {_LEVELS}.",
         (
             *keys,
             "first",
@@ -246,7 +278,7 @@ def growth_table(rows: Sequence[Row]) -> Table:
         "Least squares of the logarithms: the mean over the runs that reached their goal is about"
         " factor x modules^exponent. The 95% interval of the exponent is Student's, from how far"
         " the means lie off the line: it tells how well a power law fits, and with two sizes there"
-        " is none.",
+        f" is none. Rounds of runs without rounds are {_LEVELS}.",
         (*keys, "measure", "modules", "sizes", "exponent", "factor", "R2"),
         tuple(found),
     )
