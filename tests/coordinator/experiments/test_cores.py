@@ -186,6 +186,22 @@ def test_runs_without_rounds(core: str) -> None:
     assert slow.run["time"] > 3 * plain.run["time"]
 
 
+@pytest.mark.slow
+def test_modules_think_where_some_are_slow() -> None:
+    """Also if the share comes to nobody; and what takes too long ends, with a line on that."""
+    given: dict[str, Any] = {"clocks": ("free",), "core": "simulated", "seeds": (3,)}
+    asked = [FaultRates(), FaultRates(slow=0.1), FaultRates(slow=1.0, slow_factor=1)]
+    plain, nobody, all_alike = (
+        runs("hex:n=3", "chain", faults=(rates,), **given)[0] for rates in asked
+    )
+    for column in ("digest", "time", "messages"):
+        assert nobody.run[column] == all_alike.run[column]
+    assert nobody.run["time"] > plain.run["time"]
+    (late,) = runs("hex:n=3", "chain", faults=(FaultRates(slow=1.0, slow_factor=5000),), **given)
+    assert (late.run["goal"], late.run["ended"]) == (False, "max-rounds")
+    assert late.run["reason"] == "no end within 120 virtual seconds"
+
+
 def test_with_rounds_all_wait_for_the_slow() -> None:
     """The path is the same, and it takes so many times longer."""
     (plain,) = runs("hex:n=4", "chain", seeds=(3,))
