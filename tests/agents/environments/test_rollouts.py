@@ -118,9 +118,10 @@ def test_without_rounds_nothing_is_played(rule: RuleType) -> None:
     assert (many.rounds.tolist(), many.reached.tolist()) == ([0], [False])
     assert many.made is not None
     assert [lost.tolist() for lost in many.made.lost] == [[]]
-    for refuses in (play, lambda *args, **more: play_many(*args, [0], **more)):
-        with pytest.raises(InputError, match="max_rounds=-1: expected 0 or more"):
-            refuses(scene, rule, max_rounds=-1)
+    with pytest.raises(InputError, match="max_rounds=-1: expected 0 or more"):
+        play(scene, rule, max_rounds=-1)
+    with pytest.raises(InputError, match="max_rounds=-1: expected 0 or more"):
+        play_many(scene, rule, [0], max_rounds=-1)
     assert play_free(scene, rule, max_cycles=0).turns == 0
     with pytest.raises(InputError, match="max_cycles=-1: expected 0 or more"):
         play_free(scene, rule, max_cycles=-1)

@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -221,7 +222,7 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
 def test_a_report_mixes_no_versions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Of a scene or a rule whose file was changed the last one counts, and the rest is told."""
 
-    def swept(seeds: int, *rules: str, **version: str) -> None:
+    def swept(seeds: int, *rules: str, **version: Any) -> None:
         given = {"rules": list(rules or ("chain", "random")), "seeds": seeds}
         asked = expand(sweep_of(["hex:n=3..4"], given))
         batches = [
