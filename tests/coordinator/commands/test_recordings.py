@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import shutil
 import tracemalloc
 from pathlib import Path
@@ -26,6 +27,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shutil.copy(GOLDEN / "agv-3.mcap", runs / "b.mcap")
     shutil.copy(GOLDEN / "agv-3.mcap", runs / "a.mcap")
     (runs / "README.md").write_text("no recording")
+    os.mkfifo(runs / "pipe.mcap")  # which nobody writes to
+    (runs / "folder.mcap").mkdir()
     (tmp_path / "bad.mcap").write_text("no recording")
     whole = (runs / "a.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])

@@ -259,5 +259,5 @@ def test_a_run_of_other_code_is_refused() -> None:
     """A worker with another version says so in a row, and plays nothing."""
     (batch,) = expand(Sweep(("hex:n=4",), seeds=(0,))).batches
     (found,) = play_batch(replace(batch, code="0.0.1+abc"))
-    assert found.run["ended"] == "error"
+    assert found.run["ended"] == "prevented"
     assert "expected 0.0.1+abc" in found.run["reason"]

@@ -46,6 +46,20 @@ def test_seeds_that_are_none_are_refused(text: str, why: str) -> None:
         seeds_of(text)
 
 
+@pytest.mark.parametrize("key", ["seeds", "max_rounds", "processes", "optimum"])
+def test_numbers_that_no_column_holds_are_refused(key: str) -> None:
+    """Before anything is played."""
+    given: Any = {key: [0, 10**23] if key == "seeds" else 10**23}
+    with pytest.raises(InputError, match=f"^{key}: .*expected at most 9{{18}}"):
+        Sweep(("hex:n=4",), **given)
+
+
+def test_of_many_seeds_the_one_that_stands_twice_is_named() -> None:
+    """However many there are."""
+    with pytest.raises(InputError, match=r"^seeds: 999999 stands twice"):
+        seeds_of("0..999999,999999")
+
+
 def labels(sweep: Sweep) -> list[tuple[object, ...]]:
     """Return what each run of a sweep is, in order."""
     return [
@@ -116,6 +130,18 @@ def test_an_id_is_of_all_that_decides(tmp_path: Path) -> None:
     assert len(ids) == 6  # where the file lies does not matter
     (other,) = expand(Sweep(("hex:n=4",), rules=("random",), seeds=(1,), max_rounds=3)).batches
     assert not ids & {*other.ids()}
+
+
+def test_files_that_have_changed_are_other_runs_in_the_same_process(tmp_path: Path) -> None:
+    """A rule and a scene; as they were before, they are the runs that they were."""
+    rule, scene, ids = tmp_path / "mine.py", tmp_path / "scene.toml", list[str]()
+    for text, size in ((MINE, 4), (MINE + "#", 4), (MINE, 5), (MINE, 4)):
+        rule.write_text(text)
+        scene.write_text(scene_to_toml(scene_from_spec(f"hex:n={size}")))
+        (batch,) = expand(Sweep((str(scene),), rules=(f"{rule}:MINE",), seeds=(1,))).batches
+        ids += batch.ids()
+    assert ids[0] == ids[3]
+    assert len({*ids}) == 3
 
 
 TABLE: dict[str, Any] = {

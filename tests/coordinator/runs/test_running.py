@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import signal
 from pathlib import Path
 from typing import Literal
@@ -21,16 +19,9 @@ from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.router import Router
 from cubepath.protocol.wire.sessions import open_client, subscribe
+from living import is_there
 
 VEHICLES = "agv-labelled:graph=grid4x4,n=6"
-
-
-def is_there(pid: int) -> bool:
-    """Return whether a process exists."""
-    with contextlib.suppress(ProcessLookupError):
-        os.kill(pid, 0)
-        return True
-    return False
 
 
 @pytest.mark.slow
@@ -129,6 +120,14 @@ def test_a_run_without_rounds_is_listened_to(tmp_path: Path) -> None:
         running.step(3)
         assert running.gathered.moves >= 3
         assert len(moves) >= 3
+        for name, told in (
+            ("keeper_1", "^keeper_1: lives, expected a process that has died$"),
+            ("proces_0", r"^proces_0: .*did you mean 'process_0'.* keeper_1$"),
+            ("router", "^router: cannot be started again, expected one of process_0, process_1, "),
+        ):
+            with pytest.raises(InputError, match=told):
+                running.restart(name)
+        assert ask(running.endpoint).moves == running.status.moves >= 3  # and others can still join
         running.signal("keeper_1", signal.SIGKILL)
         running.until(lambda each: "keeper_1" not in each.pids)
         running.restart("keeper_1")

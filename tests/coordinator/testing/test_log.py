@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -146,3 +147,36 @@ def test_a_table_has_few_lines_and_those_around_the_place(count: int, place: int
     lines = table(messages, marked).splitlines()
     assert len(lines) <= ROWS_MAX + 2
     assert sum(line.startswith("  >") for line in lines) == len(marked)
+
+
+def test_what_could_never_be_on_record_is_refused() -> None:
+    """In one line, with the nearest name, rather than counted as none."""
+    log = Log.read(LOGS[0])
+    wrong: list[tuple[Callable[[], object], str]] = [
+        (lambda: log.count("claim", phase="sens"), "phase=sens: .*did you mean 'sense'"),
+        (lambda: log.count("claim", module="1"), "module='1': expected a whole number"),
+        (lambda: log.count("claim", module=99), r"module=99: expected 0 to \d+$"),
+        (lambda: log.count("claim", modul=1), r"modul: .* \(did you mean 'module'\?\)"),
+        (lambda: log.count("claim", sender="proces_0"), "sender=proces_0: .*mean 'process_0'"),
+        (lambda: log.count("claim", kind="said"), "kind=said: expected one kind, found claim"),
+        (lambda: log.assert_claimed(1, 2, anything("grantd")), "result=grantd: .*'granted'"),
+        (lambda: log.assert_count(anything("x"), "claim"), "expected='x': expected a whole number"),
+        (lambda: log.messages(anything(5)), "5: expected a kind of message, or a Pattern"),
+        (lambda: log.assert_same_run(anything(None)), "None: expected another Log"),
+    ]
+    for act, line in wrong:
+        with pytest.raises(InputError, match=f"^{line}"):
+            act()
+
+
+def anything(value: Any) -> Any:
+    """Return what no type checker lets pass."""
+    return value
+
+
+def test_keys_beside_a_pattern_narrow_it() -> None:
+    """They are not passed over."""
+    log = Log(recorded("agv:graph=grid4x4,n=4", rounds=4))
+    claims = Pattern(kind="claim")
+    assert log.messages(claims, module=1, round=2) == log.messages("claim", module=1, round=2)
+    assert log.count(claims) > log.count(claims, round=2)

@@ -135,6 +135,11 @@ def test_messages_and_states_are_awaited(cubepath_run: StartRun) -> None:
     log.assert_count(range(1, 99), "claim", module=1)
 
 
+def anything(value: Any) -> Any:
+    """Return what no type checker lets pass."""
+    return value
+
+
 def failing(act: Callable[[], object], line: str) -> str:
     with pytest.raises(AssertionError, match=line) as found:
         act()
@@ -203,7 +208,25 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
         (lambda: rig.kill("process_9"), "process_9: expected one of process_0, process_1, "),
         (lambda: rig.cut_off("router"), "router: has no link, the processes that have one: "),
         (lambda: rig.drop("said", to="process_7"), "process_7: has no link, "),
-        (lambda: rig.drop("calim"), "kind=calim: expected one of "),
+        (lambda: rig.drop("calim"), "kind=calim: expected one of .*did you mean 'claim'"),
+        (lambda: rig.kill("proces_0", at=2), "proces_0: expected one of .*did you mean 'process_"),
+        (lambda: rig.pause("process_9", at=2), "process_9: expected one of process_0, "),
+        (lambda: rig.resume("proces_0"), "proces_0: expected one of "),
+        (lambda: rig.cut_off("process_9", at="claim"), "process_9: expected one of process_0, "),
+        (lambda: rig.restart("proces_0"), "proces_0: expected one of "),
+        (lambda: rig.kill(anything(2.5)), "module=2.5: expected a whole number"),
+        (lambda: rig.kill(0, at=anything(2.5)), "2.5: expected a kind of message, or a Pattern"),
+        (lambda: rig.when(2, anything(5)), "5: expected a function"),
+        (lambda: rig.pause(0, seconds=anything("x")), "seconds=x: expected 0 to 3600"),
+        (lambda: rig.delay(anything("claim")), "seconds=claim: expected 0 to 3600"),
+        (lambda: rig.drop("claim", sender="proces_0"), "proces_0: has no link, .*did you mean "),
+        (lambda: rig.drop("claim", sender="x", to=1), "sender=x: expected one of coordinator, "),
+        (lambda: rig.drop("claim", to="proces_0"), "to=proces_0: expected a process, a region "),
+        (lambda: rig.drop("claim", phase="sens"), "phase=sens: expected .*did you mean 'sense'"),
+        (lambda: rig.drop("claim", round="3"), "round='3': expected a whole number, 0 or more"),
+        (lambda: rig.drop("claim", module=99), "module_99: expected module_0 to module_4"),
+        (lambda: rig.drop("claim", times="x"), "times='x': expected a whole number"),
+        (lambda: rig.drop("claim", where=5), "where=5: expected a function of a message"),
         (lambda: rig.drop(process=1), "process: expected one of kind, round, "),
         (lambda: rig.kill(9), "module_9: expected module_0 to module_4"),
         (lambda: cubepath_run(SYSTEM, commands="x"), "commands=x: expected a list, or names"),
@@ -211,6 +234,8 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
     for act, line in wrong:
         with pytest.raises(InputError, match=f"^{line}"):
             act()
+    assert set(rig.pids) == {"process_0", "process_1", "router"}
+    assert not any(link.up.rules or link.down.rules for link in rig.links.values())
 
 
 def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str) -> None:
@@ -221,6 +246,15 @@ def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str)
     assert not rig.links
     rig = cubepath_run(SYSTEM, links=["process_1"])
     assert list(rig.links) == ["process_1"]
+    with pytest.raises(InputError, match=r"^process_0: has no link, .* have one: process_1 "):
+        rig.drop("said", sender="process_0")
+    rule = rig.drop("said", to="process_1", sender="process_0", times=1)
+    assert rule.pattern.sender == "process_0"
+    rule.stop()
+    with pytest.raises(InputError, match=r"^links: proces_1: expected one of process_0, "):
+        cubepath_run(SYSTEM, links=["proces_1"])
+    with pytest.raises(InputError, match=r"^links='process_1': expected True, False, or a list"):
+        cubepath_run(SYSTEM, links="process_1")
     assert reached(rig) == digest
 
 

@@ -115,6 +115,11 @@ def test_a_node_of_ones_own_is_tried_as_any_other() -> None:
         trial_of("hex:n=3", processes=1).check(IsDeaf)
 
 
+def wrong(value: Any) -> Any:
+    """Return what no type checker lets pass."""
+    return value
+
+
 @pytest.mark.parametrize(
     ("make", "line"),
     [
@@ -126,6 +131,19 @@ def test_a_node_of_ones_own_is_tried_as_any_other() -> None:
             lambda: trial_of("hex:n=3", faults=[fault("router", "x")]),
             "fault router at x: expected it at router",
         ),
+        (
+            lambda: trial_of("hex:n=4", faults=[fault("pause", "proces_0", 12, seconds=1)]),
+            r"fault pause at proces_0: expected one of .* \(did you mean 'process_0'\?\)",
+        ),
+        (
+            lambda: trial_of("hex:n=4", faults=[fault("loss", "process_99 up")]),
+            "fault loss at process_99 up: expected one of process_0 up, ",
+        ),
+        (
+            lambda: trial_of("hex:n=4", faults=[fault("pause", "process_0")]),
+            "fault pause at process_0: seconds=0, expected more",
+        ),
+        (lambda: fault("pause", "process_0", nth=wrong("x")), "nth='x': expected a whole number"),
         (lambda: trial_of("hex:n=3", "nope"), "unknown rule 'nope'"),
         (
             lambda: trial_of("hex:n=3", clock="free").check(IsDeaf),

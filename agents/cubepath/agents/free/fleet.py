@@ -24,6 +24,7 @@ from cubepath.agents.processes.offspring import Ended, Offspring
 from cubepath.agents.processes.pacer import ProcessDied
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import (
@@ -217,14 +218,25 @@ class FreeFleet:
         return Crash(ended.name, ended.how, restarted=self.on_crash == "restart")
 
     def start_again(self, name: str) -> None:
-        """Start a process again that has died, or was never started."""
-        kind, _, number = name.partition("_")
-        if kind == "keeper":
-            self._births_of_keepers[int(number)] += 1
-            self._keep(int(number))
+        """Start a process again that has died, or was never started.
+
+        InputError for any other name, and for a process that lives.
+        """
+        hosts = {process_name(each): each for each in self._births}
+        keepers = {keeper_name(each): each for each in self._births_of_keepers}
+        if name not in hosts | keepers:
+            near = did_you_mean(name, hosts | keepers)
+            known = ", ".join((*hosts, *keepers))
+            raise InputError(f"{name}: cannot be started again{near}, expected one of {known}")
+        child = self._offspring.by_name.get(name)
+        if child is not None and child.poll() is None:
+            raise InputError(f"{name}: lives, expected a process that has died")
+        if name in keepers:
+            self._births_of_keepers[keepers[name]] += 1
+            self._keep(keepers[name])
         else:
-            self._births[int(number)] += 1
-            self._host(int(number))
+            self._births[hosts[name]] += 1
+            self._host(hosts[name])
 
     def leave(self, process: int) -> None:
         """End a module process for good, without a crash: its modules stay where they are."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cubepath.agents.rules.policy import policy_rule
     from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
-    from cubepath.agents.rules.rule_files import is_in_file
+    from cubepath.agents.rules.rule_files import RULE_MODULE, forget_rule_files, is_in_file
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
     from cubepath.agents.rules.streams import HESITATE, RULE, NoSeed, stream, stream_at
     from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
@@ -48,7 +48,7 @@ else:
             "policy": "policy_rule",
             "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
-            "rule_files": "is_in_file",
+            "rule_files": "RULE_MODULE forget_rule_files is_in_file",
             "schedule": "SCHEDULE scheduled",
             "streams": "HESITATE NoSeed RULE stream stream_at",
             "vector_actors": "VectorActors vector_actors_for",
@@ -63,6 +63,7 @@ __all__ = [
     "FORMAT",
     "HESITATE",
     "RULE",
+    "RULE_MODULE",
     "SCHEDULE",
     "Actor",
     "Choice",
@@ -84,6 +85,7 @@ __all__ = [
     "draw_below",
     "draw_fraction",
     "find_rule",
+    "forget_rule_files",
     "is_in_file",
     "network_rule",
     "own_rule",

@@ -7,6 +7,8 @@ and of each layer ``weight_i``, of shape (inputs, outputs), ``bias_i`` and ``act
 
 from __future__ import annotations
 
+from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 from zipfile import BadZipFile
@@ -76,7 +78,7 @@ def network_rule(name: str, network: Network, *, deterministic: bool) -> RuleTyp
             len(network.layers[-1].bias),
         )
 
-    return policy_rule(
+    rule = policy_rule(
         name,
         choose,
         observation=network.observation,
@@ -86,6 +88,17 @@ def network_rule(name: str, network: Network, *, deterministic: bool) -> RuleTyp
         summary=f"a network over {network.observation} observations",
         source="learned",
     )
+    return replace(rule, content=_content(network, deterministic=deterministic))
+
+
+def _content(network: Network, *, deterministic: bool) -> str:
+    """Return a hash of all that decides what a network chooses."""
+    told = sha256(f"{network.observation} {deterministic}".encode())
+    for layer in network.layers:
+        told.update(f" {layer.weight.shape} {layer.activation} ".encode())
+        told.update(np.ascontiguousarray(layer.weight, "<f8").tobytes())
+        told.update(np.ascontiguousarray(layer.bias, "<f8").tobytes())
+    return told.hexdigest()
 
 
 def _shape_of(system: System, showing: Showing) -> tuple[int, int]:

@@ -120,6 +120,11 @@ class RuleType:
     Its choices and notes are those of the rules that `make` makes, so whoever replaces one replaces
     the other. None if it does not know a system or scene: then each module is asked by itself.
     """
+    content: str = field(default="", compare=False, repr=False)
+    """What the rule follows from beside code, as a hash of it: learned weights, a table.
+
+    Sweeps take a rule with another content for another rule.
+    """
 
     @property
     def clocks(self) -> tuple[str, ...]:

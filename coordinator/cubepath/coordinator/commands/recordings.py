@@ -215,7 +215,8 @@ def _named(path: Path) -> list[tuple[Path, CubepathError | None]]:
         with readable(path):
             if not path.is_dir():
                 return [(path, None)]
-            found = sorted(each for each in path.iterdir() if each.suffix == ".mcap")
+            files = (each for each in path.iterdir() if each.suffix == ".mcap")
+            found = sorted(each for each in files if each.is_file())
     except InputError as error:
         return [(path, error)]
     if not found:

@@ -42,7 +42,8 @@ def add_sweep_command(command: AddCommand) -> None:
         nargs="+",
         metavar="SYSTEM",
         help="systems as for 'cubepath run', with ranges and lists in their keys, as in"
-        " hex:n=4..40 or agv:graph=K5,C8,n=2; or one SPEC.toml with all of a sweep",
+        " hex:n=4..40 or agv:graph=K5,C8,n=2; 'standard' for the standard set; or one SPEC.toml"
+        " with all of a sweep",
     )
     sweep.add_argument(
         "--rule",

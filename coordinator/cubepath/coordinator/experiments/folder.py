@@ -19,8 +19,8 @@ from typing import IO, Any, Self
 
 import numpy as np
 
-from cubepath.coordinator.experiments.outcomes import DIED
 from cubepath.coordinator.experiments.rows import (
+    AGAIN,
     ROUND_COLUMNS,
     ROUND_MEASURES,
     RUN_COLUMNS,
@@ -137,12 +137,12 @@ class SweepFolder:
     def begin(self, batches: Iterable[Batch]) -> set[str]:
         """Take note that these are played now, and return the ids of all finished runs.
 
-        One whose process died is none of them: it may have been the machine.
+        One that died or was prevented is none of them: it may have been the machine.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
         self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
         rows = (row for part in parts_of(self.folder) for row in _read(part, ("id", "ended")))
-        return {row["id"] for row in rows if row["ended"] != DIED}
+        return {row["id"] for row in rows if row["ended"] not in AGAIN}
 
     def add(self, rows: Iterable[Finished]) -> None:
         """Keep the rows of finished runs, and write a part if one is due."""
@@ -226,7 +226,7 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
             for name in ("best_known", "proved"):
                 del told[name]
             key = row["id"] if all_versions else json.dumps(told, sort_keys=True)
-            rank = places.get(version, -1), row["ended"] != DIED
+            rank = places.get(version, -1), row["ended"] not in AGAIN
             if key not in found or found[key][0] <= rank:
                 found[key] = rank, row
     return in_canonical_order(row for _, row in found.values())

@@ -26,6 +26,8 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: .25rem .6rem; text-align: left; border-bottom: 1px solid var(--rule);
   white-space: nowrap; }
 th { background: var(--soft); position: sticky; top: 0; }
+@media print { .wide { overflow: visible; } th, td { white-space: normal; padding: .15rem .3rem; }
+  table { font-size: 9px; } }
 td.number, th.number { text-align: right; }
 figure { margin: 1.2rem 0; } figure svg { max-width: 100%; height: auto; color: var(--ink); }
 svg text { font-family: system-ui, "DejaVu Sans", sans-serif !important; }

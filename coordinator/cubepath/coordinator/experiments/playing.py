@@ -1,59 +1,149 @@
 """One batch of runs, played in the core that its setting names; what a worker does.
 
 Room: coordinator. Nothing is raised but interrupts: what goes wrong in a run is a row of its own.
+A process that plays may live for long, and files change: what is played is what was asked for.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from errno import EDQUOT, EMFILE, ENFILE, ENOMEM, ENOSPC
 from pathlib import Path
 
+from cubepath.agents.rules.rule_files import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
-from cubepath.coordinator.experiments.rows import Finished
+from cubepath.coordinator.experiments.rows import PREVENTED, Finished
 from cubepath.coordinator.experiments.scene_facts import facts_of
-from cubepath.coordinator.experiments.setting import Batch, code_version
+from cubepath.coordinator.experiments.setting import Batch, Setting, code_version, scene_hash
 from cubepath.coordinator.experiments.simulated_core import play_simulated
+from cubepath.coordinator.experiments.sources import source_hash
 from cubepath.coordinator.experiments.wire_core import play_on_wire
 from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.scenes.specs import scene_from_spec
 
 _alone = threading.RLock()
 """Held while a batch is played: a worker of a cluster may have several threads."""
+
+
+_MACHINE = (
+    MemoryError.__name__,
+    *map(os.strerror, (ENOSPC, EDQUOT, ENOMEM, EMFILE, ENFILE)),
+)
+"""What a node of a run says if the machine has no more of something."""
+
+
+class _PreventedError(Exception):
+    """Runs cannot be played here; the text says why."""
 
 
 def play_batch(batch: Batch, recordings: Path | None = None) -> list[Finished]:
     """Play the runs of a batch and return their rows, in the order of the seeds.
 
     With a folder for `recordings`, each run with messages leaves one there, named by its id. A run
-    that fails by an error of code, of the rule for one, has a row with the reason.
+    that fails by an error of code, of the rule for one, has a row with the reason. So has one that
+    is prevented: cubepath, the scene or the rule are not here what they are to be, or the machine
+    has no more memory or space. What was loaded of files that have changed since is loaded again.
     """
-    if code_version() != batch.code:
-        why = f"this process has cubepath {code_version()}, expected {batch.code}"
-        return [failed(batch, seed, ERROR, why) for seed in batch.seeds]
     # A rule that prints would print into the answer of a command.
     with _alone, contextlib.redirect_stdout(sys.stderr):
         began = time.monotonic()
         try:
+            _check(batch)
             return [
-                finished(batch, seed, played)
+                _ended(finished(batch, seed, played))
                 for seed, played in zip(batch.seeds, _played(batch, recordings), strict=True)
             ]
+        except _PreventedError as error:
+            return [_prevented(batch, seed, str(error)) for seed in batch.seeds]
         except Exception as error:  # noqa: BLE001 - a rule, or a system, may raise anything
             if len(batch.seeds) == 1:
+                ended = PREVENTED if _of_the_machine(error) else ERROR
                 seconds = time.monotonic() - began
-                return [failed(batch, batch.seeds[0], ERROR, _told(error), seconds)]
+                return [failed(batch, batch.seeds[0], ended, _told(error), seconds)]
     # One of them has failed, and which one is found by playing each alone.
     each = [play_batch(replace(batch, seeds=(seed,)), recordings) for seed in batch.seeds]
     return [row for rows in each for row in rows]
 
 
-def _told(error: Exception) -> str:
+def _told(error: BaseException) -> str:
     return str(error) if isinstance(error, CubepathError) else f"{type(error).__name__}: {error}"
+
+
+def _of_the_machine(error: BaseException | None) -> bool:
+    """Return whether an error came of a file or of memory, and not of what a rule did."""
+    while error is not None:
+        if isinstance(error, OSError | MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _ended(run: Finished) -> Finished:
+    """Return a run; one whose processes had no more of something was prevented."""
+    row = run.run
+    if row["ended"] == ERROR and any(text in (row["reason"] or "") for text in _MACHINE):
+        row["ended"] = PREVENTED
+    return run
+
+
+def _prevented(batch: Batch, seed: int, why: str) -> Finished:
+    """Return the row of a run that cannot be played here, where its scene may be another."""
+    found = failed(batch, seed, PREVENTED, why)
+    found.run.update(family="", modules=None, best_known=batch.setting.best_known)
+    return found
+
+
+def _check(batch: Batch) -> None:
+    """Raise an error if cubepath, the scene or the rule are not those of the batch."""
+    if code_version() != batch.code:
+        raise _PreventedError(f"this process has cubepath {code_version()}, expected {batch.code}")
+    if _other(batch.setting) is None:
+        return
+    facts_of.cache_clear()
+    forget_rule_files()
+    why = _other(batch.setting)
+    if why is not None:
+        raise _PreventedError(why)
+
+
+def _other(setting: Setting) -> str | None:
+    """Return which of the scene and the rule is not loaded as it is to be, in a line, or None."""
+    try:
+        found = facts_of(setting.system, setting.optimum, setting.improve).hashed
+    except CubepathError:
+        found = _read_again(setting)  # or else it is the search that fails
+    if found != setting.scene:
+        return f"{setting.system}: is not here what it was where the sweep began"
+    try:
+        source = source_hash(setting.rule)
+    except (CubepathError, OSError) as error:
+        return _told(error)
+    if source != setting.source:
+        return f"rule {setting.rule}: is not here what it was where the sweep began"
+    return None
+
+
+def _read_again(setting: Setting) -> str:
+    """Return the hash of the scene as it is now."""
+    try:
+        return scene_hash(scene_from_spec(setting.system))
+    except CubepathError as error:
+        raise _PreventedError(_told(error)) from None
+
+
+def _check_again(setting: Setting) -> None:
+    """Raise an error if the files of a run have changed that its nodes read for themselves."""
+    if setting.core == "wire":
+        forget_rule_files()
+    if _read_again(setting) != setting.scene or _other(setting) is not None:
+        raise _PreventedError("its files were changed while it was played")
 
 
 def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
@@ -65,4 +155,6 @@ def _played(batch: Batch, recordings: Path | None) -> Iterator[PlayedRun]:
     play = play_simulated if setting.core == "simulated" else play_on_wire
     for seed, name in zip(batch.seeds, batch.ids(), strict=True):
         log = None if recordings is None else recordings / f"{name}.mcap"
-        yield play(setting, facts, seed, log)
+        played = play(setting, facts, seed, log)
+        _check_again(setting)
+        yield played

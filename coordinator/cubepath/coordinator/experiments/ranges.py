@@ -6,6 +6,7 @@ Room: coordinator; touches nothing but errors.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from itertools import product
 
 from cubepath.protocol.core.errors import InputError
@@ -14,6 +15,8 @@ _RANGE = re.compile(r"(-?\d{1,18})\.\.(-?\d{1,18})(?:\.\.(-?\d{1,18}))?", re.ASC
 _WHOLE = re.compile(r"-?\d{1,18}", re.ASCII)
 MOST = 1_000_000
 """A range or a product of ranges has at most so many values: more is taken for a slip."""
+LARGEST = 10**18 - 1
+"""The largest whole number that a sweep takes; one more digit may not fit into a column."""
 
 
 def values(text: str, where: str) -> list[str]:
@@ -96,12 +99,14 @@ def seeds_of(text: str, where: str = "seeds") -> tuple[int, ...]:
 
 
 def checked_seeds(found: list[int], where: str) -> tuple[int, ...]:
-    """Return seeds as they are; InputError if there is none, one is negative or stands twice."""
+    """Return seeds as they are; InputError for none, too large or negative ones, and for twice."""
     if not found:
         raise InputError(f"{where}: expected one seed or more, found none")
     if min(found) < 0:
         raise InputError(f"{where}: expected 0 or more, found {min(found)}")
+    if max(found) > LARGEST:
+        raise InputError(f"{where}: expected at most {LARGEST}, found {max(found)}")
     if len(set(found)) < len(found):
-        twice = next(seed for seed in found if found.count(seed) > 1)
+        ((twice, _),) = Counter(found).most_common(1)
         raise InputError(f"{where}: {twice} stands twice")
     return tuple(found)

@@ -67,8 +67,12 @@ ROUND_COLUMNS: Mapping[str, str] = {
     "distance": "int64",
 }
 """The columns of a round; `id` is that of its run, and rounds count from 1."""
-FAILURES = ("error", "died")
-"""How a run ends that failed by an error of code, or whose process died twice."""
+PREVENTED = "prevented"
+"""How a run ends that could not be played, or kept, where it was to be, by no fault of its own."""
+AGAIN = ("died", PREVENTED)
+"""How runs end that are played again the next time: it may have been the machine."""
+FAILURES = ("error", *AGAIN)
+"""How a run ends that failed by an error of code, whose process died twice, or was prevented."""
 ROUND_MEASURES = tuple(ROUND_COLUMNS)[2:]
 _ORDER = ("system", "rule", "clock", "core", "hesitate", "faults", "max_rounds", "seed", "id")
 _NUMBERS = re.compile(r"(\d+)")
@@ -86,7 +90,7 @@ class Finished:
 
     @property
     def failed(self) -> bool:
-        """Return whether it failed by an error of code, or its process died."""
+        """Return whether it failed by an error of code, its process died, or it was prevented."""
         return self.run["ended"] in FAILURES
 
     def round_rows(self) -> list[Row]:

@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.experiments.setting import scene_hash
 from cubepath.coordinator.search.anytime import improve
 from cubepath.coordinator.search.budget import Budget, SpentError
 from cubepath.coordinator.search.exact import optimum
@@ -27,7 +29,6 @@ from cubepath.protocol.core.actions import State
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.scenes.registry import sound_family
 from cubepath.protocol.scenes.specs import scene_from_spec
 
 _BOUND_STEPS = 300_000
@@ -74,6 +75,8 @@ class SceneFacts:
     It is the sum over all modules of how many moves each is from the nearest site of the goal,
     whatever else stands there, or what the system itself says (for triangulations, how many edges
     cross). It is 0 at the goal alone, and so is `missing`."""
+    hashed: str
+    """A hash of what the scene holds."""
     _potential: Potential | None
     _steps: Transitions
     _bounds: dict[int, int] = field(default_factory=dict)
@@ -125,9 +128,9 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> SceneFact
     is none if it is 0.
     """
     scene = scene_from_spec(system)
-    steps = Transitions(scene.system)
+    steps, hashed = Transitions(scene.system), scene_hash(scene)
     if scene.goal is None:
-        return SceneFacts(scene, None, None, None, None, None, None, steps)
+        return SceneFacts(scene, None, None, None, None, None, hashed, None, steps)
     start, goal = scene.start_state, scene.goal | scene.system.filled
     potential, best, at_least = None, None, None
     with suppress(SpentError, CubepathError):
@@ -144,7 +147,9 @@ def facts_of(system: str, max_states: int = 0, iterations: int = 0) -> SceneFact
         found_best = _best_found(scene, iterations)
     missing = len(scene.goal - scene.start_state)
     distance = None if potential is None else potential.of(potential.start)
-    return SceneFacts(scene, at_least, best, found_best, missing, distance, potential, steps)
+    return SceneFacts(
+        scene, at_least, best, found_best, missing, distance, hashed, potential, steps
+    )
 
 
 def _best_found(scene: Scene, iterations: int) -> int | None:
@@ -153,9 +158,7 @@ def _best_found(scene: Scene, iterations: int) -> int | None:
     It goes out from what the rule of the family does with seed 0, whatever rules are compared, and
     the search has seed 0 too: so the value is one of the scene.
     """
-    family = sound_family(scene.family)
-    own = (family.rule if family is not None else "") or "random"
-    rule = rule_named(own, scene.system)
+    rule = rule_named(own_rule(scene), scene.system)
     run = play_in_python(scene, rule, seed=0, hesitate=0.0, max_rounds=_WAY_ROUNDS)
     if not run.reached:
         return None

@@ -6,7 +6,6 @@ code, so that a run that is known need not be run again, and any other one is.
 
 from __future__ import annotations
 
-import inspect
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
@@ -17,8 +16,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
 
-from cubepath.agents.rules.registry import BUILT_IN, find_rule
-from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_to_toml
 
@@ -87,8 +84,8 @@ class Setting:
     """All that decides what comes of a run but its seed.
 
     `system` names the scene, and `label` is how it is called in results; `scene` and `source` are
-    hashes of what the scene holds and, of a rule from elsewhere, of the file it is in. `processes`
-    and `keepers` are 0 where there are none.
+    hashes of what the scene holds and, of a rule from elsewhere, of what it follows from.
+    `processes` and `keepers` are 0 where there are none.
     """
 
     label: str
@@ -146,20 +143,6 @@ def run_id(setting: Setting, seed: int, code: str) -> str:
 def scene_hash(scene: Scene) -> str:
     """Return a hash of what a scene holds, whatever name or file it came by."""
     return sha256(scene_to_toml(replace(scene, spec="")).encode()).hexdigest()[:_ID]
-
-
-def source_hash(rule: str) -> str:
-    """Return a hash of the file that a rule from elsewhere is defined in; "" for built-in ones."""
-    if rule in BUILT_IN:
-        return ""
-    found = find_rule(rule)
-    if found is None:
-        raise InputError(f"unknown rule {rule!r}")
-    try:
-        path = inspect.getsourcefile(found.make)
-        return sha256(Path(path or "").read_bytes()).hexdigest()[:_ID]
-    except (OSError, TypeError):  # made by what has no file
-        return ""
 
 
 @cache

@@ -13,10 +13,11 @@ from itertools import product
 from pathlib import Path
 from typing import Any, cast
 
+from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.registry import find_rule, rule_named, unknown_rule
-from cubepath.agents.rules.rule_files import is_in_file
+from cubepath.agents.rules.rule_files import forget_rule_files, is_in_file
 from cubepath.coordinator.experiments.instances import standard
-from cubepath.coordinator.experiments.ranges import checked_seeds, expanded, seeds_of
+from cubepath.coordinator.experiments.ranges import LARGEST, checked_seeds, expanded, seeds_of
 from cubepath.coordinator.experiments.setting import (
     CLOCKS,
     CORES,
@@ -30,8 +31,8 @@ from cubepath.coordinator.experiments.setting import (
     code_version,
     run_id,
     scene_hash,
-    source_hash,
 )
+from cubepath.coordinator.experiments.sources import source_hash
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.keyed_values import given_values
@@ -97,6 +98,8 @@ class Sweep:
         for key, least in _LEAST:
             if getattr(self, key) < least:
                 raise InputError(f"{key}: {getattr(self, key)}, expected {least} or more")
+            if getattr(self, key) > LARGEST:
+                raise InputError(f"{key}: {getattr(self, key)}, expected at most {LARGEST}")
         checked_seeds(list(self.seeds), "seeds")
         for rates in self.faults:
             _check_rates(rates)
@@ -155,8 +158,10 @@ def expand(sweep: Sweep) -> Expansion:
     """Return the runs of a sweep in their canonical order, each once.
 
     InputError if a system or a rule is unknown, or if no combination fits; combinations that do not
-    fit are else left out, each with a line on why.
+    fit are else left out, each with a line on why. Files are read anew.
     """
+    forget_rule_files()
+    _scene.cache_clear()
     code = code_version()
     left_out: list[str] = []
     settings: dict[str, Setting] = {}
@@ -236,10 +241,8 @@ def is_small(batches: Iterable[Batch]) -> bool:
 def _of_scene(
     sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
 ) -> Iterator[Setting]:
-    family = sound_family(scene.family)
-    own = (family.rule if family is not None else "") or "random"
     hashed = scene_hash(scene)
-    axes = (sweep.rules or (own,), sweep.clocks, sweep.hesitate, sweep.faults)
+    axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
         try:

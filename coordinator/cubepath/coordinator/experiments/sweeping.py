@@ -52,7 +52,7 @@ class SweepResults:
 
     @property
     def failures(self) -> list[Row]:
-        """Return the rows of runs that failed by an error of code, or whose process died."""
+        """Return the rows of runs that failed by an error of code, died, or were prevented."""
         return [row for row in self.rows if row["ended"] in FAILURES]
 
     @property

@@ -9,7 +9,7 @@ from __future__ import annotations
 import msgspec
 import zenoh
 
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.wire.credentials import GUEST, Credentials
@@ -55,9 +55,15 @@ class Answers:
         self._run = run
         self._status = status
         self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
-        self._queryable = self._session.declare_queryable(
-            state_key(run), zenoh.handlers.Callback(self._answer, indirect=False)
-        )
+        try:
+            self._queryable = self._session.declare_queryable(
+                state_key(run), zenoh.handlers.Callback(self._answer, indirect=False)
+            )
+        except BaseException as error:
+            self._session.close()
+            if isinstance(error, zenoh.ZError):  # the router may just have gone
+                raise CubepathError(f"nobody can ask the run at {endpoint}: {error}") from error
+            raise
 
     def set(self, status: Status) -> None:
         """Answer this from now on."""

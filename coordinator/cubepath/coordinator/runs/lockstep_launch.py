@@ -57,6 +57,7 @@ class LockstepRun:
         )
         self._fleet: Fleet | None = None
         self._resources = ExitStack()
+        self._behind: list[tuple[Message, int]] | None = None
 
     @property
     def gathered(self) -> Gathered:
@@ -151,12 +152,22 @@ class LockstepRun:
 
     def _wire(self, message: Message, data: bytes, wall_ns: int) -> None:
         self._writer.write(topic_of(message), data, round_number=message.round, wall_ns=wall_ns)
-        self._conductor.hear(message)
+        behind: list[tuple[Message, int]] = []
+        self._behind = behind  # what it records is on record behind the message: heard so, too
+        try:
+            self._conductor.hear(message)
+        finally:
+            self._behind = None
         self._hear(message, wall_ns)
+        for each in behind:
+            self._hear(*each)
 
     def _record(self, message: Message) -> None:
         wall_ns = time.time_ns()
         self._writer.write(
             topic_of(message), encode(message), round_number=message.round, wall_ns=wall_ns
         )
-        self._hear(message, wall_ns)
+        if self._behind is None:
+            self._hear(message, wall_ns)
+        else:
+            self._behind.append((message, wall_ns))

@@ -6,17 +6,14 @@ it, changes nothing.
 
 from __future__ import annotations
 
-import os
-import signal
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
-from cubepath.agents.free.fleet import FreeFleet
-from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.network import Way, straight
 from cubepath.coordinator.runs.asking import Answers, Status
 from cubepath.coordinator.runs.conductor import Ending
@@ -28,14 +25,13 @@ from cubepath.coordinator.runs.outcome import Outcome, outcome_of
 from cubepath.coordinator.runs.plan import Plan, Task, check_topics, file_name, parameters_of
 from cubepath.coordinator.runs.plan import task_of as checked
 from cubepath.coordinator.runs.resuming import keeper_logs, resumed
+from cubepath.coordinator.runs.standing import Driver, Standing
 from cubepath.coordinator.runs.tap import Overheard, Tap
+from cubepath.coordinator.runs.turns import Turns
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
-from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
 from cubepath.protocol.wire.free_messages import FreeMessage
 from cubepath.protocol.wire.messages import Message
 from cubepath.protocol.wire.sessions import check_descriptors
@@ -46,24 +42,7 @@ Hear: TypeAlias = Callable[[Overheard], None]
 _TIMEOUT_S = 60.0
 
 
-class _Driver(Protocol):
-    """A run of either clock."""
-
-    @property
-    def gathered(self) -> Gathered: ...
-    @property
-    def fleet(self) -> Fleet | FreeFleet: ...
-    def begin(self, check: Callable[[], None]) -> Ending | None: ...
-    def advance(self) -> Ending | None: ...
-    def interrupted(self) -> None: ...
-    def end(self) -> None: ...
-    def failed(self, error: str) -> Ending: ...
-    def conclude(self, ending: Ending) -> None: ...
-    def tidy(self, ending: Ending) -> None: ...
-    def figures(self) -> Mapping[str, Any]: ...
-
-
-class Running:
+class Running(Standing):
     """A run as a context manager: nothing of it is left when the block ends.
 
     A run with rounds goes on only when it is told to, by `step`, `until` or `play`. Without rounds
@@ -97,33 +76,43 @@ class Running:
         else:
             plan, task, self._before = resumed(plan, plan.resume)
         _check(plan, task)
-        self.plan = plan
-        self.scene: Scene = task.scene
+        super().__init__(plan, task.scene)
         self.endpoint = ""
         """Where whoever may join can listen: ``cubepath.protocol.open_client(endpoint)``."""
         self.run = ""
         """The name of the run in keys: ``cubepath/RUN/...``."""
+        self.check: Callable[[], None] = lambda: None
+        """Called while the run waits, from its start on; what it raises ends the run."""
         self._task = task
         self._watch = watch
         self._say = say or (lambda _: None)
         self._way = way
         self._hears: list[Hear] = []
+        self._turns = Turns()
         self._began = time.monotonic()
-        self._opened: tuple[RecordingWriter, _Driver] | None = None
         self._answers: Answers | None = None
+        self._told: tuple[int, int] = 0, 0
         self._ending: Ending | None = None
-        self._outcome: Outcome | None = None
+        self._abandoned = False
 
     def __enter__(self) -> Self:
-        """Start the processes; CheckError if they cannot be started, or one dies meanwhile."""
-        self._open()
-        with ExitStack() as stack:
-            stack.callback(self._abandon)
-            self._begin(lambda: None)
-            self._conclude()
-            if self._outcome is not None and self._outcome.ended == "failed":
-                raise CheckError(str(self._outcome.error))
-            stack.pop_all()
+        """Start the processes; CheckError if they cannot be started, or one dies meanwhile.
+
+        A run is entered once.
+        """
+        with self._turns.hold():
+            self._open()
+            with self._whole():
+
+                def check() -> None:
+                    self._turns.check()
+                    self.check()
+
+                self._begin(check)
+                self._conclude()
+                if self._outcome is not None and self._outcome.ended == "failed":
+                    raise CheckError(str(self._outcome.error))
+                self._turns.tell()
         return self
 
     def __exit__(
@@ -132,27 +121,48 @@ class Running:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """End what is still running, and close the recording."""
+        """End what is still running, and close the recording; nothing if that has been done.
+
+        What listeners raise at the end is raised, unless the block is left by an error of its own.
+        """
         try:
-            self.stop()
-        finally:
+            with self._turns.to_close() as free:
+                if not free:
+                    return  # it was noted
+                self._finish()
+                self._abandon()
+        except BaseException:
             self._abandon()
+            raise
+        if error is None:
+            self._turns.tell()
 
     def play_from_the_start(self) -> Outcome:
         """Begin, and go on to the end, which an interrupt brings about as well."""
-        self._open()
-        try:
-            with interrupts() as check:
-                self._begin(check)
+        with self._turns.hold():
+            self._open()
+            with interrupts() as check, self._whole():
+
+                def both() -> None:
+                    check()
+                    self._turns.check()
+
+                self._begin(both)
+                self._turns.tell()
                 while self._ending is None:
                     self._attempt(self._driver.advance)
-            self._conclude()
-        finally:
-            self._abandon()
+                    self._turns.tell()
+            with self._whole():
+                self._conclude()
+            self._turns.tell()
         return self.outcome
 
     def _open(self) -> None:
         """Open the recording."""
+        if self._opened is not None:
+            raise CheckError(
+                "the run has begun before: expected another start(...) for another run"
+            )
         plan, task = self.plan, self._task
         path = Path(plan.log) if plan.log else Path("logs") / file_name(plan, task)
         if plan.is_free and plan.resume is None and keeper_logs(path).exists():
@@ -167,7 +177,7 @@ class Running:
             "hear": self._heard,
             "way": self._way,
         }
-        driver: _Driver = (
+        driver: Driver = (
             FreeRun(plan, task, writer, before=self._before, **common)
             if plan.is_free
             else LockstepRun(plan, task, writer, **common)
@@ -175,18 +185,16 @@ class Running:
         self._began = time.monotonic()
         self._opened = writer, driver
 
-    @property
-    def _driver(self) -> _Driver:
-        if self._opened is None:
-            raise CheckError("the run has not begun: expected 'with start(...) as run:'")
-        return self._opened[1]
-
     def _begin(self, check: Callable[[], None]) -> None:
-        self._attempt(lambda: self._driver.begin(check))
-        if self._ending is None:
-            fleet = self._driver.fleet
-            self.endpoint, self.run = fleet.endpoint, fleet.run
-            self._answers = Answers(self.run, self.endpoint, fleet.credentials(), self.status)
+        def begin() -> Ending | None:
+            ending = self._driver.begin(check)
+            if ending is None:
+                fleet = self._driver.fleet
+                self.endpoint, self.run = fleet.endpoint, fleet.run
+                self._answers = Answers(self.run, self.endpoint, fleet.credentials(), self.status)
+            return ending
+
+        self._attempt(begin)
 
     # How it goes on.
 
@@ -195,13 +203,16 @@ class Running:
 
         Without rounds, TimeoutError if they do not come in time.
         """
-        if not self.plan.is_free:
-            for _ in range(count):
-                self._advance()
+        with self._turns.hold():
+            if not self.plan.is_free:
+                for _ in range(count):
+                    self._advance()
+                return self.goes_on
+            enough = self.gathered.moves + count
+            self.until(
+                lambda run: not run.goes_on or run.gathered.moves >= enough, timeout_s=timeout_s
+            )
             return self.goes_on
-        enough = self.gathered.moves + count
-        self.until(lambda run: not run.goes_on or run.gathered.moves >= enough, timeout_s=timeout_s)
-        return self.goes_on
 
     def until(self, what: Callable[[Running], object], *, timeout_s: float = _TIMEOUT_S) -> None:
         """Go on until something holds of the run, which is looked at after each round.
@@ -209,26 +220,35 @@ class Running:
         Without rounds it is looked at after each message. CheckError if the run ends before it
         holds, TimeoutError if it takes longer than `timeout_s`.
         """
-        end = time.monotonic() + timeout_s
-        while not what(self):
-            if not self.goes_on:
-                why = self.outcome.error or self.outcome.ended
-                raise CheckError(f"the run ended before that: {why} ({_stands(self.status)})")
-            if time.monotonic() > end:
-                raise TimeoutError(f"not within {timeout_s:g} s ({_stands(self.status)})")
-            self._advance()
+        with self._turns.hold():
+            end = time.monotonic() + timeout_s
+            while not what(self):
+                if not self.goes_on:
+                    why = self.outcome.error or self.outcome.ended
+                    raise CheckError(f"the run ended before that: {why} ({_stands(self.status)})")
+                if time.monotonic() > end:
+                    raise TimeoutError(f"not within {timeout_s:g} s ({_stands(self.status)})")
+                self._advance()
 
     def play(self) -> Outcome:
         """Go on to the end of the run, and return its outcome."""
-        while self.goes_on:
-            self._advance()
-        return self.outcome
+        with self._turns.hold():
+            while self.goes_on:
+                self._advance()
+            return self.outcome
 
     def stop(self) -> Outcome:
-        """End the run where it stands, unless it has ended; return its outcome."""
-        if self._ending is None:
-            self._end(Ending("interrupted", "interrupted"))
-        self._conclude()
+        """End the run where it stands, unless it has ended; return its outcome.
+
+        What listens to a round, or another thread, can ask for that as well: whoever goes on with
+        the run then ends it before the next message, and what is returned is how it stands so far.
+        """
+        driver = self._driver
+        with self._turns.to_stop() as free:
+            if not free and self._outcome is None:
+                return self._found(driver, self._ending or Ending("interrupted", "interrupted"))
+            self._finish()
+        self._turns.tell()
         return self.outcome
 
     def messages(self, *kinds: str) -> Iterator[Overheard]:
@@ -256,119 +276,53 @@ class Running:
     def listen(self, hear: Hear) -> None:
         """Have a function called with each message from now on, and with each part of one.
 
-        It may look at the run and end its processes; it may not step it.
+        It may look at the run, end its processes and stop it; it may not step it. What it raises is
+        raised by `step` and its like after the round, which is completed: the run can go on.
         """
+        if not callable(hear):
+            raise InputError(f"listen: {hear!r}: expected a function of one message")
         self._hears.append(hear)
-
-    # How it stands.
-
-    @property
-    def goes_on(self) -> bool:
-        """Return whether the run has not ended."""
-        return self._outcome is None
-
-    @property
-    def outcome(self) -> Outcome:
-        """Return the outcome; CheckError while the run goes on."""
-        if self._outcome is None:
-            raise CheckError("the run goes on: expected it to have ended")
-        return self._outcome
-
-    @property
-    def gathered(self) -> Gathered:
-        """Return what was gathered so far: the edge path, its heap, and who stands where."""
-        return self._driver.gathered
-
-    @property
-    def status(self) -> Status:
-        """Return where the run stands."""
-        gathered = self.gathered
-        heap = gathered.live
-        return Status(
-            gathered.rounds,
-            tuple(gathered.sites),
-            gathered.moves,
-            heap.cubes,
-            gathered.reached,
-            None if self._outcome is None else self._outcome.ended,
-        )
-
-    @property
-    def round(self) -> int:
-        """Return the last complete round, or the greatest level."""
-        return self.gathered.rounds
-
-    @property
-    def sites(self) -> tuple[Site, ...]:
-        """Return where each module stands."""
-        return tuple(self.gathered.sites)
-
-    @property
-    def goal_reached(self) -> bool:
-        """Return whether the modules are at the goal."""
-        return self.gathered.reached
-
-    @property
-    def log(self) -> Path:
-        """Return the path of the recording; it is whole when the run has ended."""
-        if self._opened is None:
-            raise CheckError("the run has not begun, and has no recording yet")
-        return self._opened[0].path
-
-    # Its processes.
-
-    @property
-    def pids(self) -> dict[str, int]:
-        """Return the process ids by name: ``process_0``, ``keeper_0``, ``router``."""
-        return self._driver.fleet.pids
-
-    def process_of(self, module: int) -> str:
-        """Return the name of the process that has a module."""
-        for number, modules in enumerate(self._driver.fleet.modules_of):
-            if module in modules:
-                return process_name(number)
-        raise InputError(f"module_{module}: expected module_0 to module_{len(self.sites) - 1}")
-
-    def modules_of(self, process: str) -> tuple[int, ...]:
-        """Return the modules of a process; none of a keeper, or of the router."""
-        for number, modules in enumerate(self._driver.fleet.modules_of):
-            if process_name(number) == process:
-                return tuple(modules)
-        return ()
-
-    def signal(self, process: str, number: int = signal.SIGKILL) -> None:
-        """Send a signal to a process of the run by name; InputError if it has no such process.
-
-        A process that stands still (SIGSTOP) is killed when the run ends, if nobody lets it go on.
-        """
-        pids = self.pids
-        if process not in pids:
-            raise InputError(f"{process}: expected one of {', '.join(pids)}")
-        os.kill(pids[process], number)
-
-    def restart(self, process: str) -> None:
-        """Start a process again that has died; InputError for runs with rounds, which then fail."""
-        fleet = self._driver.fleet
-        if not isinstance(fleet, FreeFleet):
-            raise InputError(f"{process}: started again only in runs without rounds (clock=free)")
-        fleet.start_again(process)
-
-    def credentials(self, name: str = COORDINATOR) -> Credentials:
-        """Return by what the one of this name shows who speaks, at a private router."""
-        return self._driver.fleet.credentials(name)
 
     # Inside.
 
     def _advance(self) -> None:
-        if self.goes_on:
-            self._attempt(self._driver.advance)
-            self._conclude()
+        with self._turns.hold():
+            if self.goes_on:
+                with self._whole():
+                    self._attempt(self._driver.advance)
+                    self._conclude()
+                self._answer()
+            self._turns.tell()
+
+    @contextmanager
+    def _whole(self) -> Generator[None]:
+        """Do something wholly, or end the run: a round that is broken off cannot be taken up."""
+        try:
+            yield
+        except BaseException:
+            try:
+                with suppress(Exception):  # what was raised first says more
+                    self._finish()
+            finally:
+                self._abandon()
+            raise
+
+    def _finish(self) -> None:
+        """End the run where it stands, unless it has ended or never begun."""
+        if self._opened is None:
+            return
+        if self._ending is None:
+            self._end(Ending("interrupted", "interrupted"))
+        self._conclude()
 
     def _attempt(self, act: Callable[[], Ending | None]) -> None:
         """Do something; end the processes if the run has come to its end by that."""
         driver = self._driver
         try:
-            ending = act()
+            with self._turns.act():
+                ending = act()
+                if ending is None:
+                    self._turns.check()
         except Interrupted:
             ending = Ending("interrupted", "interrupted")
         except CubepathError as problem:
@@ -383,11 +337,13 @@ class Running:
         driver = self._driver
         try:
             if ending.ended == "interrupted":
-                driver.interrupted()
+                with self._turns.act():
+                    driver.interrupted()
         finally:
-            self._release(driver)
+            with self._turns.act():
+                self._release(driver)
 
-    def _release(self, driver: _Driver) -> None:
+    def _release(self, driver: Driver) -> None:
         """End the processes and the session that answers."""
         answers, self._answers = self._answers, None
         try:
@@ -398,36 +354,55 @@ class Running:
 
     def _conclude(self) -> None:
         """Write what came of a run that has ended, and close the recording."""
-        if self._opened is None or self._ending is None or self._outcome is not None:
+        if self._opened is None or self._ending is None or self._concluded:
             return
-        writer, driver = self._opened
-        ending = self._ending
+        driver, ending = self._driver, self._ending
+        self._concluded = True
         try:
-            driver.conclude(ending)
+            with self._turns.act():
+                driver.conclude(ending)
         except CubepathError as problem:
             ending = Ending("failed", ending.error or str(problem))
         driver.tidy(ending)
-        seconds = round(time.monotonic() - self._began, 3)
-        figures = driver.figures()
-        self._outcome = outcome_of(
-            self.plan, self._task, driver.gathered, ending, writer, seconds=seconds, **figures
+        self._outcome = self._found(driver, ending)
+
+    def _found(self, driver: Driver, ending: Ending) -> Outcome:
+        if self._opened is None:
+            raise AssertionError("a driver without a recording")  # they come together
+        return outcome_of(
+            self.plan,
+            self._task,
+            driver.gathered,
+            ending,
+            self._opened[0],
+            seconds=round(time.monotonic() - self._began, 3),
+            **driver.figures(),
         )
 
     def _abandon(self) -> None:
         """Leave nothing behind, whatever happened; what was flushed is on record."""
-        if self._opened is not None:
+        if self._opened is not None and not self._abandoned:
             writer, driver = self._opened
+            self._abandoned = True
             try:
                 self._release(driver)
             finally:
                 with suppress(CubepathError):  # the outcome has told, if there is one
                     writer.close()
 
-    def _watched(self, gathered: Gathered) -> None:
-        if self._answers is not None:
+    def _answer(self) -> None:
+        """Answer where the run stands from now on."""
+        gathered = self.gathered
+        now = gathered.rounds, gathered.moves
+        if self._answers is not None and now != self._told:
+            self._told = now
             self._answers.set(self.status)
-        if self._watch is not None:
-            self._watch(gathered)
+
+    def _watched(self, gathered: Gathered) -> None:
+        self._answer()
+        watch = self._watch
+        if watch is not None:
+            self._turns.call(lambda: watch(gathered))
 
     def _heard(self, message: Message | FreeMessage, wall_ns: int) -> None:
         if not self._hears:
@@ -437,7 +412,7 @@ class Running:
             at = getattr(each, "round", getattr(each, "level", 0))
             overheard = Overheard(kind, at, each, wall_ns)
             for hear in tuple(self._hears):
-                hear(overheard)
+                self._turns.call(partial(hear, overheard))
 
 
 def _check(plan: Plan, task: Task) -> None:

@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeAlias
+from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.verification.equality import difference
 from cubepath.coordinator.verification.findings import Verification
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording, read_recording
@@ -33,6 +35,7 @@ What: TypeAlias = "Pattern | str"
 _CHECKS_MAX = 3
 _ROUND = re.compile(r"\b(?:round|level) (\d+)")
 _MODULE = re.compile(r"\bmodule_(\d+)")
+_SPEAKER = re.compile(r"coordinator|(process|keeper)_\d+")
 _MESSAGE = re.compile(r"\bmessage (\d+) \(")
 
 
@@ -136,6 +139,9 @@ class Log:
     def places(self, what: What = "", **pattern: Any) -> list[int]:
         """Return the places of such messages in `all_messages`; keys as for `messages`."""
         found = pattern_of(what, **pattern)
+        self._check_module(found.module)
+        if found.sender is not None and not _SPEAKER.fullmatch(found.sender):
+            check_name("sender=", found.sender, sorted({each.sender for each in self.all_messages}))
         return [place for place, each in enumerate(self.all_messages) if found.holds(each)]
 
     # What was done.
@@ -157,8 +163,14 @@ class Log:
     ) -> list[Claimed]:
         """Return who claimed what when, and what came of it, in the order of the log.
 
-        Without rounds an attempt to move is a claim, and one that was refused is lost.
+        Without rounds an attempt to move is a claim, and one that was refused is lost. InputError
+        for a module that is not there, or another result.
         """
+        self._check_module(module)
+        if round is not None:
+            check_whole("round", round)
+        if result is not None:
+            check_name("result=", result, get_args(Result))
         found = self._attempts if self.free else self._claims
         return [
             each
@@ -175,6 +187,10 @@ class Log:
     def losses(self, module: int | None = None) -> list[Claimed]:
         """Return the claims that were lost."""
         return self.claims(module, result="lost")
+
+    def _check_module(self, module: object) -> None:
+        if module is not None:
+            check_whole("module", module, 0, len(self.scene.start) - 1)
 
     def _parts(self, *kinds: type[Any]) -> Iterator[Any]:
         for seen in self.all_messages:
@@ -254,6 +270,8 @@ class Log:
         AssertionError tells the first difference, with the first round that has other moves.
         """
         __tracebackhide__ = True
+        if not isinstance(other, Log):
+            raise InputError(f"{other!r}: expected another Log")
         one, two = self.gathered, other.gathered
         starts = one.scene.start_state, two.scene.start_state
         found = difference(one.path, two.path, starts, homotopic=homotopic)
@@ -295,6 +313,8 @@ class Log:
         AssertionError tells how many there are, and shows the first of them.
         """
         __tracebackhide__ = True
+        if not isinstance(expected, range):
+            check_whole("expected", expected)
         found = self.places(what, **pattern)
         if isinstance(expected, range):
             holds, due = len(found) in expected, f"{expected.start} to {expected.stop - 1}"
@@ -366,9 +386,18 @@ class Log:
 
 
 def pattern_of(what: What = "", **pattern: Any) -> Pattern:
-    """Return a pattern: itself, or of a kind and the keys of `Pattern`."""
+    """Return a pattern, or one of a kind; the keys of `Pattern` are added to either.
+
+    InputError for what is neither, and for other keys.
+    """
+    for key in pattern:
+        check_name("", key, Pattern.__slots__)
     if isinstance(what, Pattern):
-        return what
+        return replace(what, **pattern)
+    if not isinstance(what, str):
+        raise InputError(f"{what!r}: expected a kind of message, or a Pattern")
+    if what and "kind" in pattern:
+        raise InputError(f"kind={pattern['kind']}: expected one kind, found {what} beside it")
     return Pattern(kind=what or pattern.pop("kind", None), **pattern)
 
 

@@ -6,15 +6,12 @@ are ready, and it is listened to. In both cases a test says until when, and what
 
 from __future__ import annotations
 
-import os
 import re
-import signal
-import threading
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NoReturn, Self, TypeAlias
+from typing import Any, NoReturn, Self
 
 from msgspec.json import encode
 
@@ -23,13 +20,13 @@ from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.runs.tap import Overheard
-from cubepath.coordinator.testing.commands import Command, stderr_of
+from cubepath.coordinator.testing.commands import stderr_of
+from cubepath.coordinator.testing.joiners import CommandLine, Joiners
 from cubepath.coordinator.testing.log import Log, What, pattern_of
-from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.coordinator.testing.tables import short, table
-from cubepath.coordinator.testing.wire import Planned, Wire
-from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.coordinator.testing.wounds import Who, Wounds
+from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
@@ -40,17 +37,10 @@ HEARD_MAX = 5000
 """So many messages that it heard last a run remembers for tests."""
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
-_MODULE = re.compile(r"module_(\d+)")
 _LOOPBACK = "tcp/127.0.0.1:0"
 
-When: TypeAlias = "Pattern | str | int | None"
-"""Now (None), in a round or at a level, or at the first message of a kind or a pattern."""
-Who: TypeAlias = "str | int"
-"""A process by its name, or by the number of one of its modules."""
-CommandLine: TypeAlias = "str | Sequence[str]"
 
-
-class Rig(Wire):
+class Rig(Wounds):
     """A run under test, as a context manager that leaves nothing running, whatever happens."""
 
     def __init__(
@@ -70,46 +60,42 @@ class Rig(Wire):
         so on; ``{endpoint}`` in one is where it joins, which is in ``CUBEPATH_ENDPOINT`` too. They
         join runs with rounds. `links` puts a link before every process, or before those named.
 
-        What is awaited comes within `timeout_s`, unless told otherwise. InputError for what cannot
-        be run.
+        What is awaited comes within `timeout_s`, unless told otherwise, and so do the commands: a
+        CheckError tells who did not join, or ended before, and what it said. InputError for what
+        cannot be run.
         """
         super().__init__(links=links)
-        if isinstance(commands, str):
-            raise InputError(f"commands={commands}: expected a list, or names with commands")
-        numbered = {f"own_{number}": line for number, line in enumerate(commands)}
-        named = dict(commands) if isinstance(commands, Mapping) else numbered
-        self._command_lines: dict[str, CommandLine] = named
-        if named:
+        self._joiners = Joiners(commands, env, timeout_s)
+        self.commands = self._joiners.running
+        if self._joiners.lines:
+            own = system.secure if isinstance(system, Plan) else None
+            self._joiners.fit(options.get("secure", own))
             options.setdefault("listen", _LOOPBACK)
-            options.setdefault("wait_for", len(named))
+            options.setdefault("wait_for", len(self._joiners.lines))
         if not isinstance(system, Plan):  # which says all of this itself
             if options.get("clock") == "free":
                 options.setdefault("on_crash", "continue")
             options.setdefault("processes", 2)
             options.setdefault("patience", timeout_s)
         self.timeout_s = timeout_s
-        self._env = dict(env or {})
-        self.run: Running = start(system, rule, say=self._say, way=self.way, **options)
+        self.run = start(system, rule, say=self._say, way=self.way, **options)
+        self.run.check = self._joiners.check
         self.said: list[str] = []
         """What the run said in lines: where it listens, who is waited for, who died."""
         self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
-        self.commands: dict[str, Command] = {}
-        self._planned: list[Planned] = []
-        self._wounded: set[str] = set()
         self._unexpected: list[str] = []
-        self._paused: dict[str, int] = {}
-        self._timers: list[threading.Timer] = []
         self._parts = 0
-        self._known: dict[str, int] = {}
-        self._modules: dict[str, tuple[int, ...]] = {}
 
     def __enter__(self) -> Self:
         """Start everything; CheckError or InputError if that fails."""
         try:
             self.run.listen(self._hear)
+            self._joiners.begin()
             self.run.__enter__()
+            self._joiners.over()
             self._known = self.pids
+            self.check_links(self._known)
             self._modules = {
                 link: self.run.modules_of(self._speaks_as(link) or link) for link in self._known
             }
@@ -156,21 +142,11 @@ class Rig(Wire):
         self.said.append(line)
         found = _LISTENS.search(line)
         if found is not None:
-            for name, command in self._command_lines.items():
-                self._start_command(name, command, found[1])
+            endpoint = found[1]
+            self._joiners.start(lambda name: self.way(name, endpoint, GUEST)[0])
         died = _DIED.match(line)
         if died is not None and died[1] not in self._wounded:
             self._unexpected.append(line)
-
-    def _start_command(self, name: str, line: CommandLine, endpoint: str) -> None:
-        where, _ = self.way(name, endpoint, GUEST)
-
-        def filled(text: str) -> str:
-            return text.replace("{endpoint}", where)
-
-        command = filled(line) if isinstance(line, str) else list(map(filled, line))
-        env = {"CUBEPATH_ENDPOINT": where, **self._env}
-        self.commands[name] = Command(command, name=name, env=env)
 
     def _hear(self, overheard: Overheard) -> None:
         if self._parts:  # parts follow the message that brings them
@@ -314,75 +290,7 @@ class Rig(Wire):
         """Return the path of the recording."""
         return self.run.log
 
-    @property
-    def pids(self) -> dict[str, int]:
-        """Return the process ids by name, those of commands included; none of a run that ended."""
-        found: dict[str, int] = {}
-        with suppress(CubepathError):
-            found = self.run.pids
-        return found | {
-            name: command.pid
-            for name, command in self.commands.items()
-            if command.returncode is None
-        }
-
-    def name_of(self, who: Who) -> str:
-        """Return the name of a process that is given by its name, or by one of its modules."""
-        found = _MODULE.fullmatch(who) if isinstance(who, str) else None
-        if isinstance(who, str) and found is None:
-            return who
-        module = int(found[1]) if found is not None else int(who)
-        for name, modules in self._modules.items():
-            if module in modules:
-                return name
-        raise InputError(f"module_{module}: expected module_0 to module_{len(self.sites) - 1}")
-
-    def _named(self, who: str | int | None) -> str | None:
-        return None if who is None else self.name_of(who)
-
     # What is done to it.
-
-    def kill(self, who: Who, at: When = None) -> Planned:
-        """Kill a process, now, in a round or at a level, or at a message.
-
-        A run with rounds ends by that: they tolerate pauses and loss, not death. Without rounds the
-        others go on.
-        """
-        return self._do(at, lambda: self._signal(who, signal.SIGKILL))
-
-    def pause(self, who: Who, at: When = None, *, seconds: float | None = None) -> Planned:
-        """Have a process stand still, for some seconds, or until it is resumed.
-
-        With rounds nobody goes on meanwhile: without `seconds` the next round waits in vain.
-        """
-
-        def act() -> None:
-            name = self.name_of(who)
-            pid = self._pid(name)
-            self.guard.watch(pid)  # who stands still does not notice that all others have ended
-            self._paused[name] = pid
-            self._signal(who, signal.SIGSTOP)
-            self._after(seconds, lambda: self.resume(name))
-
-        return self._do(at, act)
-
-    def _after(self, seconds: float | None, act: Callable[[], object]) -> None:
-        if seconds is not None:
-            timer = threading.Timer(seconds, act)
-            timer.daemon = True
-            self._timers.append(timer)
-            timer.start()
-
-    def resume(self, who: Who, at: When = None) -> Planned:
-        """Have a process that was paused go on; no other is changed."""
-
-        def act() -> None:
-            pid = self._paused.pop(self.name_of(who), None)
-            if pid is not None:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGCONT)
-
-        return self._do(at, act)
 
     def restart(self, who: Who) -> None:
         """Start a process again, in runs without rounds; one that lives is killed before.
@@ -402,65 +310,6 @@ class Rig(Wire):
             self._go_on(lambda rig: name not in rig.pids, f"the end of {name}", None)
             self.run.restart(name)
         self._wounded.discard(name)
-
-    def cut_off(
-        self, who: Who, at: When = None, *, seconds: float | None = None, keep: bool = False
-    ) -> Planned:
-        """Cut the link of a process, for some seconds or until it is healed.
-
-        Nothing gets through, and nobody is told. What is said meanwhile is lost; with `keep` it
-        comes when the link is healed, as over a connection that outlives the cut.
-        """
-
-        def act() -> None:
-            link = self.link_of(self.name_of(who))
-            link.cut(keep=keep)
-            self._after(seconds, link.heal)
-
-        return self._do(at, act)
-
-    def heal(self, who: Who | None = None, at: When = None) -> Planned:
-        """Heal the link of a process, or all links."""
-
-        def act() -> None:
-            links = [self.link_of(self.name_of(who))] if who is not None else self.links.values()
-            for link in links:
-                link.heal()
-
-        return self._do(at, act)
-
-    def when(self, at: When, act: Callable[[], None]) -> Planned:
-        """Have a function called in a round or at a level, or at a message; it may not go on."""
-        return self._do(at, act)
-
-    def _do(self, at: When, act: Callable[[], None]) -> Planned:
-        if at is None:
-            now = Planned(lambda _: False, act)
-            now.do()
-            return now
-        if isinstance(at, int):
-            return self._plan(lambda seen: (seen.round or 0) >= at, act)
-        return self._plan(pattern_of(at).holds, act)
-
-    def _plan(self, pattern: Callable[[Seen], bool], act: Callable[[], None]) -> Planned:
-        planned = Planned(pattern, act)
-        self._planned.append(planned)
-        return planned
-
-    def _pid(self, name: str) -> int:
-        pids = self.pids
-        if name not in pids:
-            raise InputError(f"{name}: expected one of {', '.join(pids) or 'none: it has ended'}")
-        return pids[name]
-
-    def _signal(self, who: Who, number: int) -> None:
-        name = self.name_of(who)
-        if number == signal.SIGKILL:
-            self._wounded.add(name)
-        if name in self.commands:
-            self.commands[name].signal(number)
-        else:
-            os.kill(self._pid(name), number)
 
     # The text of a failure.
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Literal, TypeAlias
 
+from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
 from cubepath.coordinator.testing.seen import KNOWN, Seen
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.keys import topic_in_key
@@ -21,6 +22,8 @@ from cubepath.protocol.wire.keys import topic_in_key
 Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]
 Direction: TypeAlias = Literal["up", "down"]
 """From the process to the router, or from the router to the process."""
+PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
+"""The phases of runs with rounds, in order."""
 KEPT = 1000
 """So many messages that it met last a rule remembers."""
 
@@ -43,9 +46,20 @@ class Pattern:
     where: Callable[[Seen], bool] | None = None
 
     def __post_init__(self) -> None:
-        """Check the kind; InputError names the known ones."""
+        """Check what is given; InputError tells what was expected, with the nearest name."""
         if self.kind is not None and self.kind not in KNOWN:
-            raise InputError(f"kind={self.kind}: expected one of {', '.join(sorted(KNOWN))}")
+            check_name("kind=", self.kind, sorted(KNOWN))
+        if self.phase is not None:
+            check_name("phase=", self.phase, PHASES)
+        if self.round is not None and not isinstance(self.round, range):
+            check_whole("round", self.round)
+        if self.module is not None:
+            check_whole("module", self.module)
+        for name, who in (("sender", self.sender), ("to", self.to)):
+            if not (who is None or (isinstance(who, str) and who)):
+                raise InputError(f"{name}={who!r}: expected a name, as process_0")
+        if not (self.where is None or callable(self.where)):
+            raise InputError(f"where={self.where!r}: expected a function of a message")
 
     def holds(self, seen: Seen, receiver: str = "") -> bool:
         """Return whether a message is meant; on its way down a link it has a `receiver`."""
@@ -119,16 +133,13 @@ class Rule:
 
     def __post_init__(self) -> None:
         """Check the numbers; InputError names the one that is out of bounds."""
-        if self.times is not None and self.times < 1:
-            raise InputError(f"times={self.times}: expected 1 or more")
-        if self.after < 0:
-            raise InputError(f"after={self.after}: expected 0 or more")
-        if not 0.0 < self.probability <= 1.0:
+        if self.times is not None:
+            check_whole("times", self.times, 1)
+        check_whole("after", self.after)
+        if not (is_number(self.probability) and 0.0 < self.probability <= 1.0):
             raise InputError(f"probability={self.probability}: expected more than 0, at most 1")
-        if not 0.0 <= self.seconds <= 3600.0:
-            raise InputError(f"seconds={self.seconds}: expected 0 to 3600")
-        if self.by < 1:
-            raise InputError(f"by={self.by}: expected 1 or more")
+        check_seconds("seconds", self.seconds)
+        check_whole("by", self.by, 1)
 
     def meets(self, seen: Seen, receiver: str = "") -> bool:
         """Return whether it meets a message that comes by, and count it."""

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from cubepath.coordinator.simulation.faults import ENDING, KINDS, ON_HOPS, ROUTER, Fault
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS, STARTS
+from cubepath.coordinator.simulation.faults import ENDING, KINDS, Fault
+from cubepath.coordinator.simulation.free_faults import FREE_KINDS
 from cubepath.coordinator.simulation.scenarios import built
-from cubepath.coordinator.testing.trials import Clock, Trial, trial_of
+from cubepath.coordinator.testing.trials import Clock, Trial, places, trial_of
 from cubepath.protocol.core.errors import InputError
 
 try:
@@ -21,7 +21,6 @@ try:
 except ImportError as error:
     raise InputError("strategies take hypothesis: pip install 'cubepath[testing]'") from error
 
-_COORDINATOR = "coordinator"
 _NTH_MAX = 150
 _LONGEST_US = {
     "delay": 200_000,
@@ -43,8 +42,6 @@ _LONGEST_US = {
 less than half of their patience."""
 _LOCKSTEP_STALL_US = (72_000_000, 300_000_000)
 """What is no stall is a pause: it takes longer than the patience."""
-_ON_ROUTER = ("router", "partition")
-_ON_HOSTS = ("return", "cut", "leave", "crash")
 FAULTS_MAX = 12
 
 
@@ -75,29 +72,13 @@ def faults(
             raise InputError(f"fault {kind}: expected one of {', '.join(known)}")
     if not 0 <= most <= FAULTS_MAX:
         raise InputError(f"most={most}: expected 0 to {FAULTS_MAX}")
-    hosts = [f"process_{number}" for number in range(processes)]
-    kept = [f"keeper_{number}" for number in range(keepers)] if clock == "free" else []
-    one = st.sampled_from(chosen).flatmap(lambda kind: _fault(kind, clock, hosts, kept))
+    one = st.sampled_from(chosen).flatmap(lambda kind: _fault(kind, clock, processes, keepers))
     return st.lists(one, max_size=most, unique_by=lambda fault: (fault.where, fault.nth))
 
 
-def _fault(kind: str, clock: Clock, hosts: list[str], keepers: list[str]) -> SearchStrategy[Fault]:
-    where: list[str]
-    nth = st.integers(0, _NTH_MAX)
-    if kind in ON_HOPS or kind == "drag":
-        where = [f"{name} {way}" for name in (*hosts, *keepers, _COORDINATOR) for way in _WAYS]
-    elif kind in _ON_ROUTER:
-        where = [ROUTER]
-    elif kind == "late":
-        where, nth = [name + STARTS for name in hosts], st.just(0)
-    elif kind == "torn":
-        where = keepers
-    elif kind in ("leave", "crash"):
-        where = hosts
-    elif kind in _ON_HOSTS:
-        where = [*hosts, *keepers]
-    else:  # the coordinator of a run without rounds only listens
-        where = [*hosts, *keepers] if clock == "free" else [*hosts, _COORDINATOR]
+def _fault(kind: str, clock: Clock, processes: int, keepers: int) -> SearchStrategy[Fault]:
+    where = places(kind, clock, processes, keepers)
+    nth = st.just(0) if kind == "late" else st.integers(0, _NTH_MAX)
     bounds = (0, _LONGEST_US.get(kind, 0))
     if kind == "stall" and clock == "lockstep":
         bounds = _LOCKSTEP_STALL_US
@@ -107,7 +88,6 @@ def _fault(kind: str, clock: Clock, hosts: list[str], keepers: list[str]) -> Sea
     return st.builds(Fault, st.sampled_from(where), nth, st.just(kind), amounts)
 
 
-_WAYS = ("up", "down")
 _TIMELESS = ("loss", "crash")
 
 

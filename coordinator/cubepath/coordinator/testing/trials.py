@@ -12,19 +12,24 @@ from pathlib import Path
 from typing import Literal, NoReturn, TypeAlias
 
 from cubepath.coordinator.runs.plan import Plan, task_of
-from cubepath.coordinator.simulation.faults import KINDS, ROUTER, SECOND_US, Fault, Listed
-from cubepath.coordinator.simulation.free_faults import FREE_KINDS
+from cubepath.coordinator.simulation.faults import KINDS, ON_HOPS, ROUTER, SECOND_US, Fault, Listed
+from cubepath.coordinator.simulation.free_faults import FREE_KINDS, STARTS
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario
 from cubepath.coordinator.simulation.free_simulated import FreeSimulated, free_simulate
 from cubepath.coordinator.simulation.scenarios import Scenario
 from cubepath.coordinator.simulation.simulated import MakeNode, Simulated, host_node, simulate
+from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.seen import RESULTS
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.wire.credentials import COORDINATOR
 
 Clock: TypeAlias = Literal["lockstep", "free"]
+_ON_ROUTER = ("router", "partition")
+_LASTING = ("delay", "reorder", "drag", "pause", "slow", "stall", "late", "partition")
+"""The kinds that are nothing if they take no time."""
 _LONG_US = 20_000_000
 _FAULTS_SHOWN = 12
 
@@ -137,9 +142,49 @@ def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
 
     On a link it is a message of ``process_0 up`` or ``process_0 down`` that is struck; otherwise a
     process by its name, ``coordinator`` and ``keeper_0`` included, or ``router``, before it takes
-    that message.
+    that message. InputError for what is no fault of either clock.
     """
+    if kind not in KINDS:
+        check_name("fault ", kind, FREE_KINDS)
+    check_whole("nth", nth)
+    check_seconds("seconds", seconds)
+    if not isinstance(where, str):
+        raise InputError(f"fault {kind} at {where}: expected a name, as process_0")
     return Fault(where, nth, kind, round(seconds * SECOND_US))
+
+
+def places(kind: str, clock: Clock, processes: int, keepers: int) -> list[str]:
+    """Return where a fault of a kind can strike a run of so many processes and keepers."""
+    hosts = [f"process_{number}" for number in range(processes)]
+    kept = [f"keeper_{number}" for number in range(keepers)] if clock == "free" else []
+    # The coordinator of a run without rounds only listens.
+    found = [*hosts, *kept] if clock == "free" else [*hosts, COORDINATOR]
+    if kind in ON_HOPS or kind == "drag":
+        found = [f"{name} {way}" for name in (*hosts, *kept, COORDINATOR) for way in ("up", "down")]
+    elif kind in _ON_ROUTER:
+        found = [ROUTER]
+    elif kind == "late":
+        found = [name + STARTS for name in hosts]
+    elif kind == "torn":
+        found = kept
+    elif kind in ("leave", "crash"):
+        found = hosts
+    elif kind in ("return", "cut"):
+        found = [*hosts, *kept]
+    return found
+
+
+def _check(fault: Fault, clock: Clock, processes: int, keepers: int) -> None:
+    """Check that a fault can come to pass; InputError tells what was expected."""
+    kind, where = fault.kind, fault.where
+    if kind not in (known := FREE_KINDS if clock == "free" else KINDS):
+        check_name("fault ", kind, known)
+    there = places(kind, clock, processes, keepers)
+    if where not in there and there == [ROUTER]:
+        raise InputError(f"fault {kind} at {where}: expected it at {ROUTER}")
+    check_name(f"fault {kind} at ", where, there)
+    if kind in _LASTING and fault.amount_us <= 0:
+        raise InputError(f"fault {kind} at {where}: seconds=0, expected more")
 
 
 def trial_of(
@@ -162,13 +207,9 @@ def trial_of(
     """
     plan = Plan(system, rule, seed=seed, hesitate=hesitate, processes=processes, clock=clock)
     task = task_of(plan)
-    known = FREE_KINDS if clock == "free" else KINDS
-    for fault in faults:
-        if fault.kind not in known:
-            raise InputError(f"fault {fault.kind}: expected one of {', '.join(known)}")
-        if fault.kind == "router" and fault.where != ROUTER:
-            raise InputError(f"fault router at {fault.where}: expected it at {ROUTER}")
     most = min(max(processes, 1), len(task.scene.start))
+    for fault in faults:
+        _check(fault, clock, most, keepers)
     if clock == "free":
         free = FreeScenario(
             system=system,

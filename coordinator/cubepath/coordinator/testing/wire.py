@@ -5,22 +5,26 @@ Room: coordinator.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from cubepath.coordinator.testing.checks import check_name
 from cubepath.coordinator.testing.commands import Guard
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import What, pattern_of
 from cubepath.coordinator.testing.rules import Action, Pattern, Rule
 from cubepath.coordinator.testing.seen import Seen
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.sockets import is_private
 
 _OF_RULES = ("times", "after", "probability", "seed", "by", "overtaken")
 _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
+_REGION = re.compile(r"-?\d+(,-?\d+)*")
 
 
 @dataclass(slots=True, eq=False)
@@ -42,7 +46,9 @@ class Wire:
     """Links by the names of their processes."""
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
-        """Put links before all processes, none, or those of these names."""
+        """Put links before all processes, none, or those of these names; InputError for others."""
+        if not isinstance(links, bool | Collection) or isinstance(links, str):
+            raise InputError(f"links={links!r}: expected True, False, or a list of processes")
         self._wanted = links
         self.links: dict[str, Link] = {}
         self._guard: Guard | None = None
@@ -65,13 +71,19 @@ class Wire:
                 self.guard.watch_folder(Path(link.endpoint.partition("/")[2]).parent)
         return self.links[name].endpoint, credentials
 
+    def check_links(self, known: Collection[str]) -> None:
+        """Check that there is a process for each link that was asked for; InputError if not."""
+        for name in () if isinstance(self._wanted, bool) else self._wanted:
+            check_name("links: ", name, known)
+
     def link_of(self, name: str) -> Link:
         """Return the link of a process; InputError if it has none."""
         for link in self.links.values():
             if name in (link.name, link.speaks_as):
                 return link
         told = ", ".join(self.links) or "none"
-        raise InputError(f"{name}: has no link, the processes that have one: {told}")
+        near = did_you_mean(name, self.links)
+        raise InputError(f"{name}: has no link, the processes that have one: {told}{near}")
 
     def drop(self, what: What = "", **options: Any) -> Rule:
         """Lose messages.
@@ -105,15 +117,25 @@ class Wire:
         ours = {key: options.pop(key) for key in (*_OF_RULES, "seconds") if key in options}
         strange = options.keys() - set(Pattern.__slots__)
         if strange:
-            known = ", ".join((*Pattern.__slots__, *_OF_RULES))
-            raise InputError(f"{min(strange)}: expected one of {known}")
+            check_name("", min(strange), (*Pattern.__slots__, *_OF_RULES))
+        for key in options.keys() & {"sender", "to"}:
+            options[key] = self._named(options[key])
         pattern = pattern_of(what, **options)
+        self._check_module(pattern.module)
         if not self.links:
             raise InputError(f"{action}: no process has a link, expected links=True")
         to, sender = self._named(pattern.to), self._speaks_as(self._named(pattern.sender))
         if to is not None and (to in self.links or to.startswith(_PROCESS_LIKE)):
             pattern = replace(pattern, to=None, sender=sender)
+            if sender is not None:
+                self._check_speaker(sender)
             return self.link_of(to).add(Rule(action=action, pattern=pattern, **ours), ("down",))
+        if to is not None and not self._is_region(to):
+            raise InputError(
+                f"to={to}: expected a process, a region or a tile{did_you_mean(to, self.links)}"
+            )
+        if sender not in (None, COORDINATOR):
+            self.link_of(str(sender))  # what it says is met there alone
         told = frozenset(link.speaks_as for link in self.links.values())
         rule = Rule(action=action, pattern=replace(pattern, sender=sender), told=told, **ours)
         for link in self.links.values():
@@ -123,6 +145,16 @@ class Wire:
     def _named(self, who: str | int | None) -> str | None:
         """Return the name of a process that is given by its name or one of its modules."""
         return None if who is None else str(who)
+
+    def _check_module(self, module: int | None) -> None:
+        """Check that there is a module of this number; InputError if not."""
+
+    def _check_speaker(self, sender: str) -> None:
+        """Check that there is one who speaks under a name; InputError if not."""
+
+    def _is_region(self, name: str) -> bool:
+        """Return whether a name may be that of a region or a tile."""
+        return _REGION.fullmatch(name) is not None
 
     def _speaks_as(self, name: str | None) -> str | None:
         """Return the name in keys of a process that is given by that of its link."""

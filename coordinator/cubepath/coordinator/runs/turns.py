@@ -1,0 +1,98 @@
+"""Whose turn it is with a run: one thread at a time, and nobody who listens to a round goes on.
+
+Room: coordinator. Touches nothing.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+
+from cubepath.coordinator.runs.interrupts import Interrupted
+from cubepath.protocol.core.errors import CheckError
+
+_CLOSE_S_MAX = 60.0
+
+
+class Turns:
+    """What may be done with a run now, and what waits until the round that is under way is over.
+
+    What listeners raise meanwhile is remembered, so that it breaks no round, and told after it.
+    """
+
+    def __init__(self) -> None:
+        """Begin with nothing under way."""
+        self.stopping = False
+        """Whether somebody has asked for the end of the run."""
+        self._lock = threading.RLock()
+        self._acting = False
+        self._raised: BaseException | None = None
+
+    @contextmanager
+    def hold(self) -> Generator[None]:
+        """Keep others from going on; CheckError if another thread does so, or a round is played."""
+        if not self._lock.acquire(blocking=False):
+            raise CheckError("another thread goes on with this run: expected one at a time")
+        try:
+            if self._acting:
+                raise CheckError(
+                    "a round is under way: who listens may look at the run and stop it, not go on"
+                )
+            yield
+        finally:
+            self._lock.release()
+
+    @contextmanager
+    def act(self) -> Generator[None]:
+        """Do something that nobody may break into; what listeners raised is for `tell`."""
+        self._acting = True
+        try:
+            yield
+        finally:
+            self._acting = False
+
+    @contextmanager
+    def to_stop(self) -> Generator[bool]:
+        """Say whether the run can be ended now; if not, whoever goes on with it ends it soon."""
+        self.stopping = True
+        held = self._lock.acquire(blocking=False)
+        try:
+            yield held and not self._acting
+        finally:
+            if held:
+                self._lock.release()
+
+    @contextmanager
+    def to_close(self) -> Generator[bool]:
+        """Say whether everything can be ended now: not by whoever listens to a round.
+
+        Another thread that goes on with the run has some time to end it.
+        """
+        self.stopping = True
+        held = self._lock.acquire(timeout=_CLOSE_S_MAX)
+        try:
+            yield not (held and self._acting)
+        finally:
+            if held:
+                self._lock.release()
+
+    def check(self) -> None:
+        """Raise Interrupted if somebody has asked for the end of the run."""
+        if self.stopping:
+            raise Interrupted
+
+    def call(self, listener: Callable[[], object]) -> None:
+        """Call a listener; the first that one raises is remembered, but for an interrupt."""
+        try:
+            listener()
+        except KeyboardInterrupt:
+            raise
+        except BaseException as raised:  # noqa: BLE001 - told after the round, `pytest.fail` as well
+            self._raised = self._raised or raised
+
+    def tell(self) -> None:
+        """Raise what the first listener raised that raised anything."""
+        raised, self._raised = self._raised, None
+        if raised is not None:
+            raise raised
