@@ -19,6 +19,7 @@ from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import distances, write_report
+from cubepath.coordinator.experiments.rows import FAILURES
 from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
@@ -70,6 +71,14 @@ def test_runs_are_counted_by_setting(folder: Path) -> None:
             assert told["rounds"]["low"] <= mean <= told["rounds"]["high"]
         else:
             assert told["rounds"] is None
+
+
+def test_what_failed_is_counted_however_it_did(folder: Path) -> None:
+    """By an error, the death of its process, or what kept it from being played."""
+    row = read_sweep(folder).rows[0]
+    (told,) = runs_table([row, *({**row, "ended": end} for end in FAILURES)]).document()
+    assert (told["runs"], told["failed"]) == (1 + len(FAILURES), len(FAILURES))
+    assert len(FAILURES) > 2
 
 
 def test_there_is_one_best_of_a_system(folder: Path) -> None:
