@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 
 from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollouts import PlayedMany, play_many
 from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.experiments import compiled_core
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.rows import Finished
 from cubepath.coordinator.experiments.setting import FaultRates
@@ -36,6 +38,23 @@ def same(one: Finished, other: Finished) -> bool:
     return kept[0] == kept[1] and rounds[0] == rounds[1] and bool(rounds[0])
 
 
+def in_arrays(system: str, rule: str, **given: Any) -> list[Finished]:
+    """Play the runs of one setting side by side in arrays, however few they are."""
+    played: list[int] = []
+
+    def noted(*args: Any, **more: Any) -> PlayedMany:
+        played.append(len(args[2]))
+        return play_many(*args, **more)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(compiled_core, "_FEW", 0)
+        patch.setattr(compiled_core, "play_many", noted)
+        found = runs(system, rule, **given)
+    plain = rule_named(rule, scene_from_spec(system).system).vectorised is None
+    assert sum(played) == (0 if plain else len(found))
+    return found
+
+
 SCENES = [
     ("hex:n=5", "chain", 0.3),
     ("hex-open:n=5", "random", 0.2),
@@ -51,7 +70,7 @@ SCENES = [
 def test_compiled_and_simulated_runs_are_the_same(system: str, rule: str, hesitate: float) -> None:
     """Path, digest, lost claims and all else but messages and time, also when modules hesitate."""
     compiled = runs(system, rule, hesitate=(hesitate,))
-    many = runs(system, rule, hesitate=(hesitate,), seeds=(*range(60), 1, 4)[-2:])
+    many = in_arrays(system, rule, hesitate=(hesitate,))
     simulated = runs(system, rule, hesitate=(hesitate,), core="simulated", processes=3)
     for one, two, other in zip(compiled, many, simulated, strict=True):
         assert same(one, two)
@@ -90,9 +109,28 @@ def test_without_rounds_nothing_is_played_in_any_core() -> None:
 
 def test_many_seeds_in_compiled_code_are_the_runs_of_each() -> None:
     """Together they are so many that compiled code is worth its loading."""
-    together = runs("hex:n=5", "chain", hesitate=(0.3,), seeds=tuple(range(50)))
-    alone = runs("hex:n=5", "chain", hesitate=(0.3,), seeds=(7,))
+    together = in_arrays("hex:n=5", "chain", hesitate=(0.3,), seeds=tuple(range(50)))
+    alone = runs("hex:n=5", "chain", hesitate=(0.3,), seeds=(7, 31))
     assert same(together[7], alone[0])
+    assert same(together[31], alone[1])
+
+
+def test_many_small_runs_come_to_compiled_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once all batches together are worth it, also amid one; each run is the same."""
+    plain = runs("hex:n=4", "chain", seeds=tuple(range(60)))
+    sizes: list[int] = []
+
+    def noted(*args: Any, **more: Any) -> PlayedMany:
+        sizes.append(len(args[2]))
+        return play_many(*args, **more)
+
+    monkeypatch.setattr(compiled_core, "play_many", noted)
+    monkeypatch.setattr(compiled_core, "_done_in_python", compiled_core._DoneInPython())
+    monkeypatch.setattr(compiled_core, "_LOADING_STEPS", 35 * 14 * 4)
+    monkeypatch.setattr(compiled_core, "_COMPILING_STEPS", 0)
+    found = runs("hex:n=4", "chain", seeds=tuple(range(60)))
+    assert all(same(one, other) for one, other in zip(plain, found, strict=True))
+    assert sizes == [15, 10]
 
 
 def test_what_is_measured_is_what_the_rounds_say() -> None:
@@ -146,6 +184,22 @@ def test_runs_without_rounds(core: str) -> None:
         assert found.run["rounds"] == len(found.round_rows()) >= found.run["cubes"]
         assert found.round_rows()[-1]["distance"] == 0
     assert slow.run["time"] > 3 * plain.run["time"]
+
+
+@pytest.mark.slow
+def test_modules_think_where_some_are_slow() -> None:
+    """Also if the share comes to nobody; and what takes too long ends, with a line on that."""
+    given: dict[str, Any] = {"clocks": ("free",), "core": "simulated", "seeds": (3,)}
+    asked = [FaultRates(), FaultRates(slow=0.1), FaultRates(slow=1.0, slow_factor=1)]
+    plain, nobody, all_alike = (
+        runs("hex:n=3", "chain", faults=(rates,), **given)[0] for rates in asked
+    )
+    for column in ("digest", "time", "messages"):
+        assert nobody.run[column] == all_alike.run[column]
+    assert nobody.run["time"] > plain.run["time"]
+    (late,) = runs("hex:n=3", "chain", faults=(FaultRates(slow=1.0, slow_factor=5000),), **given)
+    assert (late.run["goal"], late.run["ended"]) == (False, "max-rounds")
+    assert late.run["reason"] == "no end within 120 virtual seconds"
 
 
 def test_with_rounds_all_wait_for_the_slow() -> None:

@@ -16,12 +16,15 @@ from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.experiments.folder import SweepFolder
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
+from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.prices import price_table
-from cubepath.coordinator.experiments.report import write_report
+from cubepath.coordinator.experiments.report import distances, write_report
+from cubepath.coordinator.experiments.rows import FAILURES
 from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
     best_by_system,
+    groups,
     growth_table,
     pairs_table,
     runs_table,
@@ -68,6 +71,14 @@ def test_runs_are_counted_by_setting(folder: Path) -> None:
             assert told["rounds"]["low"] <= mean <= told["rounds"]["high"]
         else:
             assert told["rounds"] is None
+
+
+def test_what_failed_is_counted_however_it_did(folder: Path) -> None:
+    """By an error, the death of its process, or what kept it from being played."""
+    row = read_sweep(folder).rows[0]
+    (told,) = runs_table([row, *({**row, "ended": end} for end in FAILURES)]).document()
+    assert (told["runs"], told["failed"]) == (1 + len(FAILURES), len(FAILURES))
+    assert len(FAILURES) > 2
 
 
 def test_there_is_one_best_of_a_system(folder: Path) -> None:
@@ -139,6 +150,31 @@ def test_growth_is_that_of_the_means(folder: Path) -> None:
     assert {(row["family"], row["sizes"], row["modules"]) for row in found} == {("hex", 3, "3..5")}
     (moves,) = [row for row in found if row["measure"] == "moves"]
     assert moves["exponent"]["low"] < 2 < moves["exponent"]["high"] < 2.5
+
+
+def test_distances_are_those_of_the_rounds(folder: Path, tmp_path: Path) -> None:
+    """Of the runs that are asked for, in the order of rounds; else what is missing, if known."""
+    results = read_sweep(folder)
+    asked = {row["id"] for row in results.rows if row["seed"] < 4}
+    expected = {
+        run: [row["distance"] for row in rows]
+        for (run,), rows in groups(results.rounds, ["id"]).items()
+        if run in asked
+    }
+    found = distances(folder, asked)
+    assert {run: each.tolist() for run, each in found.items()} == expected
+    asked_here = expand(sweep_of(["hex:n=3"], {"seeds": 3, "rules": ["chain"]})).batches
+    known, half, nothing = play_batch(asked_here[0])
+    half = replace(half, rounds={**half.rounds, "distance": None})
+    nothing = replace(nothing, rounds={**nothing.rounds, "distance": None, "missing": None})
+    with SweepFolder(tmp_path) as written:
+        written.begin(asked_here)
+        written.add([nothing, known, half])
+    told = distances(tmp_path, {each.run["id"] for each in (known, half, nothing)})
+    assert {run: each.tolist() for run, each in told.items()} == {
+        known.run["id"]: [row["distance"] for row in known.round_rows()],
+        half.run["id"]: [row["missing"] for row in half.round_rows()],
+    }
 
 
 class Page(HTMLParser):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from itertools import product
+from math import comb
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.coordinator.experiments.statistics import (
+    RESAMPLES,
     mean_interval,
     paired_test,
     power_law,
@@ -60,6 +63,43 @@ def test_shares_have_the_intervals_of_the_tables(
     found = share_interval(hits, of)
     assert found.low == pytest.approx(low, abs=1e-4)
     assert found.high == pytest.approx(high, abs=1e-4)
+
+
+@given(st.integers(1, 60), st.data())
+def test_shares_leave_equal_tails(of: int, data: st.DataObject) -> None:
+    """At its ends what was seen, or more of it, has a probability of 2.5%, added up exactly."""
+    hits = data.draw(st.integers(0, of))
+    found = share_interval(hits, of)
+
+    def within(p: float | None, numbers: range) -> float:
+        assert p is not None
+        return sum(comb(of, k) * p**k * (1 - p) ** (of - k) for k in numbers)
+
+    assert found.low == 0 or within(found.low, range(hits, of + 1)) == pytest.approx(0.025)
+    assert found.high == 1 or within(found.high, range(hits + 1)) == pytest.approx(0.025)
+
+
+def test_shares_of_very_many_runs() -> None:
+    """Near those of the normal distribution."""
+    found = share_interval(500_000, 1_000_000)
+    assert found.low == pytest.approx(0.5 - 1.959964 * 0.0005, abs=1e-6)
+    assert found.high == pytest.approx(0.5 + 1.959964 * 0.0005, abs=1e-6)
+
+
+def test_resamples_are_drawn_in_blocks() -> None:
+    """They are those that one draw has, and take little room at a time."""
+    numbers = (np.arange(3001) ** 2 % 1009).astype(float)
+    drawn = np.random.default_rng(20_260_000).integers(3001, size=(RESAMPLES, 3001))
+    low, high = np.percentile(numbers[drawn].mean(axis=1), [2.5, 97.5])
+    del drawn
+    tracemalloc.start()
+    try:
+        found = mean_interval(numbers.tolist())
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert found[1:] == pytest.approx((low, high), abs=1e-12)
+    assert most < 30_000_000
 
 
 @pytest.mark.parametrize(

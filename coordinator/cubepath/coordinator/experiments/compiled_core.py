@@ -7,15 +7,16 @@ seeds have under the simulator and over the wire.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.agents.arrays.warming import is_compiled
 from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.environments.made_moves import MadeMoves, made_in
-from cubepath.agents.environments.rollout import play_in_python
+from cubepath.agents.environments.rollout import Played, play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.experiments.gathered_runs import gathered_run
@@ -31,8 +32,31 @@ from cubepath.protocol.core.sites import Site, to_json
 from cubepath.protocol.wire.messages import Executed
 
 _FEW = 200
-"""With fewer modules in all runs together it is not worth while to load compiled code."""
+"""Batches with fewer modules in all runs together are played in plain Python, until so many of them
+were that compiled code would have been worth while."""
+_LOADING_STEPS, _COMPILING_STEPS = 40_000, 600_000
+"""So many turns of modules in plain Python take as long as compiled code takes to load, a second,
+and to compile, once for an installation."""
 _JITTER = 0.5
+_End: TypeAlias = tuple[tuple[Site, ...], bool, str | None]
+"""Where the modules are, whether that is the goal, and why a rule gave up."""
+
+
+class _DoneInPython:
+    """How many turns this process has played in plain Python: of all batches, as of one sweep.
+
+    It decides where runs are played, and so how long they take, but nothing of what comes of them.
+    """
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def pays(self) -> bool:
+        """Return whether what is left is better played in compiled code."""
+        return self.steps >= _LOADING_STEPS and (self.steps >= _COMPILING_STEPS or is_compiled())
+
+
+_done_in_python = _DoneInPython()
 
 
 def play_compiled(
@@ -45,38 +69,55 @@ def play_compiled(
         return
     scene = facts.scene
     rule = rule_named(setting.rule, scene.system)
-    began = time.monotonic()
-    if len(seeds) * len(scene.start) < _FEW:
-        runs = [
+    few = rule.vectorised is None or len(seeds) * len(scene.start) < _FEW
+    began, plain = time.monotonic(), list[Played]()
+    for seed in seeds if few else ():
+        if rule.vectorised is not None and _done_in_python.pays():
+            break
+        plain.append(
             play_in_python(
                 scene, rule, seed=seed, hesitate=setting.hesitate, max_rounds=setting.max_rounds
             )
-            for seed in seeds
-        ]
-        made = made_in([run.rounds for run in runs])
-        ends = [(run.sites, run.reached, run.failed) for run in runs]
-    else:
-        many = play_many(
-            scene,
-            rule,
-            seeds,
-            hesitate=setting.hesitate,
-            max_rounds=setting.max_rounds,
-            keep_moves=True,
         )
-        if many.made is None:  # they were asked for
-            raise AssertionError("no moves were kept")
-        made = many.made
-        ends = [
-            (many.sites[run], bool(many.reached[run]), many.failed.get(run))
-            for run in range(len(seeds))
-        ]
+        _done_in_python.steps += len(plain[-1].rounds) * len(scene.start)
+    if plain:
+        made = made_in([run.rounds for run in plain])
+        ends = [(run.sites, run.reached, run.failed) for run in plain]
+        yield from _all_played(setting, facts, seeds[: len(plain)], made, ends, began)
+    rest = seeds[len(plain) :]
+    if not rest:
+        return
+    began = time.monotonic()
+    many = play_many(
+        scene,
+        rule,
+        rest,
+        hesitate=setting.hesitate,
+        max_rounds=setting.max_rounds,
+        keep_moves=True,
+    )
+    if many.made is None:  # they were asked for
+        raise AssertionError("no moves were kept")
+    ends = [
+        (many.sites[run], bool(many.reached[run]), many.failed.get(run)) for run in range(len(rest))
+    ]
+    yield from _all_played(setting, facts, rest, many.made, ends, began)
+
+
+def _all_played(  # noqa: PLR0917 - what runs side by side have in common, and what each has
+    setting: Setting,
+    facts: SceneFacts,
+    seeds: tuple[int, ...],
+    made: MadeMoves,
+    ends: Sequence[_End],
+    began: float,
+) -> Iterator[PlayedRun]:
     kinds = _kinds(made, facts)
     share = (time.monotonic() - began) / len(seeds)
     for run, seed in enumerate(seeds):
         began = time.monotonic()
         played = _played(made, kinds, run, ends[run])
-        slow = slow_modules(setting, scene, seed)
+        slow = slow_modules(setting, facts.scene, seed)
         played.time = float(len(played.ends) * (setting.faults.slow_factor if slow else 1))
         played.seconds = share + time.monotonic() - began
         yield played
@@ -103,9 +144,7 @@ def _kinds(made: MadeMoves, facts: SceneFacts) -> _Kinds:
     )
 
 
-def _played(
-    made: MadeMoves, kinds: _Kinds, run: int, end: tuple[tuple[Site, ...], bool, str | None]
-) -> PlayedRun:
+def _played(made: MadeMoves, kinds: _Kinds, run: int, end: _End) -> PlayedRun:
     first, last = np.searchsorted(made.run, [run, run + 1]).tolist()
     moves, lost = made.move[first:last], made.lost[run]
     ends = np.searchsorted(made.round[first:last], np.arange(1, len(lost) + 1), side="right")

@@ -109,8 +109,11 @@ class Looks:
             yield look, found[label]
 
 
-def plots_of(rows: Sequence[Row], rounds: Sequence[Row]) -> list[Plot]:
-    """Return the plots that the data has something for."""
+def plots_of(rows: Sequence[Row], left: Mapping[str, NDArray[np.int64]]) -> list[Plot]:
+    """Return the plots that the data has something for.
+
+    `left` has for runs, by their ids, how far the goal is after each round, shape (rounds,).
+    """
     looks = Looks(rows)
     reached = [row for row in rows if row["goal"]]
     sized = [
@@ -132,7 +135,7 @@ def plots_of(rows: Sequence[Row], rounds: Sequence[Row]) -> list[Plot]:
     title = "Cubes over the best known"
     found.append(_figure("cubes-over-best", title, over, "base", looks, _by_size(_OVER)))
     found.append(price_plot(rows))
-    curves = _curves(rounds)
+    curves = {run: each / each[0] for run, each in left.items() if len(each) and each[0]}
     drawn = [row for row in rows if row["id"] in curves]
     found.append(
         _figure(
@@ -192,16 +195,6 @@ def _by_size(measure: str) -> Draw:
         axes.set_ylabel(measure)
 
     return draw
-
-
-def _curves(rounds: Sequence[Row]) -> Mapping[str, NDArray[np.float64]]:
-    """Return for each run its distance after each round, over that after the first."""
-    found: dict[str, list[int]] = {}
-    for row in rounds:
-        left: int | None = row["missing"] if row["distance"] is None else row["distance"]
-        if left is not None:
-            found.setdefault(row["id"], []).append(left)
-    return {run: np.array(each, np.float64) / each[0] for run, each in found.items() if each[0]}
 
 
 def _progress(curves: Mapping[str, NDArray[np.float64]]) -> Draw:

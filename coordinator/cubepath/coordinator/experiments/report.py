@@ -6,12 +6,16 @@ Room: coordinator. The same rows give the same files, byte for byte.
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from cubepath.coordinator.experiments.folder import read_mark
+import numpy as np
+from numpy.typing import NDArray
+
+from cubepath.coordinator.experiments.folder import arrow, parts_of, read_mark
 from cubepath.coordinator.experiments.page import page_of
 from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.prices import price_table
@@ -76,7 +80,7 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
     older = len(results.rows) - len(last)
     rows = short_rules(last)
     tables = tuple(make(rows) for make in (runs_table, price_table, pairs_table, growth_table))
-    plots = plots_of(rows, results.rounds)
+    plots = plots_of(rows, distances(Path(folder), {row["id"] for row in rows}))
     page = page_of(_title(rows), _facts(rows, older), tables, plots)
     files = {PAGE: page.encode()}
     for plot in plots:
@@ -89,6 +93,40 @@ def write_report(folder: Path | str, out: Path | str | None = None) -> Report:
         with written_whole(target / name) as stream:
             stream.write(data)
     return Report(len(rows), older, tables, tuple(target / name for name in files))
+
+
+def distances(folder: Path, ids: Collection[str]) -> dict[str, NDArray[np.int64]]:
+    """Return for runs of a folder how far the goal is after each round, shape (rounds,).
+
+    It is the `distance`, or what is `missing` where that is not known; runs without either are left
+    out. Columns are read as they are, since there may be millions of rounds. InputError if a file
+    cannot be read.
+    """
+    pa, compute = arrow(), import_module("pyarrow.compute")
+    found: dict[str, NDArray[np.int64]] = {}
+    for part in parts_of(folder):
+        path = folder / "rounds" / part.name
+        try:
+            table = pa.parquet.read_table(path, columns=["id", "round", "missing", "distance"])
+        except (OSError, pa.ArrowException) as error:
+            text = " ".join(str(error).split())
+            raise InputError(f"{path}: cannot be read: {text}") from None
+        left = compute.coalesce(table["distance"], table["missing"])
+        known = compute.is_valid(left)
+        names = table["id"].filter(known).combine_chunks().dictionary_encode()
+        runs, rounds, left = (
+            np.asarray(each)
+            for each in (names.indices, table["round"].filter(known), left.filter(known))
+        )
+        order = np.lexsort((rounds, runs))
+        ends = np.cumsum(np.bincount(runs, minlength=len(names.dictionary)))[:-1]
+        each = np.split(left[order], ends)
+        found |= {
+            run: values
+            for run, values in zip(names.dictionary.to_pylist(), each, strict=False)
+            if run in ids
+        }
+    return found
 
 
 def _of_last_versions(rows: Sequence[Row], versions: Sequence[str]) -> list[Row]:

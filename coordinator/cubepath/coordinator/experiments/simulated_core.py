@@ -22,7 +22,7 @@ from cubepath.coordinator.experiments.outcomes import (
 )
 from cubepath.coordinator.experiments.scene_facts import SceneFacts
 from cubepath.coordinator.experiments.setting import FaultRates, Setting
-from cubepath.coordinator.experiments.slow_modules import slow_modules
+from cubepath.coordinator.experiments.slow_modules import thinking
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.simulation.faults import SECOND_US, Fault
 from cubepath.coordinator.simulation.free_scenarios import FreeScenario
@@ -130,19 +130,14 @@ def _of_failure(kind: str, setting: Setting) -> str:
 
 def _free(setting: Setting, facts: SceneFacts, seed: int) -> PlayedRun:
     began, scene = time.monotonic(), facts.scene
-    slow = slow_modules(setting, scene, seed)
-    factors = [0.0] * len(scene.start)
-    if slow:
-        factors = [1.0] * len(scene.start)
-        for module in slow:
-            factors[module] = float(setting.faults.slow_factor)
+    factors = thinking(setting, scene, seed)
     scenario = FreeScenario(
         system=setting.system,
         rule=setting.rule,
         processes=setting.processes,
         keepers=setting.keepers,
         hesitate=setting.hesitate,
-        factors=tuple(factors),
+        factors=tuple(factors.get(module, 0.0) for module in range(len(scene.start))),
         moves=setting.max_rounds * len(scene.start),
         long_us=_LONG_US,
         files=False,
@@ -163,7 +158,11 @@ def _free(setting: Setting, facts: SceneFacts, seed: int) -> PlayedRun:
 
 def _free_end(found: FreeSimulated, setting: Setting) -> tuple[str, str | None]:
     if found.failure is None:
-        return MAX_ROUNDS, None
+        over = found.came_to == "moves" and found.moves < found.scenario.moves
+        return (
+            MAX_ROUNDS,
+            f"no end within {_LONG_US // SECOND_US} virtual seconds" if over else None,
+        )
     if found.failure.kind == "rule":
         return GAVE_UP, found.failure.detail
     if found.failure.kind == _ENDLESS:

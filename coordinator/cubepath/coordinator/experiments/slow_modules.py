@@ -20,3 +20,16 @@ def slow_modules(setting: Setting, scene: Scene, seed: int) -> list[int]:
     count = round(setting.faults.slow * modules)
     drawn = np.random.default_rng([seed, _STREAM]).permutation(modules)[:count]
     return sorted(drawn.tolist())
+
+
+def thinking(setting: Setting, scene: Scene, seed: int) -> dict[int, float]:
+    """Return how slowly each module thinks without rounds, in runs with messages.
+
+    1 is 10 ms for a choice. Where no share of slow modules is given nobody takes time to think, and
+    nothing is returned; where one is, all others think too, also if it comes to no module at all.
+    """
+    if not setting.faults.slow:
+        return {}
+    factors = dict.fromkeys(range(len(scene.start)), 1.0)
+    slow = slow_modules(setting, scene, seed)
+    return factors | dict.fromkeys(slow, float(setting.faults.slow_factor))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
 
-from cubepath.coordinator.experiments.rows import Row, natural
+from cubepath.coordinator.experiments.rows import FAILURES, Row, natural
 from cubepath.coordinator.experiments.statistics import (
     Interval,
     mean_interval,
@@ -143,7 +143,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
                 _mean(several, lambda row: row["conflicts"]),
                 _mean(several, lambda row: row["messages"]),
                 sum(bool(row["stuck"]) for row in several),
-                sum(row["ended"] in {"error", "died"} for row in several),
+                sum(row["ended"] in FAILURES for row in several),
             )
         )
     return Table(

@@ -14,7 +14,7 @@ from cubepath.coordinator.experiments.gathered_runs import recorded_run
 from cubepath.coordinator.experiments.outcomes import ERROR, GAVE_UP, GOAL, MAX_ROUNDS, PlayedRun
 from cubepath.coordinator.experiments.scene_facts import SceneFacts
 from cubepath.coordinator.experiments.setting import Setting
-from cubepath.coordinator.experiments.slow_modules import slow_modules
+from cubepath.coordinator.experiments.slow_modules import thinking
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
@@ -56,9 +56,6 @@ def discard_scratch() -> None:
 def _played(setting: Setting, facts: SceneFacts, seed: int, log: Path) -> PlayedRun:
     began = time.monotonic()
     scene, free = facts.scene, setting.clock == "free"
-    slow = slow_modules(setting, scene, seed)
-    speeds = dict.fromkeys(range(len(scene.start)) if slow else (), 1.0)
-    speeds |= dict.fromkeys(slow, float(setting.faults.slow_factor))
     outcome = run(
         Plan(
             system=setting.system,
@@ -70,7 +67,7 @@ def _played(setting: Setting, facts: SceneFacts, seed: int, log: Path) -> Played
             log=log,
             clock=setting.clock,
             keepers=setting.keepers if free else 4,
-            speeds=speeds,
+            speeds=thinking(setting, scene, seed),
         )
     )
     if outcome.ended == "interrupted":
