@@ -14,6 +14,8 @@ from cubepath.coordinator.experiments.prices import FACTORS, price_table, priced
 from cubepath.coordinator.experiments.rows import Row
 from cubepath.coordinator.experiments.scene_facts import facts_of
 from cubepath.coordinator.experiments.sweeping import sweep
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_to_toml
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +94,16 @@ def test_what_a_search_finds_counts_as_best_known() -> None:
     assert facts_of("hex:n=5", 0, 60).best_found == found["best_known"]
     # From where nothing leads to the goal in time no search can go out.
     assert facts_of("sliding:n=6,p=5,q=5", 0, 1).best_found is None
+
+
+@pytest.mark.parametrize("spelled", ["hex:n=4,bend=120", "mine.toml"])
+def test_a_standard_scene_is_known_by_any_name(spelled: str, tmp_path: Path) -> None:
+    """With other keys that say the same, or from a file."""
+    if spelled == "mine.toml":
+        spelled = str(tmp_path / spelled)
+        Path(spelled).write_text(scene_to_toml(scene_from_spec("hex:n=4")))
+    (row,) = sweep(spelled, rules=("chain",), seeds=1).rows
+    assert (row["best_known"], row["optimum"]) == (9, 9)
 
 
 def test_how_far_to_search_is_a_whole_number(tmp_path: Path) -> None:

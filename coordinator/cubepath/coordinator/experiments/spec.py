@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any, cast
@@ -150,8 +150,6 @@ class Expansion:
 class _Instance:
     label: str
     system: str
-    best_known: int | None = None
-    proved: int | None = None
 
 
 def expand(sweep: Sweep) -> Expansion:
@@ -194,19 +192,28 @@ def _said(label: str, error: InputError) -> str:
 
 
 def _instances(systems: Iterable[str]) -> Iterator[_Instance]:
-    known = {each.system: each for each in _standard()}
     for text in systems:
         if text == STANDARD:
-            yield from _standard()
+            for each in standard():
+                yield _Instance(each.name, each.system)
             continue
         for name in expanded(text):
             _check_name(name)
-            yield replace(known.get(name, _Instance(name, name)), label=name)
+            yield _Instance(name, name)
 
 
-def _standard() -> Iterator[_Instance]:
+def _known_of(scene: Scene) -> tuple[int | None, int | None]:
+    """Return the best known and the proved number of cubes, by whatever name a scene goes."""
+    hashed = scene_hash(scene)
     for each in standard():
-        yield _Instance(each.name, each.system, each.best, each.bound)
+        if each.system.partition(":")[0] == scene.family and hashed == _hash_of(each.system):
+            return each.best, each.bound
+    return None, None
+
+
+@cache
+def _hash_of(system: str) -> str:
+    return scene_hash(scene_from_spec(system))
 
 
 def _check_name(name: str) -> None:
@@ -245,6 +252,7 @@ def _of_scene(
     sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
 ) -> Iterator[Setting]:
     hashed = scene_hash(scene)
+    best_known, proved = _known_of(scene)
     axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
@@ -272,8 +280,8 @@ def _of_scene(
             keepers=0 if alone or clock != "free" else sweep.keepers,
             optimum=sweep.optimum,
             improve=sweep.improve,
-            best_known=instance.best_known,
-            proved=instance.proved,
+            best_known=best_known,
+            proved=proved,
         )
 
 
