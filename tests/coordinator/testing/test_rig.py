@@ -159,6 +159,17 @@ def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None
     assert "the last messages:\n" in text
 
 
+def test_a_run_that_fails_fails_the_test(cubepath_run: StartRun) -> None:
+    """With what was seen, unless the test asks for it; and then a run that does not."""
+    rig = cubepath_run("hex:n=3", links=False)
+    rig.kill("process_0", at=2)
+    text = failing(rig.play, r"^the run failed: module_0.* \(process 0\) died in round [12]")
+    assert "the last messages:\n" in text
+    assert rig.play(failing=True).ended == "failed"
+    good = cubepath_run("hex:n=3", processes=0, max_rounds=2)
+    failing(lambda: good.play(failing=True), "^the run did not fail, expected it to")
+
+
 def test_what_does_not_come_in_time_is_told(cubepath_run: StartRun) -> None:
     """With the pattern, and at once where who would have to say it has died."""
     rig = cubepath_run("hex:n=4", "random", clock="free", timeout_s=1.0, patience=20.0)

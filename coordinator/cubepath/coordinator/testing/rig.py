@@ -212,11 +212,20 @@ class Rig(Wounds):
         __tracebackhide__ = True
         self._go_on(lambda rig: rig.goal_reached, "the goal", timeout_s)
 
-    def play(self, *, timeout_s: float | None = None) -> Outcome:
-        """Go on to the end of the run; return its outcome."""
+    def play(self, *, timeout_s: float | None = None, failing: bool = False) -> Outcome:
+        """Go on to the end of the run; return its outcome.
+
+        AssertionError tells what was seen if the run fails (a process dies, a rule raises, nobody
+        answers); with `failing`, if it does not. A run that ends away from its goal has not failed.
+        """
         __tracebackhide__ = True
         self._go_on(lambda rig: not rig.run.goes_on, "the end of the run", timeout_s)
-        return self.run.outcome
+        outcome = self.run.outcome
+        if failing and outcome.ended != "failed":
+            self._fail("the run did not fail, expected it to (failing=True)")
+        if not failing and outcome.ended == "failed":
+            self._fail(f"the run failed: {short(outcome.error or 'it does not say why')}")
+        return outcome
 
     def _go_on(self, what: Callable[[Rig], object], name: str, timeout_s: float | None) -> None:
         __tracebackhide__ = True
