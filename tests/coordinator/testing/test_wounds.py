@@ -53,9 +53,11 @@ def test_what_is_planned_and_raises_fails_the_test(cubepath_run: StartRun) -> No
         raise InputError("this is mine")
 
     rig = cubepath_run(SYSTEM, links=False)
-    rig.when("claim", fails)
+    planned = rig.when("claim", fails)
+    assert repr(planned) == "<planned: to come>"
     with pytest.raises(InputError, match=r"^this is mine$"):
         rig.play()
+    assert repr(planned) == f"<planned: done at said of {planned.at and planned.at.sender}>"
     rig.until_goal()
     rig.finish().assert_legal()
 
