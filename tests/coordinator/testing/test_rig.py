@@ -115,6 +115,7 @@ def test_processes_of_others_take_part(cubepath_run: StartRun) -> None:
     again = cubepath_run(VEHICLES, seed=2, commands=[OWN], links=False)
     assert again.play().path_digest == reached_by
     assert list(again.commands) == ["own_0"]
+    assert again.name_of(1) == "own_0"
 
 
 def test_messages_and_states_are_awaited(cubepath_run: StartRun) -> None:

@@ -20,6 +20,7 @@ from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.testing.checks import check_whole
 from cubepath.coordinator.testing.commands import lives, stderr_of
 from cubepath.coordinator.testing.joiners import CommandLine, Joiners
 from cubepath.coordinator.testing.log import Log, What, pattern_of
@@ -28,7 +29,7 @@ from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.testing.wounds import Who, Wounds
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.wire.credentials import GUEST
+from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
 from cubepath.protocol.wire.keys import key_of
 
@@ -99,13 +100,19 @@ class Rig(Wounds):
             self._known = self.pids
             self.check_links(self._known)
             self._modules = {
-                link: self.run.modules_of(self._speaks_as(link) or link) for link in self._known
+                name: self.run.modules_of(self._process_of(name)) for name in self._known
             }
         except BaseException:
             with suppress(Exception):  # what comes of that says less than why
                 self.close()
             raise
         return self
+
+    def _process_of(self, name: str) -> str:
+        """Return the name in keys of a process, which that of a command is not."""
+        if name in self.commands and name not in self.links and self.run.plan.wait_for == 1:
+            return process_name(0)  # who joins comes first
+        return self._speaks_as(name) or name
 
     def __exit__(self, kind: object, *_: object) -> None:
         """End everything."""
@@ -185,11 +192,14 @@ class Rig(Wounds):
 
     # How it goes on.
 
-    def step(self, count: int = 1) -> None:
+    def step(self, count: int = 1, *, timeout_s: float | None = None) -> None:
         """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
         __tracebackhide__ = True
+        check_whole("count", count)
         enough = (self.run.status.moves if self.free else self.run.round) + count
-        self.until(lambda rig: (rig.moves if rig.free else rig.round) >= enough)
+        self.until(
+            lambda rig: (rig.moves if rig.free else rig.round) >= enough, timeout_s=timeout_s
+        )
 
     def until(
         self,
