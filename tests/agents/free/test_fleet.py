@@ -123,7 +123,7 @@ def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> N
     run = cubepath_run(CHAIN, "random", **options)
     run.until_moves(2)
     run.kill("keeper_1")
-    assert run.play().error == "keeper_1 has ended: killed by signal 9"
+    assert run.play(failing=True).error == "keeper_1 has ended: killed by signal 9"
 
 
 @pytest.mark.thorough

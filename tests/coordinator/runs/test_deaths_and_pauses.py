@@ -26,8 +26,7 @@ def test_a_module_process_that_dies_ends_the_run(cubepath_run: StartRun) -> None
     """One clear line naming the modules, and a whole recording."""
     run = begun(cubepath_run, 3)
     run.kill("process_0")
-    outcome = run.play()
-    assert outcome.ended == "failed"
+    outcome = run.play(failing=True)
     assert re.match(r"module_0, module_1 \(process 0\) died in round \d+", outcome.error or "")
     run.finish().assert_legal()
 
@@ -57,8 +56,7 @@ def test_who_is_late_is_named_when_patience_is_over(cubepath_run: StartRun) -> N
     """The one that stands still and not those that wait for it; the recording is whole."""
     run = begun(cubepath_run, 3, patience=4.0)
     run.pause("process_1")
-    outcome = run.play(timeout_s=60)
-    assert outcome.ended == "failed"
+    outcome = run.play(timeout_s=60, failing=True)
     assert re.fullmatch(
         r"no answer within 4 s to phase \w+ of round \d+ from module_2, module_3 \(process 1\)",
         outcome.error or "",

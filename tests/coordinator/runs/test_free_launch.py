@@ -39,12 +39,14 @@ def sound(log: Path) -> None:
     assert found.ok, [check for check in found.checks if not check.ok]
 
 
-def wounded(start: StartRun, plan: Plan, name: str, *, after: int = 4) -> Outcome:
+def wounded(
+    start: StartRun, plan: Plan, name: str, *, after: int = 4, failing: bool = False
+) -> Outcome:
     """Run a plan, and kill a process after some moves."""
     rig = start(plan, links=False, timeout_s=100)
     rig.until_moves(after)
     rig.kill(name)
-    return rig.play()
+    return rig.play(failing=failing)
 
 
 @pytest.mark.slow
@@ -152,8 +154,7 @@ def test_the_living_reach_their_goals_where_the_dead_are_in_nobodys_way(
         patience=3.0,
         log=log,
     )
-    outcome = wounded(cubepath_run, plan, "process_0", after=1)
-    assert outcome.ended == "failed"
+    outcome = wounded(cubepath_run, plan, "process_0", after=1, failing=True)
     assert outcome.error == "nothing was committed for 3 s; process_0 had died"
     sound(log)
     ends = [step for record in read_recording(log).of_kind("edges") for step in [record.data]]
@@ -233,7 +234,7 @@ def test_a_keeper_that_stands_still_is_named(cubepath_run: StartRun, tmp_path: P
     rig = cubepath_run(plan, links=False, timeout_s=100)
     rig.until_moves(4)
     rig.pause("keeper_0")
-    outcome = rig.play()
+    outcome = rig.play(failing=True)
     assert outcome.error == "nothing was committed for 5 s; keeper_0 did not answer"
 
 

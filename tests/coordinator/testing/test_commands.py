@@ -154,6 +154,23 @@ def test_a_command_that_cannot_be_started_is_one_line(command: str, line: str) -
         Command(command)
 
 
+def test_nothing_is_left_of_a_command_whose_start_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """While it is waited for its process id."""
+    begin, told = Command._begin, tmp_path / "pid"
+
+    def interrupted(self: Command, report: int) -> None:
+        begin(self, report)
+        told.write_text(str(self.pid))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Command, "_begin", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        Command("sleep 1000")
+    assert gone(int(told.read_text()))
+
+
 def test_a_command_can_be_interrupted() -> None:
     """As from a terminal, also where this process was started with interrupts ignored."""
     waits = "print('here'); import time; time.sleep(1000)"

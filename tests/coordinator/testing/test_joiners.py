@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cubepath.coordinator.testing.commands import Command
 from cubepath.coordinator.testing.fixtures import StartRun
+from cubepath.coordinator.testing.rig import Rig
 from cubepath.protocol.core.errors import CheckError, InputError
 
 pytestmark = pytest.mark.slow
@@ -25,7 +27,7 @@ def test_a_command_that_ends_before_it_joins_is_told(cubepath_run: StartRun) -> 
 def test_a_command_that_never_joins_is_told(cubepath_run: StartRun) -> None:
     """When the time is over; it is ended."""
     robot = [sys.executable, "-c", "import time; print('here'); time.sleep(1000)"]
-    line = r"^not within 1 s: the commands have joined; own_0: stdout: here; stderr: nothing$"
+    line = r"^not within 1 s: the commands have joined; own_0: stdout: \w+; stderr: nothing$"
     with pytest.raises(CheckError, match=line):
         cubepath_run(SYSTEM, commands=[robot], timeout_s=1.0)
     (rig,) = cubepath_run.rigs
@@ -37,3 +39,36 @@ def test_commands_join_without_tls(cubepath_run: StartRun, tmp_path: Path) -> No
     line = r"^commands with secure=.*: they join a run without TLS, expected one of both$"
     with pytest.raises(InputError, match=line):
         cubepath_run(SYSTEM, commands=["robot"], secure=tmp_path, listen="tls/127.0.0.1:0")
+
+
+STARTS = """
+import os, sys
+from pathlib import Path
+from cubepath.coordinator.testing import Rig
+from cubepath.coordinator.testing.commands import lives
+robot = f"import os, signal, time; print(os.getpid()); os.kill({os.getpid()}, signal.SIGINT)"
+robot = [sys.executable, "-c", robot + "; time.sleep(1000)"]
+rig = Rig("hex:n=4", commands=[robot], log=sys.argv[1])
+try:
+    with rig:
+        print("it has begun")
+except BaseException as error:
+    print("ended by", repr(error))
+print("left", [pid for each in rig.commands.values() if lives(pid := each.pid)])
+"""
+
+
+def test_an_interrupt_of_a_start_stays_one(tmp_path: Path) -> None:
+    """It is not replaced by what comes of closing what was not yet open; nothing is left."""
+    with Command([sys.executable, "-c", STARTS, str(tmp_path / "run.mcap")]) as start:
+        assert start.says("ended by (.*)")[1] == "KeyboardInterrupt()"
+        assert start.says("left (.*)")[1] == "[]"
+        assert start.wait() == 0
+
+
+def test_the_first_error_of_a_start_is_raised(tmp_path: Path) -> None:
+    """And none that follows from it."""
+    log = tmp_path / "run.mcap"
+    log.touch()
+    with pytest.raises(InputError, match="exists already"), Rig(SYSTEM, log=log):
+        pass

@@ -246,6 +246,17 @@ def test_a_rule_that_raises_is_told_and_the_message_passes(ends: Ends) -> None:
     ends.link.check()
 
 
+def test_what_a_link_raises_is_told_and_it_goes_on(ends: Ends) -> None:
+    """A token or an answer that cannot be shown holds nothing else up."""
+    ends.link.up.do(lambda: print(1 // 0))
+    ends.say(UP, ready(1))
+    assert ends.hear(UP, 1) == [ready(1)]
+    with pytest.raises(CheckError, match=r"^the link of process_0 raised ZeroDiv.* the way up$"):
+        ends.link.check()
+    ends.link.clear()
+    ends.link.check()
+
+
 def test_a_rule_that_meets_too_little_says_what_it_met() -> None:
     """With the messages that were meant."""
     rule = Rule(action="drop", pattern=Pattern(kind="ready", sender="process_0"), after=1)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from cubepath.coordinator.testing.fixtures import Simulate
 from cubepath.coordinator.testing.plugin import seeds_in
 
 pytestmark = pytest.mark.slow
@@ -273,3 +274,11 @@ def is_there(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+@pytest.mark.cubepath(clock="free", hesitate=0.25, links=False)
+def test_the_marker_is_for_simulated_runs_too(cubepath_simulate: Simulate) -> None:
+    """As far as they have its options; what is named in the test counts."""
+    free = cubepath_simulate("hex:n=3", moves=2).trial.scenario
+    assert (type(free).__name__, free.hesitate) == ("FreeScenario", 0.25)
+    assert cubepath_simulate("hex:n=3", clock="lockstep").trial.scenario.hesitate == 0.25

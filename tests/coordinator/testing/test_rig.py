@@ -115,6 +115,7 @@ def test_processes_of_others_take_part(cubepath_run: StartRun) -> None:
     again = cubepath_run(VEHICLES, seed=2, commands=[OWN], links=False)
     assert again.play().path_digest == reached_by
     assert list(again.commands) == ["own_0"]
+    assert again.name_of(1) == "own_0"
 
 
 def test_messages_and_states_are_awaited(cubepath_run: StartRun) -> None:
@@ -157,6 +158,17 @@ def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None
     assert "process_0: process id " in text
     assert ", modules 0, 1, its link is cut (lost)\n" in text
     assert "the last messages:\n" in text
+
+
+def test_a_run_that_fails_fails_the_test(cubepath_run: StartRun) -> None:
+    """With what was seen, unless the test asks for it; and then a run that does not."""
+    rig = cubepath_run("hex:n=3", links=False)
+    rig.kill("process_0", at=2)
+    text = failing(rig.play, r"^the run failed: module_0.* \(process 0\) died in round [12]")
+    assert "the last messages:\n" in text
+    assert rig.play(failing=True).ended == "failed"
+    good = cubepath_run("hex:n=3", processes=0, max_rounds=2)
+    failing(lambda: good.play(failing=True), "^the run did not fail, expected it to")
 
 
 def test_what_does_not_come_in_time_is_told(cubepath_run: StartRun) -> None:

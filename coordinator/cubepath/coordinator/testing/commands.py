@@ -115,19 +115,27 @@ class Command:
             cwd=cwd,
             env={**os.environ, "PYTHONUNBUFFERED": "1", **(env or {})},
         )
-        self._readers = [
-            threading.Thread(target=self._read, args=(kind, stream), daemon=True)
-            for kind, stream in (("out", self._ward.stdout), ("err", self._ward.stderr))
-        ]
-        for reader in self._readers:
-            reader.start()
-        with os.fdopen(report) as told:
-            line = told.readline()
-        self.pid = int(line) if line else 0
+        self._readers: list[threading.Thread] = []
+        self.pid = 0
         """The process id of the command itself."""
+        try:
+            self._begin(report)
+        except BaseException:
+            self.close()
+            raise
         if not self.pid:
             self.close()
             raise InputError(f"command: {short(self.err) or arguments[0]}")
+
+    def _begin(self, report: int) -> None:
+        """Read what it says, and wait for its process id."""
+        with os.fdopen(report) as told:
+            for kind, stream in (("out", self._ward.stdout), ("err", self._ward.stderr)):
+                reader = threading.Thread(target=self._read, args=(kind, stream), daemon=True)
+                reader.start()
+                self._readers.append(reader)
+            line = told.readline()
+        self.pid = int(line) if line else 0
 
     def _read(self, kind: str, stream: IO[bytes]) -> None:
         with stream:
@@ -223,6 +231,14 @@ def _ended(child: subprocess.Popen[bytes], patience_s: float) -> None:
     except subprocess.TimeoutExpired:
         child.kill()
         child.wait()
+
+
+def lives(pid: int) -> bool:
+    """Return whether a process is running; one that has ended and is not yet buried is not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 def stderr_of(pid: int) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -71,6 +72,7 @@ class StartRun:
         The seed is that of the test, and the recording goes to its folder, unless told otherwise,
         as by a `Plan`.
         """
+        __tracebackhide__ = True
         given: dict[str, Any] = {**self._defaults, "links": links, "commands": commands, **options}
         if isinstance(system, Plan) and "seed" not in options:
             del given["seed"]
@@ -101,10 +103,17 @@ class StartRun:
 class Simulate:
     """The fixture ``cubepath_simulate``: runs under faults in virtual time, checked."""
 
-    def __init__(self, places: Places, seed: int) -> None:
-        """Simulate with this seed unless told otherwise."""
+    def __init__(
+        self, places: Places, seed: int, defaults: Mapping[str, Any] | None = None
+    ) -> None:
+        """Simulate with this seed and these options of `trial_of` unless told otherwise.
+
+        Of the defaults, options that only runs in processes have are left out.
+        """
+        known = signature(trial_of).parameters.keys() - {"faults"}
         self._places = places
-        self._seed = seed
+        self._defaults = {key: each for key, each in (defaults or {}).items() if key in known}
+        self._seed = int(self._defaults.pop("seed", seed))
         self._told: list[str] = []
 
     def __call__(
@@ -124,7 +133,8 @@ class Simulate:
         """
         __tracebackhide__ = True
         chosen = self._seed if seed is None else seed
-        tried = trial_of(system, rule, faults=faults, seed=chosen, **options).play()
+        given: dict[str, Any] = {**self._defaults, **options}
+        tried = trial_of(system, rule, faults=faults, seed=chosen, **given).play()
         if tried.run.failure is not None:
             with suppress(Exception):  # a run without rounds has none
                 path = self._places.new("simulated")

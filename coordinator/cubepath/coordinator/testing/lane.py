@@ -28,8 +28,6 @@ _BEHIND_S_MAX = 1.0
 """A message that others are to overtake waits for them no longer."""
 _PUBLISHERS_MAX = 512
 _END_S_MAX = 10.0
-_KEPT = 200
-"""So many messages that passed last a direction remembers."""
 
 Cut: TypeAlias = Literal["", "lost", "kept"]
 
@@ -63,15 +61,14 @@ class Lane:
         """Carry to the session `out`; `process` is the name at the far end."""
         self.direction: Direction = direction
         self.rules: list[Rule] = []
-        self.passed = self.lost = 0
-        """How many messages were put at the other end, each copy counted, and how many never."""
+        self.passed = 0
+        """How many messages were put at the other end, each copy counted."""
         self.overflowed = 0
         """How many were lost because too many waited."""
         self.error: Exception | None = None
         """What a rule raised first."""
-        self.recent: deque[Seen] = deque(maxlen=_KEPT)
-        self.watching = False
-        """Whether to remember what passes."""
+        self.broken: Exception | None = None
+        """What carrying something raised first."""
         self.cut: Cut = ""
         self._receiver = process if direction == "down" else ""
         self._out = out
@@ -151,7 +148,6 @@ class Lane:
             self._line.append((now, item))
             return
         if fate.dropped:
-            self.lost += 1
             return
         if fate.holder is not None:
             held = self._held.setdefault(id(fate.holder), (fate.holder, deque()))
@@ -173,7 +169,7 @@ class Lane:
 
     def _fate(self, item: _Put) -> Fate | None:
         try:
-            if self._receiver and not self._publisher(item.key)[1]:
+            if self._receiver and not self._is_heard(item.key):
                 return None  # the process does not listen to it
             seen = Seen(item.key, item.data, time.monotonic())
             return fate_of(self.rules, seen, self._receiver)
@@ -208,29 +204,36 @@ class Lane:
 
     def _carry(self, item: _Item) -> None:
         if self.cut == "lost":
-            if isinstance(item, _Put):
-                self.lost += 1
-            else:
+            if isinstance(item, _Do):
                 self._waits.append(item)
             return
-        with contextlib.suppress(zenoh.ZError):  # the router may be gone, as for the process itself
-            if isinstance(item, _Do):
-                item.act()
-                return
-            sample = item.sample
-            found, listens = self._publisher(item.key, ask=self.watching)
-            found.put(sample.payload, encoding=sample.encoding, attachment=sample.attachment)
-            self.passed += 1
-            if self.watching and (listens or not self._receiver):
-                self.recent.append(Seen(item.key, item.data, time.monotonic()))
+        try:
+            self._put(item)
+        except zenoh.ZError:
+            pass  # the router may be gone, as for the process itself
+        except Exception as error:  # noqa: BLE001 - told by `check`; the others are to be carried
+            self.broken = self.broken or error
 
-    def _publisher(self, key: str, *, ask: bool = True) -> tuple[zenoh.Publisher, bool]:
-        """Return the publisher of a key, and whether anyone at the other end listens to it."""
+    def _put(self, item: _Item) -> None:
+        if isinstance(item, _Do):
+            item.act()
+            return
+        sample = item.sample
+        found = self._publisher(item.key)
+        found.put(sample.payload, encoding=sample.encoding, attachment=sample.attachment)
+        self.passed += 1
+
+    def _publisher(self, key: str) -> zenoh.Publisher:
+        """Return the publisher of a key."""
         found = self._publishers.pop(key, None)
         if found is None:
             if len(self._publishers) >= _PUBLISHERS_MAX:
                 self._publishers.pop(next(iter(self._publishers))).undeclare()
             found = publisher(self._out, key)
         self._publishers[key] = found
+        return found
+
+    def _is_heard(self, key: str) -> bool:
+        """Return whether anyone at the other end listens to a key."""
         # An object, which is always true; zenoh's stub declares a bool.
-        return found, ask and bool(cast("Any", found.matching_status).matching)
+        return bool(cast("Any", self._publisher(key).matching_status).matching)

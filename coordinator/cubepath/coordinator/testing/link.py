@@ -144,7 +144,8 @@ class Link:
     @property
     def speaks_as(self) -> str:
         """Return the name by which the process at the far end speaks: that of its token, if any."""
-        alive = [key for way, key in self._tokens if way == "up" and "/alive/" in key]
+        with self._lock:
+            alive = [key for way, key in self._tokens if way == "up" and "/alive/" in key]
         return alive[0].rpartition("/")[2] if alive else self.name
 
     def clear(self) -> None:
@@ -152,7 +153,7 @@ class Link:
         for lane in (self.up, self.down):
             for rule in lane.rules:
                 rule.stop()
-            lane.rules, lane.error = [], None
+            lane.rules, lane.error, lane.broken = [], None, None
         self.heal()
 
     def cut(self, *, keep: bool = False) -> None:
@@ -178,6 +179,10 @@ class Link:
                 raise CheckError(
                     f"a rule of the link of {self.name} raised {lane.error!r}"
                 ) from lane.error
+            if lane.broken is not None:
+                raise CheckError(
+                    f"the link of {self.name} raised {lane.broken!r} on the way {lane.direction}"
+                ) from lane.broken
             if lane.overflowed:
                 raise CheckError(
                     f"the link of {self.name} lost {lane.overflowed} messages on the way"

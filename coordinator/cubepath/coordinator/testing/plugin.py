@@ -87,7 +87,9 @@ def _timeout_s(config: pytest.Config) -> float:
     except ValueError:
         seconds = 0.0
     if not 0.0 < seconds < 3600.0:
-        raise pytest.UsageError(f"cubepath-timeout={text}: expected seconds, less than 3600")
+        raise pytest.UsageError(
+            f"cubepath-timeout={text}: expected seconds, above 0, less than 3600"
+        )
     return seconds
 
 
@@ -137,6 +139,14 @@ def _tell(request: pytest.FixtureRequest, teller: object) -> None:
     request.node.stash.setdefault(_TOLD, []).append(teller)
 
 
+def _marked(request: pytest.FixtureRequest) -> dict[str, Any]:
+    """Return the options that the markers of a test give its runs; the nearest counts."""
+    found: dict[str, Any] = {}
+    for marker in reversed(list(request.node.iter_markers(MARKER))):
+        found |= {key: value for key, value in marker.kwargs.items() if key != "seeds"}
+    return found
+
+
 @pytest.fixture
 def cubepath_run(
     request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: Places
@@ -148,9 +158,7 @@ def cubepath_run(
     from cubepath.coordinator.testing.fixtures import StartRun  # noqa: PLC0415 - as above
 
     defaults: dict[str, Any] = {"seed": cubepath_seed, "timeout_s": _timeout_s(request.config)}
-    for marker in reversed(list(request.node.iter_markers(MARKER))):
-        defaults |= {key: value for key, value in marker.kwargs.items() if key != "seeds"}
-    found = StartRun(_cubepath_places, defaults)
+    found = StartRun(_cubepath_places, defaults | _marked(request))
     _tell(request, found)
     try:
         yield found
@@ -165,7 +173,7 @@ def cubepath_simulate(
     """Return what simulates a run under faults and checks it: the arguments are of `trial_of`."""
     from cubepath.coordinator.testing.fixtures import Simulate  # noqa: PLC0415 - as above
 
-    found = Simulate(_cubepath_places, cubepath_seed)
+    found = Simulate(_cubepath_places, cubepath_seed, _marked(request))
     _tell(request, found)
     return found
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NoReturn, Self
 
@@ -20,7 +20,8 @@ from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.runs.running import Running
 from cubepath.coordinator.runs.tap import Overheard
-from cubepath.coordinator.testing.commands import stderr_of
+from cubepath.coordinator.testing.checks import check_whole
+from cubepath.coordinator.testing.commands import lives, stderr_of
 from cubepath.coordinator.testing.joiners import CommandLine, Joiners
 from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.seen import RESULTS, Seen
@@ -28,7 +29,7 @@ from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.testing.wounds import Who, Wounds
 from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.core.sites import Site
-from cubepath.protocol.wire.credentials import GUEST
+from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
 from cubepath.protocol.wire.keys import key_of
 
@@ -37,6 +38,7 @@ HEARD_MAX = 5000
 """So many messages that it heard last a run remembers for tests."""
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
+_MENDED = "and was started again"
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
@@ -85,7 +87,8 @@ class Rig(Wounds):
         self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
         """The messages that were heard last."""
         self._unexpected: list[str] = []
-        self._parts = 0
+        self._parts: deque[Any] = deque()
+        self._raised: Exception | None = None
 
     def __enter__(self) -> Self:
         """Start everything; CheckError or InputError if that fails."""
@@ -97,12 +100,19 @@ class Rig(Wounds):
             self._known = self.pids
             self.check_links(self._known)
             self._modules = {
-                link: self.run.modules_of(self._speaks_as(link) or link) for link in self._known
+                name: self.run.modules_of(self._process_of(name)) for name in self._known
             }
         except BaseException:
-            self.close()
+            with suppress(Exception):  # what comes of that says less than why
+                self.close()
             raise
         return self
+
+    def _process_of(self, name: str) -> str:
+        """Return the name in keys of a process, which that of a command is not."""
+        if name in self.commands and name not in self.links and self.run.plan.wait_for == 1:
+            return process_name(0)  # who joins comes first
+        return self._speaks_as(name) or name
 
     def __exit__(self, kind: object, *_: object) -> None:
         """End everything."""
@@ -111,10 +121,12 @@ class Rig(Wounds):
     def close(self, *, check: bool = False) -> None:
         """End everything: rules, pauses, the run, the commands, the links.
 
-        With `check`, CheckError if a rule raised or a link had too much to carry.
+        With `check`, CheckError if a rule raised or a link had too much to carry, and what was
+        raised by something that the test has planned.
         """
         with ExitStack() as stack:
             if check:
+                stack.callback(self._raise_again)
                 for link in self.links.values():
                     stack.callback(link.check)
             self.close_links(stack.callback)
@@ -123,8 +135,8 @@ class Rig(Wounds):
             stack.callback(self._close_run)
             for name in list(self._paused):
                 stack.callback(self.resume, name)
-            for timer in self._timers:
-                stack.callback(timer.cancel)
+            for timer in list(self._timers):
+                stack.callback(self._cancel, *timer)
 
     def _close_run(self) -> None:
         with ExitStack() as stack:
@@ -145,15 +157,19 @@ class Rig(Wounds):
             endpoint = found[1]
             self._joiners.start(lambda name: self.way(name, endpoint, GUEST)[0])
         died = _DIED.match(line)
-        if died is not None and died[1] not in self._wounded:
+        if died is None:
+            return
+        if died[1] not in self._wounded:
             self._unexpected.append(line)
+        elif line.endswith(_MENDED):
+            self._wounded.discard(died[1])
 
     def _hear(self, overheard: Overheard) -> None:
-        if self._parts:  # parts follow the message that brings them
-            self._parts -= 1
-            return
         message = overheard.message
-        self._parts = len(getattr(message, "parts", ()))
+        if self._parts and message is self._parts[0]:  # they follow the message that brings them
+            self._parts.popleft()
+            return
+        self._parts = deque(getattr(message, "parts", ()))
         run = self.run.run or "run"
         kind = overheard.kind
         free = self.run.plan.is_free or kind in FREE_KINDS
@@ -163,15 +179,27 @@ class Rig(Wounds):
         for planned in tuple(self._planned):
             if not planned.done and planned.pattern(seen):
                 self._planned.remove(planned)
-                planned.do(seen)
+                try:
+                    planned.do(seen)
+                except Exception as error:  # noqa: BLE001 - it is the test's, and no end of the run
+                    self._raised = self._raised or error
+
+    def _raise_again(self) -> None:
+        """Raise what something that was planned has raised."""
+        error, self._raised = self._raised, None
+        if error is not None:
+            raise error
 
     # How it goes on.
 
-    def step(self, count: int = 1) -> None:
+    def step(self, count: int = 1, *, timeout_s: float | None = None) -> None:
         """Play so many rounds, or listen until so many more moves; AssertionError if they fail."""
         __tracebackhide__ = True
+        check_whole("count", count)
         enough = (self.run.status.moves if self.free else self.run.round) + count
-        self.until(lambda rig: (rig.moves if rig.free else rig.round) >= enough)
+        self.until(
+            lambda rig: (rig.moves if rig.free else rig.round) >= enough, timeout_s=timeout_s
+        )
 
     def until(
         self,
@@ -212,18 +240,27 @@ class Rig(Wounds):
         __tracebackhide__ = True
         self._go_on(lambda rig: rig.goal_reached, "the goal", timeout_s)
 
-    def play(self, *, timeout_s: float | None = None) -> Outcome:
-        """Go on to the end of the run; return its outcome."""
+    def play(self, *, timeout_s: float | None = None, failing: bool = False) -> Outcome:
+        """Go on to the end of the run; return its outcome.
+
+        AssertionError tells what was seen if the run fails (a process dies, a rule raises, nobody
+        answers); with `failing`, if it does not. A run that ends away from its goal has not failed.
+        """
         __tracebackhide__ = True
         self._go_on(lambda rig: not rig.run.goes_on, "the end of the run", timeout_s)
-        return self.run.outcome
+        outcome = self.run.outcome
+        if failing and outcome.ended != "failed":
+            self._fail("the run did not fail, expected it to (failing=True)")
+        if not failing and outcome.ended == "failed":
+            self._fail(f"the run failed: {short(outcome.error or 'it does not say why')}")
+        return outcome
 
     def _go_on(self, what: Callable[[Rig], object], name: str, timeout_s: float | None) -> None:
         __tracebackhide__ = True
         seconds = self.timeout_s if timeout_s is None else timeout_s
 
         def holds(_: Running) -> bool:
-            return bool(what(self)) or bool(self._unexpected)
+            return bool(self._unexpected) or self._raised is not None or bool(what(self))
 
         why = ""
         try:
@@ -232,6 +269,7 @@ class Rig(Wounds):
             why = f"not within {seconds:g} s: {name}"
         except CheckError:
             why = f"the run ended before: {name}"
+        self._raise_again()
         if self._unexpected:
             why = f"while waiting for {name}: {self._unexpected[0]}"
         if why:  # outside of the handlers: what was seen says more than what was raised
@@ -302,7 +340,7 @@ class Rig(Wounds):
         if not self.free:
             self.run.restart(name)
         before = self.pids.get(name)
-        if before is not None and name not in self._wounded:
+        if before is not None and lives(before):
             self.kill(name)
         if self.run.plan.on_crash == "restart":
             self._go_on(lambda rig: rig.pids.get(name) not in (None, before), f"{name} again", None)

@@ -100,7 +100,7 @@ ANYTHING = Pattern()
 """Any message."""
 
 
-@dataclass(slots=True, kw_only=True, eq=False)
+@dataclass(slots=True, kw_only=True, eq=False, repr=False)
 class Rule:
     """What happens to the messages that a pattern means; made by `drop`, `delay` and their kin.
 
@@ -194,6 +194,10 @@ class Rule:
     def __str__(self) -> str:
         """Return what it does to which messages."""
         return f"{self.action} {self.pattern}"
+
+    def __repr__(self) -> str:
+        """Return what it does to which messages, and how many it met."""
+        return f"<{self}: met {self.count}{'' if self.on else ', stopped'}>"
 
 
 @dataclass(slots=True)

@@ -27,7 +27,7 @@ _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
 _REGION = re.compile(r"-?\d+(,-?\d+)*")
 
 
-@dataclass(slots=True, eq=False)
+@dataclass(slots=True, eq=False, repr=False)
 class Planned:
     """Something that happens now, or when a message comes; `at` is that message, once it has."""
 
@@ -40,6 +40,11 @@ class Planned:
         """Have it happen."""
         self.at, self.done = at, True
         self.act()
+
+    def __repr__(self) -> str:
+        """Return whether it has happened, and at which message."""
+        at = "" if self.at is None else f" at {self.at.kind} of {self.at.sender}"
+        return f"<planned: done{at}>" if self.done else "<planned: to come>"
 
 
 class Wire:

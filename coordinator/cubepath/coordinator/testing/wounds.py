@@ -43,7 +43,7 @@ class Wounds(Wire):
         self._planned: list[Planned] = []
         self._wounded: set[str] = set()
         self._paused: dict[str, int] = {}
-        self._timers: list[threading.Timer] = []
+        self._timers: dict[tuple[str, str], threading.Timer] = {}
         self._known: dict[str, int] = {}
         self._modules: dict[str, tuple[int, ...]] = {}
 
@@ -121,31 +121,43 @@ class Wounds(Wire):
 
         def act() -> None:
             pid = self._pid(name)
+            self._cancel("resume", name)
             self.guard.watch(pid)  # who stands still does not notice that all others have ended
             self._paused[name] = pid
             self._signal(name, signal.SIGSTOP)
-            self._after(seconds, lambda: self.resume(name))
+            self._after(seconds, lambda: self._resume(name), "resume", name)
 
         return self._do(at, act)
 
-    def _after(self, seconds: float | None, act: Callable[[], object]) -> None:
+    def _after(
+        self, seconds: float | None, act: Callable[[], object], what: str, name: str
+    ) -> None:
+        """Have something happen to the one of a name, unless that is called off before."""
         if seconds is not None:
-            timer = threading.Timer(seconds, act)
+            timer = self._timers[what, name] = threading.Timer(seconds, act)
             timer.daemon = True
-            self._timers.append(timer)
             timer.start()
+
+    def _cancel(self, what: str, name: str) -> None:
+        timer = self._timers.pop((what, name), None)
+        if timer is not None:
+            timer.cancel()
 
     def resume(self, who: Who, at: When = None) -> Planned:
         """Have a process that was paused go on; no other is changed."""
         name = self.name_of(who)
 
         def act() -> None:
-            pid = self._paused.pop(name, None)
-            if pid is not None:
-                with suppress(ProcessLookupError):
-                    os.kill(pid, signal.SIGCONT)
+            self._cancel("resume", name)
+            self._resume(name)
 
         return self._do(at, act)
+
+    def _resume(self, name: str) -> None:
+        pid = self._paused.pop(name, None)
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
 
     def cut_off(
         self, who: Who, at: When = None, *, seconds: float | None = None, keep: bool = False
@@ -160,8 +172,9 @@ class Wounds(Wire):
             check_seconds("seconds", seconds)
 
         def act() -> None:
+            self._cancel("heal", link.name)
             link.cut(keep=keep)
-            self._after(seconds, link.heal)
+            self._after(seconds, link.heal, "heal", link.name)
 
         return self._do(at, act)
 
@@ -171,6 +184,7 @@ class Wounds(Wire):
 
         def act() -> None:
             for link in links:
+                self._cancel("heal", link.name)
                 link.heal()
 
         return self._do(at, act)

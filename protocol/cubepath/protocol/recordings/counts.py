@@ -22,9 +22,9 @@ BATCHES = {
     "reports": frozenset({"report"}),
     "observations": frozenset({"observed"}),
     "acts": frozenset({"act"}),
-    "ask": frozenset({"attempt", "enter", "look"}),
+    "ask": frozenset({"attempt", "enter", "hold", "look"}),
     "pass": frozenset({"passed", "decision", "inquiry", "settled"}),
-    "tell": frozenset({"decision", "entered"}),
+    "tell": frozenset({"decision", "entered", "held"}),
     "shows": frozenset({SHOWN}),
     "turns": frozenset({"turn"}),
 }
