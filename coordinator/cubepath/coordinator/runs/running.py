@@ -245,8 +245,15 @@ class Running(Standing):
         return self.outcome
 
     def messages(self, *kinds: str) -> Iterator[Overheard]:
-        """Go on to the end of the run, and yield each message, or each of these kinds."""
-        tap = self.tap(*kinds)
+        """Go on to the end of the run, and yield each message, or each of these kinds.
+
+        Who breaks out of the loop leaves the run where it is: `step` and its like go on from there.
+        InputError if there is no such kind.
+        """
+        return self._messages(Tap(kinds))
+
+    def _messages(self, tap: Tap) -> Iterator[Overheard]:
+        self.listen(tap.hear)
         try:
             while self.goes_on:
                 yield from tap
@@ -260,7 +267,9 @@ class Running(Standing):
     def tap(self, *kinds: str) -> Tap:
         """Return what is heard from now on, in order; with kinds, what is of these kinds alone.
 
-        What modules say to each other in one message, claims for instance, comes part by part.
+        What modules say to each other in one message, claims for instance, comes part by part. A
+        tap holds a million messages at most, then the oldest are dropped, and counted. InputError
+        if there is no such kind.
         """
         tap = Tap(kinds)
         self.listen(tap.hear)
