@@ -9,7 +9,8 @@ from __future__ import annotations
 import msgspec
 import zenoh
 
-from cubepath.protocol.core.errors import CheckError, CubepathError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.wire.credentials import GUEST, Credentials
@@ -100,6 +101,9 @@ def ask(
     >>> status.round, status.sites == running.sites
     (5, True)
     """
+    timeout_s = seconds("timeout_s", timeout_s)
+    if not isinstance(endpoint, str):
+        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
     with open_client(endpoint, timeout_s, credentials=credentials) as session:
         replies = list(session.get(state_key(run or "*"), timeout=timeout_s))
     found = [answer for each in replies if each.ok and (answer := _read(each.ok)) is not None]

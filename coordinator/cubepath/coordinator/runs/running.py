@@ -29,6 +29,7 @@ from cubepath.coordinator.runs.standing import Driver, Standing
 from cubepath.coordinator.runs.tap import Overheard, Tap
 from cubepath.coordinator.runs.turns import Turns
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.given import function, seconds, whole_number
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
@@ -196,6 +197,7 @@ class Running(Standing):
 
         Without rounds, TimeoutError if they do not come in time.
         """
+        count, timeout_s = whole_number("step", count, 0), seconds("timeout_s", timeout_s)
         with self._turns.hold():
             if not self.plan.is_free:
                 for _ in range(count):
@@ -213,6 +215,8 @@ class Running(Standing):
         Without rounds it is looked at after each message. CheckError if the run ends before it
         holds, TimeoutError if it takes longer than `timeout_s`.
         """
+        function("until", what)
+        timeout_s = seconds("timeout_s", timeout_s)
         with self._turns.hold():
             end = time.monotonic() + timeout_s
             while not what(self):
