@@ -88,8 +88,9 @@ def test_what_is_played_is_checked_as_what_is_run(tmp_path: Path) -> None:
             ({"system": 5}, "system=5: expected a name, a file or a scene"),
             ({"rule": 5}, "rule=5: expected the name of a rule, or FILE.py:NAME"),
         ):
+            whole: dict[str, Any] = {"system": "hex:n=4", **given}
             with pytest.raises(InputError) as error:
-                each(**{"system": "hex:n=4", **given})
+                each(**whole)
             assert str(error.value) == told
     many: Any = play_many
     for seeds, told in (([-1], "seed=-1: exp"), ([0, "b"], "seed='b': exp"), ("ab", "seed='a': ")):

@@ -31,7 +31,7 @@ def scene_and_rule(
     InputError if there are none of these names, or a rule of that name does not fit the system or
     hold under the clock.
     """
-    if not isinstance(system, str | Path | Scene):
+    if not isinstance(system, str | Path | Scene):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"system={system!r}: expected a name, a file or a scene")
     scene = system if isinstance(system, Scene) else scene_from_spec(str(system))
     if isinstance(rule, RuleType):

@@ -93,7 +93,7 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
     if clock not in CLOCKS:
         near = did_you_mean(str(clock), CLOCKS)
         raise InputError(f"clock={clock}{near}: expected one of {', '.join(CLOCKS)}")
-    if not isinstance(name, str):
+    if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"rule={name!r}: expected the name of a rule, or FILE.py:NAME")
     found = find_rule(name)
     if found is not None and clock not in found.clocks:

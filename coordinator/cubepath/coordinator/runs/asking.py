@@ -102,7 +102,7 @@ def ask(
     (5, True)
     """
     timeout_s = seconds("timeout_s", timeout_s)
-    if not isinstance(endpoint, str):
+    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
     with open_client(endpoint, timeout_s, credentials=credentials) as session:
         replies = list(session.get(state_key(run or "*"), timeout=timeout_s))
