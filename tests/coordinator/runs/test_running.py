@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+import zenoh
 
 from cubepath.coordinator.runs.asking import ask
 from cubepath.coordinator.runs.launch import run, start
@@ -184,6 +185,39 @@ def test_two_runs_at_one_router_are_told_apart(tmp_path: Path) -> None:
                 ask(router.endpoint)
 
 
+def test_what_is_no_answer_of_a_run_is_not_taken_for_one(tmp_path: Path) -> None:
+    """At a router that is open to all, whoever answers for a run that is not theirs."""
+    with Router("tcp/127.0.0.1:0") as router, open_client(router.endpoint) as other:
+
+        def answer(query: zenoh.Query) -> None:
+            for key, data in (
+                ("x", b"\xff"),
+                ("y", b'{"run":"y"}'),
+                ("z", whole.replace(b"?", b"y")),
+            ):
+                query.reply(f"cubepath/{key}/state", data)
+
+        whole = b'{"run":"?","round":0,"sites":[[0]],"moves":0,"cubes":0,"goal_reached":false}'
+        other.declare_queryable("cubepath/*/state", answer)
+        with pytest.raises(CheckError, match=r"^a run did not answer at"):
+            ask(router.endpoint, timeout_s=1)
+        plan = Plan("hex:n=3", processes=0, connect=router.endpoint)
+        with start(plan, log=tmp_path / "a.mcap") as running:
+            assert ask(router.endpoint, timeout_s=1) == running.status
+
+
+def test_a_kind_that_no_message_has_is_refused(tmp_path: Path) -> None:
+    """At once, with what was meant; those of parts are known."""
+    running = start("hex:n=3", processes=0, log=tmp_path / "a.mcap")
+    with pytest.raises(InputError, match=r"^unknown kind 'clam' \(did you mean 'claim'\?\), exp"):
+        running.tap("report", "clam")
+    with pytest.raises(InputError, match=r"^unknown kind 'summry'"):
+        running.messages("summry")
+    with pytest.raises(InputError, match=r"^kind 5: expected the name of a kind"):
+        running.tap(5)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
+    running.tap("claim", "hold", "held", "turn", "shown", "moved", "summary", "certificate")
+
+
 def test_messages_go_on_to_the_end(tmp_path: Path) -> None:
     """As an iterator: it plays the run, and the last of all is the summary."""
     with start("hex:n=3", processes=0, log=tmp_path / "a.mcap") as running:
@@ -195,8 +229,8 @@ def test_messages_go_on_to_the_end(tmp_path: Path) -> None:
 
 def test_a_tap_is_bounded() -> None:
     """What nobody takes is dropped, the oldest first, and counted."""
-    tap = Tap(("a",), most=2)
-    for number, kind in enumerate("aabaa"):
+    tap = Tap(("go",), most=2)
+    for number, kind in enumerate(("go", "go", "claim", "go", "go")):
         tap.hear(Overheard(kind, number, None, 0))
     assert [each.round for each in tap] == [3, 4]
     assert (len(tap), tap.dropped) == (0, 2)

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TypeAlias
 
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.asked import scene_and_rule
+from cubepath.agents.rules.asked import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
@@ -63,7 +64,7 @@ class FreePlayed:
 
 
 def play_free(
-    system: str | Scene = "hex",
+    system: str | Path | Scene = "hex",
     rule: str | RuleType | None = None,
     *,
     seed: int = 0,
@@ -90,6 +91,7 @@ def play_free(
     if max_cycles < 0:
         raise InputError(f"max_cycles={max_cycles}: expected 0 or more")
     scene, rule = scene_and_rule(system, rule, "free")
+    check_seeds([seed], hesitate)
     env = FreeEnv(
         scene,
         max_cycles=max_cycles,

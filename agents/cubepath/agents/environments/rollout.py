@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from cubepath.agents.arrays.warming import is_due
 from cubepath.agents.environments.environment import CubepathEnv
 from cubepath.agents.environments.world import Round
 from cubepath.agents.local.observation import Note
 from cubepath.agents.rules.actor import actors_for
-from cubepath.agents.rules.asked import scene_and_rule
+from cubepath.agents.rules.asked import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
@@ -56,7 +57,7 @@ class Played:
 
 
 def play(
-    system: str | Scene = "hex",
+    system: str | Path | Scene = "hex",
     rule: str | RuleType | None = None,
     *,
     seed: int = 0,
@@ -80,6 +81,7 @@ def play(
     """
     check_max_rounds(max_rounds)
     scene, rule = scene_and_rule(system, rule)
+    check_seeds([seed], hesitate)
     if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):
         from cubepath.agents.environments.rollouts import play_many  # noqa: PLC0415 - a circle
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from cubepath.agents.environments.array_world import ArrayRound
 from cubepath.agents.environments.made_moves import MadeMoves, MoveKeeper, made_in
 from cubepath.agents.environments.rollout import Played, check_max_rounds, play_in_python
 from cubepath.agents.environments.world import Round
-from cubepath.agents.rules.asked import scene_and_rule
+from cubepath.agents.rules.asked import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.agents.rules.vector_actors import VectorActors, vector_actors_for
 from cubepath.protocol.core.sites import Site
@@ -49,7 +50,7 @@ class PlayedMany:
 
 
 def play_many(
-    system: str | Scene,
+    system: str | Path | Scene,
     rule: str | RuleType | None,
     seeds: Sequence[int],
     *,
@@ -70,6 +71,7 @@ def play_many(
     """
     check_max_rounds(max_rounds)
     scene, rule = scene_and_rule(system, rule)
+    check_seeds(seeds, hesitate)
     scene = local_only(scene, "environment")
     if not seeds:
         return _summed((), [], keep_rounds=keep_rounds, keep_moves=keep_moves)

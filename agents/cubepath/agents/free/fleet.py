@@ -228,8 +228,7 @@ class FreeFleet:
             near = did_you_mean(name, hosts | keepers)
             known = ", ".join((*hosts, *keepers))
             raise InputError(f"{name}: cannot be started again{near}, expected one of {known}")
-        child = self._offspring.by_name.get(name)
-        if child is not None and child.poll() is None:
+        if self._offspring.lives(name):
             raise InputError(f"{name}: lives, expected a process that has died")
         if name in keepers:
             self._births_of_keepers[keepers[name]] += 1
@@ -240,11 +239,7 @@ class FreeFleet:
 
     def leave(self, process: int) -> None:
         """End a module process for good, without a crash: its modules stay where they are."""
-        name = process_name(process)
-        child = self._offspring.by_name[name]
-        child.kill()
-        child.wait()
-        self._offspring.forget(name)
+        self._offspring.kill(process_name(process))
 
     @property
     def pids(self) -> dict[str, int]:

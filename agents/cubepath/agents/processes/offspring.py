@@ -6,6 +6,8 @@ Room: agents. Their orders go over standard input, never on a command line.
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -17,6 +19,7 @@ import msgspec
 from cubepath.protocol.wire.child import TOLD
 
 _STDERR = 2
+_LOOK_S = 0.005
 
 
 class Ended(NamedTuple):
@@ -39,7 +42,10 @@ class Ended(NamedTuple):
 
 
 class Offspring:
-    """Child processes, each of which runs a module of this project."""
+    """Child processes, each of which runs a module of this project.
+
+    Each leads a process group, and all of it ends with it: a rule may have forked.
+    """
 
     def __init__(self) -> None:
         """Start with none."""
@@ -70,8 +76,18 @@ class Offspring:
         return [
             Ended(name, code, self._last_line(name))
             for name, child in self.by_name.items()
-            if (code := child.poll()) is not None
+            if (code := _code(child)) is not None
         ]
+
+    def lives(self, name: str) -> bool:
+        """Return whether there is a process of this name that has not ended."""
+        child = self.by_name.get(name)
+        return child is not None and _code(child) is None
+
+    def kill(self, name: str) -> None:
+        """Kill a process, and forget it."""
+        _kill(self.by_name[name])
+        self._drop(name)
 
     def _last_line(self, name: str) -> str:
         complaints = self._complaints[name]
@@ -87,13 +103,12 @@ class Offspring:
         deadline = time.monotonic() + patience_s
         try:
             for child in self.by_name.values():
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    child.wait(max(0.0, deadline - time.monotonic()))
+                while _code(child) is None and time.monotonic() < deadline:
+                    time.sleep(_LOOK_S)
         finally:
             for name, child in list(self.by_name.items()):
-                if child.poll() is None:
-                    child.kill()
-                    child.wait()
+                if _code(child) is None:
+                    _kill(child)
                 self._drop(name)
 
     def _drop(self, name: str) -> None:
@@ -104,3 +119,27 @@ class Offspring:
         complaints = self._complaints.pop(name, None)
         if complaints is not None:
             complaints.close()
+
+
+def _code(child: subprocess.Popen[bytes]) -> int | None:
+    """Return the exit code of a process, None if it lives; what it has forked is killed then."""
+    if child.returncode is None:
+        with contextlib.suppress(ChildProcessError):
+            if os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                return None
+            _kill_group(child)
+    return child.poll()
+
+
+def _kill(child: subprocess.Popen[bytes]) -> None:
+    if child.returncode is None:
+        _kill_group(child)
+        child.wait()
+
+
+def _kill_group(child: subprocess.Popen[bytes]) -> None:
+    """Kill a process and its group; it was not waited for, so its number is no other's."""
+    with contextlib.suppress(
+        ProcessLookupError, PermissionError
+    ):  # PermissionError: all have ended
+        os.killpg(child.pid, signal.SIGKILL)

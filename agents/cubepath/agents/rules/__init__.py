@@ -12,7 +12,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.agents.rules.actor import Actor, actors_for
-    from cubepath.agents.rules.asked import own_rule, scene_and_rule
+    from cubepath.agents.rules.asked import check_seeds, own_rule, scene_and_rule
     from cubepath.agents.rules.attempting import attempt_of
     from cubepath.agents.rules.network import (
         ACTIVATIONS,
@@ -23,7 +23,14 @@ if TYPE_CHECKING:
         read_network,
     )
     from cubepath.agents.rules.policy import policy_rule
-    from cubepath.agents.rules.registry import BUILT_IN, find_rule, rule_named, rules, unknown_rule
+    from cubepath.agents.rules.registry import (
+        BUILT_IN,
+        CLOCKS,
+        find_rule,
+        rule_named,
+        rules,
+        unknown_rule,
+    )
     from cubepath.agents.rules.rule import Choice, FreeRule, InitialKnowledge, Rule, RuleType
     from cubepath.agents.rules.rule_files import RULE_MODULE, forget_rule_files, is_in_file
     from cubepath.agents.rules.schedule import SCHEDULE, scheduled
@@ -42,11 +49,11 @@ else:
         __name__,
         {
             "actor": "Actor actors_for",
-            "asked": "own_rule scene_and_rule",
+            "asked": "check_seeds own_rule scene_and_rule",
             "attempting": "attempt_of",
             "network": ("ACTIVATIONS FORMAT Layer Network network_rule read_network"),
             "policy": "policy_rule",
-            "registry": "BUILT_IN find_rule rule_named rules unknown_rule",
+            "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "RULE_MODULE forget_rule_files is_in_file",
             "schedule": "SCHEDULE scheduled",
@@ -60,6 +67,7 @@ else:
 __all__ = [
     "ACTIVATIONS",
     "BUILT_IN",
+    "CLOCKS",
     "FORMAT",
     "HESITATE",
     "RULE",
@@ -82,6 +90,7 @@ __all__ = [
     "VectorRule",
     "actors_for",
     "attempt_of",
+    "check_seeds",
     "draw_below",
     "draw_fraction",
     "find_rule",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
 GROUP = "cubepath.rules"
-
+CLOCKS = ("lockstep", "free")
 
 BUILT_IN = {rule.name: rule for rule in (RANDOM, CHAIN, TSWAP, PIBT, WORD)}
 
@@ -90,6 +90,11 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
 
     It must hold under the clock, too.
     """
+    if clock not in CLOCKS:
+        near = did_you_mean(str(clock), CLOCKS)
+        raise InputError(f"clock={clock}{near}: expected one of {', '.join(CLOCKS)}")
+    if not isinstance(name, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"rule={name!r}: expected the name of a rule, or FILE.py:NAME")
     found = find_rule(name)
     if found is not None and clock not in found.clocks:
         fitting = ", ".join(

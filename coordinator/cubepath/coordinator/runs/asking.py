@@ -9,7 +9,8 @@ from __future__ import annotations
 import msgspec
 import zenoh
 
-from cubepath.protocol.core.errors import CheckError, CubepathError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json, to_json
 from cubepath.protocol.wire.credentials import GUEST, Credentials
@@ -100,11 +101,12 @@ def ask(
     >>> status.round, status.sites == running.sites
     (5, True)
     """
+    timeout_s = seconds("timeout_s", timeout_s)
+    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
     with open_client(endpoint, timeout_s, credentials=credentials) as session:
         replies = list(session.get(state_key(run or "*"), timeout=timeout_s))
-    found = [
-        msgspec.json.decode(each.ok.payload.to_bytes(), type=_Answer) for each in replies if each.ok
-    ]
+    found = [answer for each in replies if each.ok and (answer := _read(each.ok)) is not None]
     if not found:
         raise CheckError(f"{run or 'a run'} did not answer at {endpoint} in {timeout_s:g} s")
     if len(found) > 1:
@@ -113,3 +115,14 @@ def ask(
     (one,) = found
     sites = tuple(map(site_from_json, one.sites))
     return Status(one.round, sites, one.moves, one.cubes, one.goal_reached, None)
+
+
+def _read(sample: zenoh.Sample) -> _Answer | None:
+    """Return the answer of a run; None for what others may say at a router that is open to all."""
+    try:
+        found = msgspec.json.decode(sample.payload.to_bytes(), type=_Answer)
+        for site in found.sites:
+            site_from_json(site)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, CubepathError):
+        return None
+    return found if str(sample.key_expr) == state_key(found.run) else None

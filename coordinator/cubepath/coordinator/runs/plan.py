@@ -19,7 +19,7 @@ from cubepath.agents.free.fleet import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 from cubepath.agents.rules.asked import own_rule
-from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.registry import CLOCKS, rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.runs.schedule import (
     Assignment,
@@ -28,6 +28,7 @@ from cubepath.coordinator.runs.schedule import (
     with_end,
 )
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import real_number, whole_number
 from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.recordings.writing import TOPICS_MAX
@@ -172,6 +173,7 @@ class Task:
 
 def task_of(plan: Plan) -> Task:
     """Return the task of a plan; InputError names what cannot be run."""
+    _check_types(plan)
     if not 0.0 <= plan.hesitate < 1.0:
         raise InputError(f"hesitate={plan.hesitate}: expected at least 0 and less than 1")
     for key, number in (("seed", plan.seed), ("processes", plan.processes)):
@@ -192,6 +194,38 @@ def task_of(plan: Plan) -> Task:
     _check_speeds(plan, scene)
     most = MAX_ROUNDS if plan.max_rounds is None else plan.max_rounds
     return Task(scene, _rule_of(plan, scene), most)
+
+
+_WHOLE = ("seed", "processes", "wait_for", "keepers", "max_rounds")
+_REAL = ("hesitate", "patience", "jitter")
+_CHOICES = {"clock": CLOCKS, "log_time": ("level", "wall")}
+_TYPES: tuple[tuple[str, tuple[type, ...], str], ...] = (
+    ("system", (str, Scene), "a name, a file or a scene"),
+    ("rule", (str,), "the name of a rule, or FILE.py:NAME"),
+    ("speeds", (Mapping,), "factors by module, as in {0: 2.0}"),
+    *((key, (Path,), "a path") for key in ("log", "schedule", "secure", "resume")),
+)
+
+
+def _check_types(plan: Plan) -> None:
+    """Refuse fields of other types than a plan has."""
+    for key, kinds, expected in _TYPES:
+        value = getattr(plan, key)
+        if value is not None and not isinstance(value, kinds):
+            raise InputError(f"{key}={value!r}: expected {expected}")
+    for key in _WHOLE:
+        if getattr(plan, key) is not None:
+            whole_number(key.replace("_", "-"), getattr(plan, key))
+    for key in _REAL:
+        real_number(key, getattr(plan, key))
+    for module, factor in plan.speeds.items():
+        whole_number("speed of module", module)
+        real_number(f"speed={module}", factor)
+    for key, known in _CHOICES.items():
+        value = getattr(plan, key)
+        if value not in known:
+            name, near = key.replace("_", "-"), did_you_mean(str(value), known)
+            raise InputError(f"{name}={value}{near}: expected one of {', '.join(known)}")
 
 
 def _check_lockstep(plan: Plan) -> None:

@@ -29,6 +29,7 @@ from cubepath.coordinator.runs.standing import Driver, Standing
 from cubepath.coordinator.runs.tap import Overheard, Tap
 from cubepath.coordinator.runs.turns import Turns
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.given import function, seconds, whole_number
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
@@ -203,6 +204,7 @@ class Running(Standing):
 
         Without rounds, TimeoutError if they do not come in time.
         """
+        count, timeout_s = whole_number("step", count, 0), seconds("timeout_s", timeout_s)
         with self._turns.hold():
             if not self.plan.is_free:
                 for _ in range(count):
@@ -220,6 +222,8 @@ class Running(Standing):
         Without rounds it is looked at after each message. CheckError if the run ends before it
         holds, TimeoutError if it takes longer than `timeout_s`.
         """
+        function("until", what)
+        timeout_s = seconds("timeout_s", timeout_s)
         with self._turns.hold():
             end = time.monotonic() + timeout_s
             while not what(self):
@@ -252,8 +256,15 @@ class Running(Standing):
         return self.outcome
 
     def messages(self, *kinds: str) -> Iterator[Overheard]:
-        """Go on to the end of the run, and yield each message, or each of these kinds."""
-        tap = self.tap(*kinds)
+        """Go on to the end of the run, and yield each message, or each of these kinds.
+
+        Who breaks out of the loop leaves the run where it is: `step` and its like go on from there.
+        InputError if there is no such kind.
+        """
+        return self._messages(Tap(kinds))
+
+    def _messages(self, tap: Tap) -> Iterator[Overheard]:
+        self.listen(tap.hear)
         try:
             while self.goes_on:
                 yield from tap
@@ -267,7 +278,9 @@ class Running(Standing):
     def tap(self, *kinds: str) -> Tap:
         """Return what is heard from now on, in order; with kinds, what is of these kinds alone.
 
-        What modules say to each other in one message, claims for instance, comes part by part.
+        What modules say to each other in one message, claims for instance, comes part by part. A
+        tap holds a million messages at most, then the oldest are dropped, and counted. InputError
+        if there is no such kind.
         """
         tap = Tap(kinds)
         self.listen(tap.hear)

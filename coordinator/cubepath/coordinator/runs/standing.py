@@ -19,6 +19,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.writing import RecordingWriter
@@ -174,6 +175,9 @@ class Standing:
         pids = self.pids
         if process not in pids:
             raise InputError(f"{process}: expected one of {', '.join(pids)}")
+        number = whole_number("signal", number)
+        if number not in signal.valid_signals():
+            raise InputError(f"signal={number}: expected the number of a signal, as signal.SIGSTOP")
         os.kill(pids[process], number)
 
     def restart(self, process: str) -> None:

@@ -7,9 +7,15 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from typing import Any
+from functools import cache
+from typing import Any, get_args, get_type_hints
 
 import msgspec
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.wire.free_messages import FREE_KINDS
+from cubepath.protocol.wire.messages import KINDS
 
 TAP_MAX = 1_000_000
 """So many messages wait in a tap at most; then the oldest are dropped, and counted."""
@@ -24,6 +30,29 @@ class Overheard(msgspec.Struct, frozen=True):
     message: Any
     """The message as `cubepath.protocol` has it: a `Claim`, a `Report`, a `Moved` ..."""
     wall_ns: int
+
+
+@cache
+def kinds_heard() -> tuple[str, ...]:
+    """Return the kinds of all messages of runs, and of their parts, in alphabetical order."""
+    found = {**KINDS, **FREE_KINDS}
+    parts = [get_args(get_type_hints(each).get("parts", list[None]))[0] for each in found.values()]
+    of_parts = {
+        str(part.__struct_config__.tag)
+        for each in parts
+        for part in get_args(each) or (each,)
+        if isinstance(part, type) and issubclass(part, msgspec.Struct)
+    }
+    return tuple(sorted({*found, *of_parts}))
+
+
+def _check_kind(kind: object) -> None:
+    known = kinds_heard()
+    if not isinstance(kind, str):
+        raise InputError(f"kind {kind!r}: expected the name of a kind, such as 'claim'")
+    if kind not in known:
+        near = did_you_mean(kind, known)
+        raise InputError(f"unknown kind {kind!r}{near}, expected one of {', '.join(known)}")
 
 
 class Tap:
@@ -45,7 +74,9 @@ class Tap:
     """
 
     def __init__(self, kinds: tuple[str, ...] = (), most: int = TAP_MAX) -> None:
-        """Hold nothing yet."""
+        """Hold nothing yet; InputError if there is no such kind."""
+        for kind in kinds:
+            _check_kind(kind)
         self.dropped = 0
         """How many were dropped because nobody took them."""
         self._kinds = frozenset(kinds)

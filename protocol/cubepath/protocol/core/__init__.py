@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         InputError,
         RuleError,
     )
+    from cubepath.protocol.core.given import function, real_number, seconds, whole_number
     from cubepath.protocol.core.input_files import (
         BYTE_ORDER_MARK,
         STANDARD_INPUT,
@@ -107,6 +108,7 @@ else:
             ),
             "control_characters": "visible",
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
+            "given": "function real_number seconds whole_number",
             "input_files": (
                 "BYTE_ORDER_MARK InputFile STANDARD_INPUT Source check_not_empty opened read_text"
                 " readable"
@@ -186,6 +188,7 @@ __all__ = [
     "commute",
     "did_you_mean",
     "end_at",
+    "function",
     "given_values",
     "in_order",
     "is_special",
@@ -196,15 +199,18 @@ __all__ = [
     "parsed_toml",
     "read_text",
     "readable",
+    "real_number",
     "region_of",
     "same_file",
     "schema_with_definitions",
+    "seconds",
     "site_from_json",
     "site_text",
     "sites_from_json",
     "to_json",
     "unwritable",
     "visible",
+    "whole_number",
     "why_inadmissible",
     "written_whole",
 ]

@@ -30,6 +30,8 @@ def _end_with_parent(endpoint: str) -> None:
     while os.read(0, 1):
         pass
     discard(endpoint)  # the router may have been killed too
+    if os.getpgrp() == os.getpid():  # with what a rule has forked
+        os.killpg(0, signal.SIGKILL)
     os._exit(_ORPHAN)
 
 

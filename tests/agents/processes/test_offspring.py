@@ -1,0 +1,107 @@
+"""Child processes end with all that they have started."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cubepath.coordinator.runs.launch import start
+from elsewhere import soon
+from living import is_there
+
+pytestmark = pytest.mark.slow
+
+FORKS = """
+import os
+from pathlib import Path
+from cubepath.agents import FreeRule, RuleType
+
+
+def make(knowledge):
+    def choose(view):
+        file = Path(__file__).with_name(str(knowledge.module))
+        if not file.exists():
+            file.touch()
+            if not os.fork():
+                return 0
+            with Path(__file__).with_name("pids").open("a") as pids:
+                pids.write(f"{os.getpid()}\\n")
+        return int(view.mask.nonzero()[0][-1])
+
+    return choose
+
+
+RULE = RuleType("forks", "stays", "a test", lambda system: True, make, free=FreeRule("a test"))
+"""
+LOCKSTEP: dict[str, Any] = {"clock": "lockstep"}
+FREE: dict[str, Any] = {"clock": "free", "keepers": 1}
+
+
+def group(leader: int) -> list[int]:
+    """Return the processes of a group that have not ended."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                same = os.getpgid(int(folder.name)) == leader
+            except ProcessLookupError:
+                continue
+            if same and is_there(int(folder.name)):
+                found.append(int(folder.name))
+    return found
+
+
+@pytest.mark.parametrize("options", [LOCKSTEP, FREE], ids=["lockstep", "free"])
+@pytest.mark.parametrize("end", ["told", "killed"])
+def test_what_a_rule_forks_ends_with_the_run(
+    end: str, options: dict[str, Any], tmp_path: Path
+) -> None:
+    """Whether processes end as they are told to, or one of them is killed before."""
+    file = tmp_path / "f.py"
+    file.write_text(FORKS)
+    with start("hex:n=4", f"{file}:RULE", processes=2, **options, log=tmp_path / "a") as run:
+        pids = [pid for name, pid in run.pids.items() if name.startswith("process_")]
+        run.until(lambda _: (tmp_path / "pids").exists() and run.gathered.moves)
+        assert sum(len(group(pid)) for pid in pids) > len(pids)
+        if end == "killed":
+            run.signal("process_0", signal.SIGKILL)
+            assert run.play().ended == "failed"
+    soon(lambda: not any(map(group, pids)), "the end of what was forked")
+
+
+def test_what_a_rule_forks_ends_when_the_run_is_killed(tmp_path: Path) -> None:
+    """Its processes end by themselves then, and take it with them."""
+    file = tmp_path / "f.py"
+    file.write_text(FORKS)
+    command = [
+        sys.executable,
+        "-m",
+        "cubepath.coordinator",
+        "run",
+        "hex:n=4",
+        f"--rule={file}:RULE",
+    ]
+    begun = subprocess.Popen(
+        [
+            *command,
+            f"--rule={file}:RULE",
+            "--processes=1",
+            "--max-rounds=999999",
+            f"--log={tmp_path / 'a.mcap'}",
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        process_group=0,
+    )
+    pids = tmp_path / "pids"
+    soon(lambda: pids.exists() and len(pids.read_text().split()) == 4, "forks")
+    begun.kill()
+    begun.wait()
+    soon(lambda: not group(int(pids.read_text().split()[0])), "the end of what was forked")

@@ -1,0 +1,101 @@
+"""What is given of a wrong type, or out of range, is refused in one line before anything starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from cubepath.agents.environments.free_rollout import play_free
+from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.rollouts import play_many
+from cubepath.coordinator.runs.asking import ask
+from cubepath.coordinator.runs.launch import run, start
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_to_toml
+
+WRONG: list[tuple[dict[str, Any], str]] = [
+    ({"processes": "three"}, "processes='three': expected a whole number"),
+    ({"processes": 2.5}, "processes=2.5: expected a whole number"),
+    ({"seed": "a"}, "seed='a': expected a whole number"),
+    ({"seed": 1.5}, "seed=1.5: expected a whole number"),
+    ({"seed": True}, "seed=True: expected a whole number"),
+    ({"max_rounds": "9"}, "max-rounds='9': expected a whole number"),
+    ({"hesitate": "x"}, "hesitate='x': expected a number"),
+    ({"patience": None}, "patience=None: expected a number"),
+    ({"what": 5}, "system=5: expected a name, a file or a scene"),
+    ({"what": ["hex"]}, "system=['hex']: expected a name, a file or a scene"),
+    ({"rule": 5}, "rule=5: expected the name of a rule, or FILE.py:NAME"),
+    ({"clock": "fre"}, "clock=fre (did you mean 'free'?): expected one of lockstep, free"),
+    ({"log_time": "levl"}, "log-time=levl (did you mean 'level'?): expected one of level, wall"),
+    ({"log": 5}, "log=5: expected a path"),
+    ({"speeds": 5, "clock": "free"}, "speeds=5: expected factors by module, as in {0: 2.0}"),
+    ({"speeds": {0: "x"}, "clock": "free"}, "speed=0='x': expected a number"),
+]
+
+
+@pytest.mark.parametrize(("given", "told"), WRONG, ids=[told for _, told in WRONG])
+def test_a_run_of_wrong_types_is_refused(given: dict[str, Any], told: str, tmp_path: Path) -> None:
+    """By `start` as by `run`; nothing is written."""
+    given = {"what": "hex:n=4", "log": tmp_path / "a.mcap", **given}
+    begins: tuple[Callable[..., object], ...] = (run, start)
+    for begin in begins:
+        with pytest.raises(InputError) as error:
+            begin(**given)
+        assert str(error.value) == told
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_run_is_asked_for_is_checked(tmp_path: Path) -> None:
+    """How far it is to go, until when, and by which signal."""
+    with start("hex:n=3", processes=0, log=tmp_path / "a.mcap") as running:
+        asked: Any = running
+        acts: list[tuple[Callable[[], object], str]] = [
+            (lambda: asked.step("x"), "step='x': expected 0 or more"),
+            (lambda: asked.step(1.5), "step=1.5: expected 0 or more"),
+            (lambda: asked.step(-1), "step=-1: expected 0 or more"),
+            (lambda: asked.step(timeout_s=-1), "timeout_s=-1: expected 0 or more seconds"),
+            (lambda: asked.until(5), "until=5: expected a function"),
+            (lambda: asked.until(bool, timeout_s="x"), "timeout_s='x': expected a number"),
+            (lambda: asked.signal("router", 999), "signal=999: expected the number of a signal"),
+            (lambda: asked.signal("router", "x"), "signal='x': expected a whole number"),
+        ]
+        for act, told in acts:
+            with pytest.raises(InputError) as error:
+                act()
+            assert str(error.value).startswith(told)
+        assert running.round == 0
+    nowhere: Any = None
+    with pytest.raises(InputError, match=r"^endpoint=None: expected where"):
+        ask(nowhere)
+
+
+def test_what_is_played_is_checked_as_what_is_run(tmp_path: Path) -> None:
+    """A path is a system; seeds and doubts have the types and ranges of a run."""
+    plays: tuple[Callable[..., Any], ...] = (play, play_free)
+    file = tmp_path / "four.toml"
+    file.write_text(scene_to_toml(scene_from_spec("hex:n=4")))
+    for each in plays:
+        assert each(file, seed=1).path == each("hex:n=4", seed=1).path
+        for given, told in (
+            ({"seed": -1}, "seed=-1: expected 0 or more"),
+            ({"seed": "a"}, "seed='a': expected 0 or more"),
+            ({"hesitate": 7}, "hesitate=7: expected at least 0 and less than 1"),
+            ({"hesitate": "x"}, "hesitate='x': expected a number"),
+            ({"system": 5}, "system=5: expected a name, a file or a scene"),
+            ({"rule": 5}, "rule=5: expected the name of a rule, or FILE.py:NAME"),
+        ):
+            whole: dict[str, Any] = {"system": "hex:n=4", **given}
+            with pytest.raises(InputError) as error:
+                each(**whole)
+            assert str(error.value) == told
+    many: Any = play_many
+    for seeds, told in (([-1], "seed=-1: exp"), ([0, "b"], "seed='b': exp"), ("ab", "seed='a': ")):
+        with pytest.raises(InputError) as error:
+            many("hex:n=4", "chain", seeds)
+        assert str(error.value).startswith(told)
+    with pytest.raises(InputError, match=r"^seeds=5: expected several seeds$"):
+        many("hex:n=4", "chain", 5)
