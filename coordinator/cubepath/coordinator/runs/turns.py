@@ -83,10 +83,13 @@ class Turns:
             raise Interrupted
 
     def call(self, listener: Callable[[], object]) -> None:
-        """Call a listener; the first that one raises is remembered, but for an interrupt."""
+        """Call a listener; what the first one raises is remembered.
+
+        Interrupts, and that there is no memory left, end the run as they would anywhere in it.
+        """
         try:
             listener()
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, MemoryError):
             raise
         except BaseException as raised:  # noqa: BLE001 - told after the round, `pytest.fail` as well
             self._raised = self._raised or raised
