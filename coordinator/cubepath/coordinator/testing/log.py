@@ -270,7 +270,7 @@ class Log:
         AssertionError tells the first difference, with the first round that has other moves.
         """
         __tracebackhide__ = True
-        if not isinstance(other, Log):
+        if not isinstance(other, Log):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"{other!r}: expected another Log")
         one, two = self.gathered, other.gathered
         starts = one.scene.start_state, two.scene.start_state
@@ -394,7 +394,7 @@ def pattern_of(what: What = "", **pattern: Any) -> Pattern:
         check_name("", key, Pattern.__slots__)
     if isinstance(what, Pattern):
         return replace(what, **pattern)
-    if not isinstance(what, str):
+    if not isinstance(what, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"{what!r}: expected a kind of message, or a Pattern")
     if what and "kind" in pattern:
         raise InputError(f"kind={pattern['kind']}: expected one kind, found {what} beside it")

@@ -56,7 +56,8 @@ class Pattern:
         if self.module is not None:
             check_whole("module", self.module)
         for name, who in (("sender", self.sender), ("to", self.to)):
-            if not (who is None or (isinstance(who, str) and who)):
+            said: object = who
+            if said is not None and not (isinstance(said, str) and said):
                 raise InputError(f"{name}={who!r}: expected a name, as process_0")
         if not (self.where is None or callable(self.where)):
             raise InputError(f"where={self.where!r}: expected a function of a message")

@@ -148,7 +148,7 @@ def fault(kind: str, where: str, nth: int = 0, seconds: float = 0.0) -> Fault:
         check_name("fault ", kind, FREE_KINDS)
     check_whole("nth", nth)
     check_seconds("seconds", seconds)
-    if not isinstance(where, str):
+    if not isinstance(where, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"fault {kind} at {where}: expected a name, as process_0")
     return Fault(where, nth, kind, round(seconds * SECOND_US))
 

@@ -52,7 +52,8 @@ class Wire:
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Put links before all processes, none, or those of these names; InputError for others."""
-        if not isinstance(links, bool | Collection) or isinstance(links, str):
+        given: object = links
+        if not isinstance(given, bool | Collection) or isinstance(given, str):
             raise InputError(f"links={links!r}: expected True, False, or a list of processes")
         self._wanted = links
         self.links: dict[str, Link] = {}

@@ -194,12 +194,12 @@ class Wounds(Wire):
         return self._do(at, act)
 
     def _do(self, at: When, act: Callable[[], None]) -> Planned:
-        if at is None and callable(act):
+        if not callable(act):
+            raise InputError(f"{act!r}: expected a function")
+        if at is None:
             now = Planned(lambda _: False, act)
             now.do()
             return now
-        if not callable(act):
-            raise InputError(f"{act!r}: expected a function")
         if isinstance(at, int):
             check_whole("at", at)
             return self._plan(lambda seen: (seen.round or 0) >= at, act)
