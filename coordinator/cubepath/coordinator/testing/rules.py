@@ -56,8 +56,8 @@ class Pattern:
         if self.module is not None:
             check_whole("module", self.module)
         for name, who in (("sender", self.sender), ("to", self.to)):
-            said: object = who
-            if said is not None and not (isinstance(said, str) and said):
+            sound = who is None or isinstance(who, str)  # pyright: ignore[reportUnnecessaryIsInstance]
+            if not sound or who == "":
                 raise InputError(f"{name}={who!r}: expected a name, as process_0")
         if not (self.where is None or callable(self.where)):
             raise InputError(f"where={self.where!r}: expected a function of a message")

@@ -52,8 +52,8 @@ class Wire:
 
     def __init__(self, *, links: bool | Collection[str]) -> None:
         """Put links before all processes, none, or those of these names; InputError for others."""
-        given: object = links
-        if not isinstance(given, bool | Collection) or isinstance(given, str):
+        ill = not isinstance(links, bool | Collection)  # pyright: ignore[reportUnnecessaryIsInstance]
+        if ill or isinstance(links, str):
             raise InputError(f"links={links!r}: expected True, False, or a list of processes")
         self._wanted = links
         self.links: dict[str, Link] = {}
