@@ -206,7 +206,8 @@ def _known_of(scene: Scene) -> tuple[int | None, int | None]:
     """Return the best known and the proved number of cubes, by whatever name a scene goes."""
     hashed = scene_hash(scene)
     for each in standard():
-        if each.system.partition(":")[0] == scene.family and hashed == _hash_of(each.system):
+        family, _, _ = each.system.partition(":")
+        if family == scene.family and hashed == _hash_of(each.system):
             return each.best, each.bound
     return None, None
 

@@ -155,6 +155,7 @@ class Running(Standing):
                     self._turns.tell()
             with self._whole():
                 self._conclude()
+            self._abandon()
             self._turns.tell()
         return self.outcome
 

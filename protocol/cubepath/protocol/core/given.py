@@ -5,7 +5,7 @@ Room: protocol.
 
 from __future__ import annotations
 
-from typing import SupportsIndex, cast
+from typing import SupportsFloat, SupportsIndex
 
 from cubepath.protocol.core.errors import InputError
 
@@ -13,9 +13,9 @@ from cubepath.protocol.core.errors import InputError
 def whole_number(name: str, found: object, least: int | None = None) -> int:
     """Return a whole number; InputError if it is none, or less than `least`."""
     expected = "a whole number" if least is None else f"{least} or more"
-    if isinstance(found, bool) or not hasattr(found, "__index__"):
+    if isinstance(found, bool) or not isinstance(found, SupportsIndex):
         raise InputError(f"{name}={found!r}: expected {expected}")
-    number = int(cast("SupportsIndex", found).__index__())
+    number = found.__index__()
     if least is not None and number < least:
         raise InputError(f"{name}={number}: expected {expected}")
     return number
@@ -23,9 +23,9 @@ def whole_number(name: str, found: object, least: int | None = None) -> int:
 
 def real_number(name: str, found: object) -> float:
     """Return a number, which may be infinite or none; InputError if it is of another type."""
-    if isinstance(found, bool) or not hasattr(found, "__float__"):
+    if isinstance(found, bool) or not isinstance(found, SupportsFloat):
         raise InputError(f"{name}={found!r}: expected a number")
-    return float(cast("float", found))
+    return float(found)
 
 
 def seconds(name: str, found: object) -> float:
