@@ -44,7 +44,7 @@ def test_the_example_holds() -> None:
     """Of the docstring, which `tests/test_examples.py` leaves out."""
     name = sb3_env.__module__
     known = {"sb3_env": sb3_env, "sb3_rule": sb3_rule}
-    assert doctest.testmod(importlib.import_module(name), extraglobs=known) == (0, 3)
+    assert doctest.testmod(importlib.import_module(name), extraglobs=known) == (0, 4)
 
 
 def legal(masks: Any, random: np.random.Generator) -> Any:
