@@ -125,7 +125,7 @@ def test_seeds_come_to_the_tests(tmp_path: Path) -> None:
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-seeds=x")
     assert "cubepath-seeds=x: expected a number, or as 3..9, or as 1,4,7" in wrong.stderr
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-timeout=never")
-    assert "cubepath-timeout=never: expected seconds, less than 3600" in wrong.stderr
+    assert "cubepath-timeout=never: expected seconds, above 0, less than 3600" in wrong.stderr
 
 
 @pytest.mark.parametrize(

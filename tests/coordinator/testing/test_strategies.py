@@ -54,24 +54,28 @@ def test_what_is_drawn_can_come_to_pass(clock: Any, data: st.DataObject) -> None
     assert sum(fault.amount_us for fault in found if clock == "lockstep") < 30_000_000
 
 
+SOME = ["delay", "loss", "duplicate"]
+"""Of all kinds one run in a hundred has a fault that a bug shows by; of these, far more have."""
+
+
 @pytest.mark.parametrize(
     ("bug", "kinds"),
     [
         pytest.param(Raises, ["loss"], marks=pytest.mark.thorough),
-        pytest.param(Raises, None, marks=pytest.mark.thorough),
-        pytest.param(ForgetsCounts, None, marks=pytest.mark.thorough),
+        pytest.param(Raises, SOME, marks=pytest.mark.thorough),
+        pytest.param(ForgetsCounts, SOME, marks=pytest.mark.thorough),
     ],
 )
-def test_a_failing_run_shrinks_to_one_fault(bug: Any, kinds: list[str] | None) -> None:
+def test_a_failing_run_shrinks_to_one_fault(bug: Any, kinds: list[str]) -> None:
     """Early, and in a small run: what hypothesis shows is what one would write by hand."""
 
     def fails(trial: Trial) -> bool:
         return trial.play(bug).run.failure is not None
 
     found = find(
-        scenarios("agv:graph=C6,n=2", kinds=kinds, most=3 if kinds else 8),
+        scenarios("agv:graph=C6,n=2", kinds=kinds, most=3 * len(kinds)),
         fails,
-        settings=settings(max_examples=300, database=None),
+        settings=settings(max_examples=2000, database=None),
     )
     assert len(found.faults) <= 1
     assert found.scenario.seed == 0
