@@ -132,7 +132,7 @@ sys.exit(main(sys.argv[1:]))
             check=False,
             cwd=tmp_path,
         )
-        assert (done.returncode, done.stdout.count("\n")) == (1, 1)
+        assert (done.returncode, done.stdout.count("\n")) == (1, 1), done.stdout
         assert done.stderr == f"cubepath: out of memory: expected more of it, or {helps}\n"
         assert [path.name for path in tmp_path.iterdir()] == ["large.mcap"]
 
