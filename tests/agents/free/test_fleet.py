@@ -1,7 +1,6 @@
 """Keepers and modules in real processes, killed, stopped and cut off: nothing is lost."""
 
 import time
-from functools import partial
 from typing import Any
 
 import pytest
@@ -19,7 +18,6 @@ from watched_fleets import PATIENCE_S, Watch, listened, watched
 pytestmark = pytest.mark.slow
 
 CHAIN = "hex:n=7"
-LONG = partial(pytest.param, marks=pytest.mark.thorough)
 FREE: dict[str, Any] = {"clock": "free", "processes": 2, "keepers": 2}
 
 
@@ -64,7 +62,7 @@ def test_a_coordinator_that_comes_late_finds_everything() -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["process_0", LONG("keeper_0"), LONG("keeper_1"), LONG("router")])
+@pytest.mark.parametrize("name", ["process_0", "keeper_1", "router"])
 def test_a_process_that_is_killed_and_started_again_takes_its_place(
     name: str, cubepath_run: StartRun
 ) -> None:
@@ -75,7 +73,8 @@ def test_a_process_that_is_killed_and_started_again_takes_its_place(
     assert [(each.name, each.restarted) for each in run.outcome.crashes] == [(name, True)]
 
 
-@pytest.mark.parametrize("name", [LONG("process_0"), LONG("keeper_0"), LONG("router")])
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", ["process_0", "router"])
 def test_a_process_that_is_stopped_for_a_while_goes_on(name: str, cubepath_run: StartRun) -> None:
     run = cubepath_run(CHAIN, **FREE)
     run.until_moves(3)
@@ -129,8 +128,7 @@ def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> N
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", ["process_0", LONG("keeper_1")])
-@pytest.mark.parametrize("keep", [True, LONG(False)])
+@pytest.mark.parametrize(("name", "keep"), [("process_0", True), ("keeper_1", False)])
 def test_who_is_cut_off_for_a_while_goes_on_where_it_was(
     name: str, keep: bool, cubepath_run: StartRun
 ) -> None:

@@ -136,7 +136,7 @@ def test_two_processes_bear_any_one_fault(fault: Fault) -> None:
 @pytest.mark.slow
 @THOROUGH
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", ["star", "row", "notes", "arm"])
+@pytest.mark.parametrize("name", ["star", "row", "notes"])
 def test_two_processes_bear_any_fault_in_every_run(name: str) -> None:
     """Two rounds, with moves from region to region, notes, and moves that take others along."""
     explored(replace(RUNS[name], processes=2), *FAULTS)

@@ -34,7 +34,7 @@ def test_every_chain_reaches_its_goal(scene: Scene, pace: Pace) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-@settings(deadline=None, max_examples=70, derandomize=True)
+@settings(deadline=None, max_examples=40, derandomize=True)
 @given(chains(), paces())
 def test_very_many_chains_reach_their_goals(scene: Scene, pace: Pace) -> None:
     """The same, on many more."""

@@ -88,7 +88,7 @@ def test_each_gets_to_its_goal_where_no_vertex_cuts(scene: Scene, pace: Pace) ->
 
 @pytest.mark.slow
 @pytest.mark.thorough
-@settings(deadline=None, max_examples=250, derandomize=True)
+@settings(deadline=None, max_examples=120, derandomize=True)
 @given(without_cut_vertices(), paces())
 def test_each_gets_to_its_goal_in_many_more_instances(scene: Scene, pace: Pace) -> None:
     """The same, on many more."""

@@ -113,7 +113,7 @@ def test_every_connected_instance_is_reached(scene: Scene, pace: Pace) -> None:
 
 @pytest.mark.slow
 @pytest.mark.thorough
-@settings(deadline=None, max_examples=700, derandomize=True)
+@settings(deadline=None, max_examples=350, derandomize=True)
 @given(crowded(), paces())
 def test_very_many_connected_instances_are_reached(scene: Scene, pace: Pace) -> None:
     """The same, on many more."""

@@ -196,10 +196,10 @@ def test_some_seeds_with_liars_hold() -> None:
 
 
 @pytest.mark.thorough
-def test_three_hundred_seeds_with_liars_hold() -> None:
+def test_a_hundred_and_fifty_seeds_with_liars_hold() -> None:
     """As above; each kind of lie is told."""
     told: Counter[str] = Counter()
-    for seed in range(2000, 2300):
+    for seed in range(2000, 2150):
         found = Lockstep(LYING).run_of(seed)
         assert found.failure is None, (seed, found.failure)
         told.update(fault.kind for fault in found.fired if fault.kind in LIES)

@@ -212,11 +212,11 @@ ENDINGS = [
     pytest.param("os._exit(3)", (), 0, id="exit", marks=THOROUGH),
     pytest.param("pytest.exit('no more')", (), 0, id="pytest.exit", marks=THOROUGH),
     pytest.param(
-        "time.sleep(100)", ("--timeout=45", "--timeout-method=signal"), 0, id="timeout",
+        "time.sleep(100)", ("--timeout=30", "--timeout-method=signal"), 0, id="timeout",
         marks=THOROUGH,
     ),
     pytest.param(
-        "time.sleep(100)", ("--timeout=45", "--timeout-method=thread"), 0, id="timeout thread",
+        "time.sleep(100)", ("--timeout=30", "--timeout-method=thread"), 0, id="timeout thread",
         marks=THOROUGH,
     ),
     pytest.param(
