@@ -122,6 +122,7 @@ def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -
             Rule(action="delay", pattern=Pattern(round=1), seconds=0.2, overtaken=True),
             [0, 2, 3, 4, 5, 1],
         ),
+        (Rule(action="hold", pattern=Pattern(round=1), seconds=0.2), [0, 2, 3, 4, 5, 1]),
         (Rule(action="reorder", pattern=Pattern(round=1), by=2), [0, 2, 3, 1, 4, 5]),
         (Rule(action="reorder", pattern=Pattern(round=5)), [0, 1, 2, 3, 4, 5]),
         (Rule(action="double", pattern=Pattern(round=4), seconds=0.2), [0, 1, 2, 3, 4, 5, 4]),

@@ -51,6 +51,7 @@ WOUNDS: list[Any] = [
     pytest.param(lambda rig: rig.drop(probability=0.01, seed=5), id="by chance", marks=LONG),
     pytest.param(lambda rig: rig.delay(0.02, sender="process_0", times=20), id="late", marks=LONG),
     pytest.param(lambda rig: rig.reorder("said", by=3), id="overtaken", marks=LONG),
+    pytest.param(lambda rig: rig.hold("said", round=3, seconds=0.3), id="held back", marks=LONG),
     pytest.param(lambda rig: rig.pause(0, at="claim", seconds=0.3), id="paused"),
     pytest.param(
         lambda rig: rig.cut_off("process_1", at=3, seconds=0.3, keep=True),
@@ -240,6 +241,9 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
         (lambda: rig.drop("claim", times="x"), "times='x': expected a whole number"),
         (lambda: rig.drop("claim", where=5), "where=5: expected a function of a message"),
         (lambda: rig.drop(process=1), "process: expected one of kind, round, "),
+        (lambda: rig.drop("said", seconds=3), "seconds: expected one of kind, round, .*, seed"),
+        (lambda: rig.hold("said", by=2), "by: expected one of kind, round, .*, seed, seconds"),
+        (lambda: rig.hold("said", seconds=0), "seconds=0: expected more than 0, or rule.release"),
         (lambda: rig.kill(9), "module_9: expected module_0 to module_4"),
         (lambda: cubepath_run(SYSTEM, commands="x"), "commands=x: expected a list, or names"),
     ]

@@ -136,6 +136,7 @@ class Lane:
             return None  # whoever heals it, wakes it
         due = [until for _, until, _ in self._behind]
         due += [each[0][0] for each in (self._line, self._late) if each]
+        due += [rule.until for rule, _ in self._held.values() if rule.until is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _sort(self, item: _Item) -> None:
@@ -188,6 +189,8 @@ class Lane:
         while self._waits and not self.cut:
             yield self._waits.popleft()
         for key, (rule, held) in list(self._held.items()):
+            if rule.until is not None and rule.until <= now:
+                rule.stop()
             if not rule.on:
                 del self._held[key]
                 yield from held

@@ -106,8 +106,9 @@ class Rule:
     """What happens to the messages that a pattern means; made by `drop`, `delay` and their kin.
 
     It passes over the first `after` of them, then meets `times` of them at most, each with a
-    `probability`. `seconds` are by how much a message is late, or its second copy; `by` is how many
-    later ones overtake it.
+    `probability`. `seconds` are by how much a message is late, or its second copy; a rule that
+    holds messages back stops so long after the first of them, with 0 never. `by` is how many later
+    ones overtake a message.
     """
 
     action: Action
@@ -128,6 +129,7 @@ class Rule:
     """The last of these."""
     on: bool = True
     _meant: int = field(default=0, init=False)
+    _until: float | None = field(default=None, init=False)
     _copies: Counter[bytes] = field(init=False, default_factory=Counter)
     _changed: threading.Condition = field(init=False, default_factory=threading.Condition)
     _wake: list[Callable[[], None]] = field(init=False, default_factory=list)
@@ -156,6 +158,8 @@ class Rule:
                 return False
             self.count += 1
             self.met.append(seen)
+            if self.action == "hold" and self.seconds and self._until is None:
+                self._until = time.monotonic() + self.seconds
             self._changed.notify_all()
         return True
 
@@ -176,6 +180,11 @@ class Rule:
             wake()
 
     release = stop
+
+    @property
+    def until(self) -> float | None:
+        """Return when it stops by itself, in monotonic seconds; None if it does not."""
+        return self._until if self.on else None
 
     def on_stop(self, wake: Callable[[], None]) -> None:
         """Have this called when the rule stops; for links."""
