@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import sys
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from cubepath.coordinator.testing.fixtures import StartRun
 from cubepath.coordinator.testing.rig import Rig
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import Seen
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 
 pytestmark = pytest.mark.slow
 SYSTEM = "hex:n=5"
@@ -272,6 +273,20 @@ def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str)
     with pytest.raises(InputError, match=r"^links='process_1': expected True, False, or a list"):
         cubepath_run(SYSTEM, links="process_1")
     assert reached(rig) == digest
+
+
+def test_links_and_commands_take_files_too() -> None:
+    """Where a run alone may begin, it may not with them; one line says so, and nothing is begun."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    taken = len(list(Path("/dev/fd").iterdir()))
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (taken + 37, hard))
+        Rig(SYSTEM, links=False)
+        for more in ({"links": True}, {"links": ["process_0"]}, {"commands": ["true"]}):
+            with pytest.raises(CubepathError, match=r"^too few open files are allowed: \d+, exp"):
+                Rig(SYSTEM, **{"links": False, **more})  # type: ignore[arg-type]
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_a_rule_that_raises_fails_the_test(tmp_path: Path) -> None:

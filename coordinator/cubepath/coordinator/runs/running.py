@@ -78,6 +78,7 @@ class Running(Standing):
             plan, task, self._before = resumed(plan, plan.resume)
         _check(plan, task)
         super().__init__(plan, task.scene)
+        self.check_files()
         self.endpoint = ""
         """Where whoever may join can listen: ``cubepath.protocol.open_client(endpoint)``."""
         self.run = ""
@@ -197,6 +198,17 @@ class Running(Standing):
             return ending
 
         self._attempt(begin)
+
+    def check_files(self, more: int = 0) -> None:
+        """Check that this process may open as many files as the run takes, and so many more.
+
+        CubepathError says how many it takes.
+        """
+        plan = self.plan
+        own = min(plan.processes, len(self.scene.start))
+        keepers = plan.keepers if plan.is_free else 0
+        # Who waits for others has a session more, for that.
+        check_descriptors(own + keepers + bool(plan.wait_for), files=1 + more)
 
     # How it goes on.
 
@@ -432,12 +444,8 @@ class Running(Standing):
 def _check(plan: Plan, task: Task) -> None:
     """Refuse what the network, the recording or the system cannot carry."""
     modules = len(task.scene.start)
-    own = min(plan.processes, modules)
-    plan.network.check(modules, own)
+    plan.network.check(modules, min(plan.processes, modules))
     check_topics(task, plan)
-    # Who waits for others has a session more, for that.
-    keepers = plan.keepers if plan.is_free else 0
-    check_descriptors(own + keepers + bool(plan.wait_for), files=1)
 
 
 def _stands(status: Status) -> str:

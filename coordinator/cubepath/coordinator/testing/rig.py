@@ -39,6 +39,9 @@ HEARD_MAX = 5000
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
 _MENDED = "and was started again"
+_FOR_A_LINK = 5
+_FOR_A_COMMAND = 5
+"""So many descriptors are open for each at one time, at most."""
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
@@ -64,7 +67,7 @@ class Rig(Wounds):
 
         What is awaited comes within `timeout_s`, unless told otherwise, and so do the commands: a
         CheckError tells who did not join, or ended before, and what it said. InputError for what
-        cannot be run.
+        cannot be run, CubepathError if too few files may be open for all of it.
         """
         super().__init__(links=links)
         self._joiners = Joiners(commands, env, timeout_s)
@@ -82,6 +85,7 @@ class Rig(Wounds):
         self.timeout_s = timeout_s
         self.run = start(system, rule, say=self._say, way=self.way, **options)
         self.run.check = self._joiners.check
+        self.run.check_files(self._files)
         self.said: list[str] = []
         """What the run said in lines: where it listens, who is waited for, who died."""
         self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
@@ -89,6 +93,15 @@ class Rig(Wounds):
         self._unexpected: list[str] = []
         self._parts: deque[Any] = deque()
         self._raised: Exception | None = None
+
+    @property
+    def _files(self) -> int:
+        """Return how many files this process opens for links, commands and their guard."""
+        plan, commands = self.run.plan, len(self._joiners.lines)
+        own = max(1, min(plan.processes, len(self.run.scene.start)))
+        there = own + commands + (plan.keepers if plan.is_free else 0)
+        links = len(self._wanted) if isinstance(self._wanted, Collection) else there * self._wanted
+        return _FOR_A_LINK * links + _FOR_A_COMMAND * commands + 1
 
     def __enter__(self) -> Self:
         """Start everything; CheckError or InputError if that fails."""
