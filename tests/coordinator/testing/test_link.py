@@ -247,6 +247,15 @@ def test_a_rule_that_raises_is_told_and_the_message_passes(ends: Ends) -> None:
     ends.link.check()
 
 
+def test_a_rule_that_fails_the_test_does_not_stop_the_link(ends: Ends) -> None:
+    """What `pytest.fail` raises is no Exception; it is told as well."""
+    ends.link.add(Rule(action="drop", pattern=Pattern(where=lambda _: pytest.fail("not this"))))
+    ends.say(UP, ready(1))
+    assert ends.hear(UP, 1) == [ready(1)]
+    with pytest.raises(CheckError, match=r"^a rule of the link of process_0 raised .*not this"):
+        ends.link.check()
+
+
 def test_what_a_link_raises_is_told_and_it_goes_on(ends: Ends) -> None:
     """A token or an answer that cannot be shown holds nothing else up."""
     ends.link.up.do(lambda: print(1 // 0))

@@ -162,6 +162,27 @@ def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None
     assert "the last messages:\n" in text
 
 
+@pytest.mark.parametrize("error", [CheckError("mine"), TimeoutError("mine")], ids=repr)
+def test_what_a_test_raises_is_not_taken_for_what_the_run_does(
+    error: Exception, cubepath_run: StartRun
+) -> None:
+    """Neither that of a listener nor that of a condition; the run goes on."""
+
+    due = [error, error]
+
+    def raises(*_: object) -> None:
+        if due:
+            raise due.pop()
+
+    rig = cubepath_run("hex:n=3", links=False, processes=0)
+    with pytest.raises(type(error), match=r"^mine$"):
+        rig.until(raises)
+    rig.run.listen(raises)
+    with pytest.raises(type(error), match=r"^mine$"):
+        rig.until_round(1)
+    assert rig.run.goes_on
+
+
 def test_a_run_that_fails_fails_the_test(cubepath_run: StartRun) -> None:
     """With what was seen, unless the test asks for it; and then a run that does not."""
     rig = cubepath_run("hex:n=3", links=False)

@@ -65,7 +65,7 @@ class Lane:
         """How many messages were put at the other end, each copy counted."""
         self.overflowed = 0
         """How many were lost because too many waited."""
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         """What a rule raised first."""
         self.broken: Exception | None = None
         """What carrying something raised first."""
@@ -174,7 +174,7 @@ class Lane:
                 return None  # the process does not listen to it
             seen = Seen(item.key, item.data, time.monotonic())
             return fate_of(self.rules, seen, self._receiver)
-        except Exception as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
+        except BaseException as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
             self.error = self.error or error
             return None
 

@@ -6,7 +6,9 @@ are ready, and it is listened to. In both cases a test says until when, and what
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -27,7 +29,7 @@ from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.testing.wounds import Who, Wounds
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
@@ -270,22 +272,25 @@ class Rig(Wounds):
 
     def _go_on(self, what: Callable[[Rig], object], name: str, timeout_s: float | None) -> None:
         __tracebackhide__ = True
-        seconds = self.timeout_s if timeout_s is None else timeout_s
-
-        def holds(_: Running) -> bool:
-            return bool(self._unexpected) or self._raised is not None or bool(what(self))
-
+        patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
+        end = time.monotonic() + patience
         why = ""
-        try:
-            self.run.until(holds, timeout_s=seconds)
-        except TimeoutError:
-            why = f"not within {seconds:g} s: {name}"
-        except CheckError:
-            why = f"the run ended before: {name}"
+
+        def over(_: Running) -> bool:
+            nonlocal why
+            if self._unexpected or self._raised is not None or what(self):
+                return True
+            if not self.run.goes_on:
+                why = f"the run ended before: {name}"
+            elif time.monotonic() > end:
+                why = f"not within {patience:g} s: {name}"
+            return bool(why)
+
+        self.run.until(over, timeout_s=math.inf)  # so that all that it raises is of the test
         self._raise_again()
         if self._unexpected:
             why = f"while waiting for {name}: {self._unexpected[0]}"
-        if why:  # outside of the handlers: what was seen says more than what was raised
+        if why:
             self._fail(why)
 
     def stop(self) -> Outcome:
