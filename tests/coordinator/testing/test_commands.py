@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing.commands import Command, Guard
+from cubepath.coordinator.testing.commands import LINE_BYTES_MAX, LINES_MAX, Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
 
 pytestmark = pytest.mark.slow
@@ -179,6 +179,22 @@ def test_a_command_can_be_interrupted() -> None:
         command.signal(signal.SIGINT)
         command.says("^KeyboardInterrupt")
         assert command.wait() == -signal.SIGINT
+
+
+def test_the_last_lines_of_a_command_are_kept() -> None:
+    """So many of each stream, and long ones in pieces; what was found is not found again."""
+    text = f"print('x' * {2 * LINE_BYTES_MAX + 5})\nfor n in range({LINES_MAX + 3}): print(n)"
+    with Command([sys.executable, "-c", text]) as command:
+        command.says("^1$")
+        assert command.says("^2$", again=True)[0] == "2"
+        command.wait()
+        assert command.out.splitlines() == [str(n) for n in range(3, LINES_MAX + 3)]
+        with pytest.raises(CheckError, match=r"says '\^2\$': it ended"):
+            command.says("^2$", again=True)
+        assert command.says("^4$", again=True)[0] == "4"
+    with Command([sys.executable, "-c", text.splitlines()[0]]) as command:
+        command.wait()
+        assert [len(line) for line in command.out.splitlines()] == [*2 * [LINE_BYTES_MAX], 5]
 
 
 def test_a_line_can_be_waited_for_again() -> None:

@@ -236,6 +236,20 @@ def test_chance_meets_the_same_messages_whatever_the_order() -> None:
     assert {True, False} == set(times)
 
 
+def test_a_rule_remembers_so_many_messages_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a message that comes again before they are over has the chances that it has alone."""
+    monkeypatch.setattr("cubepath.coordinator.testing.rules.COPIES_MAX", 10)
+    alone, among = (Rule(action="drop", probability=0.5) for _ in range(2))
+    fates = [alone.meets(Seen(UP, ready(1))) for _ in range(40)]
+    found = []
+    for round_ in range(40):
+        found.append(among.meets(Seen(UP, ready(1))))
+        for other in range(9):
+            among.meets(Seen(UP, ready(2 + 9 * round_ + other)))
+    assert found == fates
+    assert len(among._copies) == 10
+
+
 def test_a_rule_that_raises_is_told_and_the_message_passes(ends: Ends) -> None:
     """With what it raised; the link goes on."""
     ends.link.add(Rule(action="drop", pattern=Pattern(where=lambda _: 1 // 0 > 0)))

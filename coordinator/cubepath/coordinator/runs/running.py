@@ -7,6 +7,7 @@ it, changes nothing.
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -292,11 +293,18 @@ class Running(Standing):
         """Return what is heard from now on, in order; with kinds, what is of these kinds alone.
 
         What modules say to each other in one message, claims for instance, comes part by part. A
-        tap holds a million messages at most, then the oldest are dropped, and counted. InputError
-        if there is no such kind.
+        tap holds a million messages at most, then the oldest are dropped, and counted; it is gone
+        when nobody holds it any more. InputError if there is no such kind.
         """
         tap = Tap(kinds)
-        self.listen(tap.hear)
+        held = weakref.ref(tap, lambda _: self._hears.remove(hear))
+
+        def hear(overheard: Overheard) -> None:
+            found = held()
+            if found is not None:
+                found.hear(overheard)
+
+        self.listen(hear)
         return tap
 
     def listen(self, hear: Hear) -> None:

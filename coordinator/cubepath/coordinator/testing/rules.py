@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import blake2b
@@ -26,6 +26,8 @@ PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
 KEPT = 1000
 """So many messages that it met last a rule remembers."""
+COPIES_MAX = 1 << 18
+"""Of so many messages that came last it remembers how often they came, where chance decides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,7 +132,7 @@ class Rule:
     on: bool = True
     _meant: int = field(default=0, init=False)
     _until: float | None = field(default=None, init=False)
-    _copies: Counter[bytes] = field(init=False, default_factory=Counter)
+    _copies: OrderedDict[bytes, int] = field(init=False, default_factory=OrderedDict)
     _changed: threading.Condition = field(init=False, default_factory=threading.Condition)
     _wake: list[Callable[[], None]] = field(init=False, default_factory=list)
 
@@ -169,8 +171,10 @@ class Rule:
             return True
         topic = topic_in_key(seen.key)
         what = blake2b(f"{receiver} {topic} ".encode() + seen.data, digest_size=8).digest()
-        self._copies[what] += 1
-        draw = blake2b(f"{self.seed}/{self._copies[what]}/".encode() + what, digest_size=8).digest()
+        copy = self._copies[what] = self._copies.pop(what, 0) + 1
+        if len(self._copies) > COPIES_MAX:
+            self._copies.popitem(last=False)
+        draw = blake2b(f"{self.seed}/{copy}/".encode() + what, digest_size=8).digest()
         return int.from_bytes(draw) < self.probability * (1 << 64)
 
     def stop(self) -> None:
