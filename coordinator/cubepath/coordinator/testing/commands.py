@@ -86,6 +86,19 @@ class Guard:
         _ended(self._ward, _END_S_MAX)
 
 
+def check_command(command: object) -> list[str]:
+    """Return a command as a list, a text split as a shell does; InputError if it is none."""
+    if isinstance(command, str):
+        try:
+            return shlex.split(command)
+        except ValueError as error:
+            raise InputError(f"command={command}: {error}") from None
+    parts: list[Any] = list(command) if isinstance(command, Sequence) else [None]
+    if not all(isinstance(part, str) for part in parts):
+        raise InputError(f"command={command!r}: expected a text, or a program and its arguments")
+    return parts
+
+
 class _Lines:
     """The last lines of a stream, which are numbered from its beginning."""
 
@@ -129,7 +142,7 @@ class Command:
 
         `env` is added to the environment of this process.
         """
-        arguments = shlex.split(command) if isinstance(command, str) else list(command)
+        arguments = check_command(command)
         if not arguments:
             raise InputError("command: is empty, expected a program and its arguments")
         self.arguments = arguments

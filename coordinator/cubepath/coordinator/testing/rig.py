@@ -243,11 +243,13 @@ class Rig(Wounds):
     def until_round(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until a round is over, or a level is reached."""
         __tracebackhide__ = True
+        check_whole("until_round", number)
         self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
 
     def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until there are so many moves in all."""
         __tracebackhide__ = True
+        check_whole("until_moves", number)
         self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
 
     def until_goal(self, *, timeout_s: float | None = None) -> None:

@@ -12,11 +12,12 @@ from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
 from cubepath.coordinator.testing.seen import KNOWN, Seen
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.wire.keys import topic_in_key
 
 Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]
@@ -95,6 +96,8 @@ class Pattern:
     def __str__(self) -> str:
         """Return what is given, as ``kind=said, round=3``."""
         given = {name: getattr(self, name) for name in self.__slots__}
+        if self.where is not None:  # whatever it is, in one line
+            given["where"] = getattr(self.where, "__name__", type(self.where).__name__)
         told = (f"{name}={value}" for name, value in given.items() if value is not None)
         return ", ".join(told) or "any message"
 
@@ -138,6 +141,10 @@ class Rule:
 
     def __post_init__(self) -> None:
         """Check the numbers; InputError names the one that is out of bounds."""
+        check_name("action=", self.action, get_args(Action))
+        if not isinstance(self.pattern, Pattern):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"pattern={self.pattern!r}: expected a Pattern")
+        whole_number("seed", self.seed)
         if self.times is not None:
             check_whole("times", self.times, 1)
         check_whole("after", self.after)
@@ -196,7 +203,8 @@ class Rule:
 
     def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
         """Wait until it has met so many messages; CheckError if it does not within the time."""
-        deadline = time.monotonic() + timeout_s
+        check_whole("times", times)
+        deadline = time.monotonic() + check_seconds("timeout_s", timeout_s)
         with self._changed:
             while self.count < times:
                 if not self._changed.wait(max(0.0, deadline - time.monotonic())):
