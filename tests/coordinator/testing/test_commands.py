@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from cubepath.coordinator.testing import ward
 from cubepath.coordinator.testing.commands import LINE_BYTES_MAX, LINES_MAX, Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
 
@@ -83,7 +84,6 @@ if not paused:
 os.kill(paused, signal.SIGSTOP)
 guard.watch(paused)
 guard.watch_folder(sys.argv[2])
-time.sleep(0.2)
 print(command.out.split()[0], *command.says(r"(\\d+) (\\d+) all").groups(), stopped.pid, paused)
 sys.stdout.flush()
 time.sleep(1000)
@@ -108,6 +108,30 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
     end = time.monotonic() + ENOUGH_S
     while folder.exists() and time.monotonic() < end:
         time.sleep(0.02)
+    assert not folder.exists()
+
+
+LATE = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from ward import Ward
+ward = Ward(os.open(os.devnull, os.O_WRONLY), [])
+ward._parent = -1
+ward.wait()
+ward.end()
+"""
+
+
+def test_what_a_guard_was_told_last_counts(tmp_path: Path) -> None:
+    """Though who told it is gone before it has read that."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    where = str(Path(ward.__file__).parent)
+    with Command("sleep 1000") as command:
+        told = f"watch {command.pid}\nfolder {folder}\n"
+        start = [sys.executable, "-I", "-S", "-c", LATE, where]
+        subprocess.run(start, input=told, text=True, check=True)
+        assert gone(command.pid)
     assert not folder.exists()
 
 

@@ -12,7 +12,7 @@ from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cubepath.coordinator.runs.plan import Plan, PlanOptions
+from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
 from cubepath.coordinator.testing.checks import check_name
 from cubepath.coordinator.testing.joiners import CommandLine
@@ -51,8 +51,8 @@ class Places:
 
 def marked(options: dict[str, Any]) -> dict[str, Any]:
     """Return the options of a marker; InputError for one that no run has."""
-    of_rigs = signature(Rig.__init__).parameters.keys() - {"self", "system", "rule", "options"}
-    known = {"seeds", *of_rigs, *PlanOptions.__annotations__, *signature(trial_of).parameters}
+    takes = (signature(each).parameters for each in (Rig.__init__, Plan, trial_of))
+    known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options", "faults"}
     for name in options:
         check_name("@pytest.mark.cubepath: ", name, sorted(known))
     return options
