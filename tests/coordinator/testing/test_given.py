@@ -30,11 +30,13 @@ def log() -> Log:
 
 
 def rule(**options: Any) -> Rule:
-    return Rule(**{"action": "drop", **options})
+    given: dict[str, Any] = {"action": "drop", **options}
+    return Rule(**given)
 
 
 def trial(**options: Any) -> object:
-    return trial_of(**{"system": "hex:n=3", **options})
+    given: dict[str, Any] = {"system": "hex:n=3", **options}
+    return trial_of(**given)
 
 
 WRONG: list[tuple[Callable[[], object], str]] = [

@@ -267,6 +267,10 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
         (lambda: rig.hold("said", by=2), "by: expected one of kind, round, .*, seed, seconds"),
         (lambda: rig.hold("said", seconds=0), "seconds=0: expected more than 0, or rule.release"),
         (lambda: rig.kill(9), "module_9: expected module_0 to module_4"),
+        (lambda: rig.until_round(anything("x")), "until_round='x': expected a whole number"),
+        (lambda: rig.until_moves(anything(None)), "until_moves=None: expected a whole number"),
+        (lambda: rig.step(timeout_s=anything("x")), "timeout_s='x': expected a number"),
+        (lambda: cubepath_run(SYSTEM, timeout_s="x"), "timeout_s='x': expected a number"),
         (lambda: cubepath_run(SYSTEM, commands="x"), "commands=x: expected a list, or names"),
     ]
     for act, line in wrong:
@@ -274,6 +278,11 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
             act()
     assert set(rig.pids) == {"process_0", "process_1", "router"}
     assert not any(link.up.rules or link.down.rules for link in rig.links.values())
+    rig.finish()
+    with pytest.raises(InputError, match=r"^process_0: has no process any more, the run has ended"):
+        rig.pause("process_0")
+    with pytest.raises(InputError, match=r"^process_0: there is none, the run has not begun or"):
+        Rig(SYSTEM).kill("process_0")
 
 
 def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str) -> None:

@@ -72,6 +72,7 @@ class Rig(Wounds):
         cannot be run, CubepathError if too few files may be open for all of it.
         """
         super().__init__(links=links)
+        seconds("timeout_s", timeout_s)
         self._joiners = Joiners(commands, env, timeout_s)
         self.commands = self._joiners.running
         if self._joiners.lines:
