@@ -212,6 +212,10 @@ def test_fixture(mine): pass
 def test_method(cubepath_run):
     run = cubepath_run("hex:n=3", processes=0, links=False)
     run.until(lambda run: run.kill("proces_0"))
+def test_where(cubepath_run):
+    run = cubepath_run("hex:n=3", processes=0)
+    run.drop(where=lambda message: message.nothing)
+    run.step()
 @pytest.mark.cubepath(tiemout_s=3)
 def test_option(cubepath_run): pass
 @pytest.mark.cubepath(hesitat=1)
@@ -245,6 +249,8 @@ def test_what_is_wrong_in_a_test_is_told_without_frames_of_ours(tmp_path: Path) 
         '>       return cubepath_run("hexx", processes=0)',
         '    run.until(lambda run: run.kill("proces_0"))',
         "test_mine.py:9: InputError",
+        "run.drop(where=lambda message: message.nothing)",
+        "CheckError: a rule of the link of process_0 raised AttributeError(",
     ):
         assert line in found, found
     assert "coordinator/testing" not in found

@@ -10,8 +10,9 @@ import re
 import sys
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
+from traceback import format_exception
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -164,16 +165,29 @@ def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
     if errors is None or not isinstance(excinfo.value, errors.CubepathError):
         return ""
 
-    last, outside = excinfo.tb, False  # the first frame is pytest's
-    entry = last.tb_next
-    while entry is not None:
-        module = str(entry.tb_frame.f_globals.get("__name__", ""))
+    if _keeps_theirs(excinfo.value):
+        return ""
+    cause = excinfo.value.__cause__
+    told = [] if cause is None or cause.__traceback__ is None else format_exception(cause)
+    return "".join([*told, f"{excinfo.typename}: {excinfo.value}"])
+
+
+def _keeps_theirs(error: BaseException) -> bool:
+    """Take our frames from an error and what it came of; return whether the test's are in it."""
+    if error.__cause__ is not None:
+        _keeps_theirs(error.__cause__)
+    found, left, theirs = error.__traceback__, [], False
+    while found is not None:
+        module = str(found.tb_frame.f_globals.get("__name__", ""))
         if not _OURS.match(module):
-            last.tb_next, last = entry, entry
-            outside = outside or not _PYTEST.match(module)
-        entry = entry.tb_next
-    last.tb_next = None
-    return "" if outside else f"{excinfo.typename}: {excinfo.value}"
+            left.append(found)
+            theirs = theirs or not _PYTEST.match(module)
+        found = found.tb_next
+    for one, after in pairwise([*left, None]):
+        if one is not None:
+            one.tb_next = after
+    error.__traceback__ = left[0] if left else None
+    return theirs
 
 
 @pytest.hookimpl(wrapper=True)
