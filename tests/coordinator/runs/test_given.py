@@ -76,6 +76,7 @@ def test_what_a_run_is_asked_for_is_checked(tmp_path: Path) -> None:
         ask(nowhere)
 
 
+@pytest.mark.slow
 def test_a_run_says_where_it_stands_before_and_after(tmp_path: Path) -> None:
     """It has not begun, goes on, or has ended; a process is named by a module in either form."""
     running = start("hex:n=3", processes=1, log=tmp_path / "a.mcap")

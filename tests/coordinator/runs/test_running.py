@@ -220,6 +220,7 @@ def test_a_kind_that_no_message_has_is_refused(tmp_path: Path) -> None:
     running.tap("claim", "hold", "held", "turn", "shown", "moved", "summary", "certificate")
 
 
+@pytest.mark.slow
 def test_a_tap_that_nobody_holds_is_gone(tmp_path: Path) -> None:
     """It holds no messages for nobody; the others go on."""
     with start("hex:n=3", processes=0, log=tmp_path / "a.mcap") as running:
