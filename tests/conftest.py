@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections import Counter
 from importlib.util import find_spec
 
 import pytest
@@ -39,7 +40,14 @@ settings.load_profile("cubepath")
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is thorough as slow, before any test is deselected."""
+    """Mark what is thorough, and that as slow, before any test is deselected."""
+    cases: Counter[str] = Counter()
     for item in items:
+        few = item.get_closest_marker("few")
+        if few is not None:
+            test = item.nodeid.partition("[")[0]
+            cases[test] += 1
+            if cases[test] > few.args[0]:
+                item.add_marker("thorough")
         if item.get_closest_marker("thorough"):
             item.add_marker("slow")

@@ -59,6 +59,7 @@ def paste_all(page: Path, folder: Path) -> None:
     assert not desk.unread, f"{page.name}: nobody reads {sorted(desk.unread)}"
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "page",

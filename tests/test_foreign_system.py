@@ -236,6 +236,7 @@ def test_a_schedule_is_carried_out(commands: Commands) -> None:
     assert commands.json(*run)["rounds"] == 1
 
 
+@pytest.mark.thorough
 def test_its_state_complex_is_computed_and_drawn(commands: Commands) -> None:
     """Four switches on a ring: states, homology, links, a file and a picture."""
     built = commands.json("complex", "ring:n=4", "--homology", "--link", "-o", "ring.json")
@@ -245,6 +246,7 @@ def test_its_state_complex_is_computed_and_drawn(commands: Commands) -> None:
     assert (commands.folder / "complex.png").stat().st_size > 1000
 
 
+@pytest.mark.thorough
 def test_a_scene_of_it_is_a_file(commands: Commands, installed: dict[str, str]) -> None:
     """A TOML file with its own table is run; a bad one is refused with its place."""
     text = 'format = "cubepath-system-1"\nstart = [[0, "off"], [1, "off"], [2, "off"]]\n'

@@ -52,6 +52,7 @@ def test_a_golden_recording_replays(golden: Recording) -> None:
     assert found.same, found.differences
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 def test_a_golden_run_can_be_run_again(golden: Recording, tmp_path: Path) -> None:
     """The same system, rule and seed take the same path today, chains without rounds too."""

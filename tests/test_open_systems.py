@@ -92,6 +92,7 @@ def test_nobody_asks() -> None:
     assert found == []
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     "source",
     [

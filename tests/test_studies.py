@@ -45,6 +45,7 @@ def test_a_page_has_the_tables_of_its_rows(study: str) -> None:
     assert (FOLDER / f"{study}.parquet").stat().st_size < 100_000
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("study", PAGES)
 def test_the_rows_are_those_of_the_sweeps(study: str) -> None:
     """One for each run that the files name, and none beside them."""

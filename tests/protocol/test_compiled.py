@@ -162,14 +162,8 @@ def installation(folder: Path, kind: str) -> Installation:
     return Installation(folder, variables | {"HOME": os.devnull}, None)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "place",
-    [
-        "tree",
-        *(pytest.param(each, marks=pytest.mark.thorough) for each in ("NUMBA_CACHE_DIR", "home")),
-    ],
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("place", ["tree", "NUMBA_CACHE_DIR", "home"])
 def test_a_change_reaches_the_compiled_functions_of_other_modules(
     tmp_path: Path, place: str
 ) -> None:
@@ -237,7 +231,7 @@ def test_a_damaged_file_is_compiled_and_kept_again(tmp_path: Path) -> None:
     assert room.call("outer") == (71, True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_with_nowhere_to_write_it_is_compiled_all_the_same(tmp_path: Path) -> None:
     """Neither the installation nor a home can be written to: right all the same, and silent."""
     assert installation(tmp_path, "nowhere").call("outer") == (71, False)
@@ -279,6 +273,7 @@ def half(number: int) -> int:
 """
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("works", "loaded"),

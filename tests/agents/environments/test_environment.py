@@ -47,6 +47,7 @@ def _accept_advice() -> Any:
         yield
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("spec", SPECS)
 def test_api(spec: str) -> None:
     """PettingZoo's api_test passes on the environment in turns."""
@@ -59,6 +60,7 @@ def test_parallel_api(spec: str) -> None:
     parallel_api_test(parallel_env(spec, max_cycles=30), num_cycles=60)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("spec", SPECS)
 def test_seeds(spec: str) -> None:
     """PettingZoo's seed tests pass."""
@@ -85,6 +87,7 @@ def test_the_package_itself_has_both_constructors() -> None:
     max_cycles_test(cubepath.agents)
 
 
+@pytest.mark.few(5)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "agv:graph=K5,n=3"])
 def test_render(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -94,6 +97,7 @@ def test_render(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.strip()
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("spec", SPECS)
 def test_a_seed_decides_the_whole_episode(spec: str) -> None:
     """The same seed and actions give the same episode; parallel_seed_test stops after a step."""
@@ -281,6 +285,7 @@ def test_a_dropped_environment_ends_its_processes() -> None:
     assert [child.returncode for child in children] == [0, 0]
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [0, 2])
 def test_a_script_that_forgets_to_close_ends_well(processes: int) -> None:

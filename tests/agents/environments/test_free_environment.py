@@ -32,6 +32,7 @@ def free(spec: str = PATH, **arguments: Any) -> FreeEnv:
     return found
 
 
+@pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("scheduler", ["random", "unfair", "turns"])
 @pytest.mark.parametrize("spec", ["hex:n=4", "agv-labelled:graph=K5,n=3", "sliding"])

@@ -25,6 +25,7 @@ def arrays(seen: dict[str, dict[str, NDArray[Any]]]) -> dict[str, Any]:
     return {key: [one[key].tolist() for one in seen.values()] for key in seen["module_0"]}
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("mode", list(AutoresetMode))
 @pytest.mark.parametrize("copy", [True, False])
 def test_each_environment_is_one_of_pettingzoo(mode: AutoresetMode, *, copy: bool) -> None:

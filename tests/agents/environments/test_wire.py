@@ -88,8 +88,8 @@ SOME = some(SPECS, ("agv:graph=grid4x4,n=8",))
 @pytest.mark.parametrize(
     ("spec", "seeds"),
     [
-        ("agv:graph=grid4x4,n=8", 6),
-        *(pytest.param(spec, 20, marks=pytest.mark.thorough) for spec in SPECS),
+        ("agv:graph=grid4x4,n=8", 4),
+        *(pytest.param(spec, 8, marks=pytest.mark.thorough) for spec in SPECS),
     ],
 )
 def test_same_seed_same_path_over_many_seeds(spec: str, seeds: int) -> None:
@@ -146,6 +146,7 @@ def test_same_path_with_a_process_for_each_module(spec: str) -> None:
         assert wire_path(reports) == path_of(played)
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("family", some(LOCAL_FAMILIES, ("hex", "agv-labelled", "arm")))
 def test_the_rule_of_the_family_takes_the_same_path_on_the_wire(family: str) -> None:
@@ -193,6 +194,7 @@ def test_nothing_is_delivered_from_beyond_the_radius(told: tuple[Scene, list[Rep
     assert heard > 100
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 def test_everyone_sensed_is_heard(told: tuple[Scene, list[Report]]) -> None:
     """Each round every module hears of exactly the modules at the places that it senses."""
@@ -314,6 +316,7 @@ def test_runs_side_by_side_do_not_hear_each_other() -> None:
         assert wire_path(sorted(found, key=lambda r: (r.round, r.module))) == path
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "processes"), [("hex:n=5", 2), ("arm:n=4", 3), ("agv-labelled", 0)]

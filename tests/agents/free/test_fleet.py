@@ -71,6 +71,7 @@ def test_a_coordinator_that_comes_late_finds_everything(tmp_path: Path) -> None:
             legal(watch)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["process_0", LONG("keeper_0"), LONG("keeper_1"), LONG("router")])
 def test_a_process_that_is_killed_and_started_again_takes_its_place(
     name: str, cubepath_run: StartRun
@@ -90,6 +91,7 @@ def test_a_process_that_is_stopped_for_a_while_goes_on(name: str, cubepath_run: 
     reached(run)
 
 
+@pytest.mark.thorough
 def test_modules_join_late_and_leave() -> None:
     """Those that are there move; who comes late takes its place, who leaves stays where it is."""
     scene = scene_from_spec("agv:graph=grid5x5,n=4")

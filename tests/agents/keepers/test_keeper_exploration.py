@@ -103,6 +103,7 @@ def test_a_module_attempts_again_in_its_epoch() -> None:
     assert frozenset({(0, 0, 2)}) in found.committed
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("scenario", "module"),

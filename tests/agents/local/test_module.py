@@ -133,6 +133,7 @@ def step(world: World, actors: dict[int, Actor], seen: dict[int, str]) -> Round:
     return played
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "spec",

@@ -161,6 +161,7 @@ ESSENTIAL = (
 """By rule in `cheats` the kinds of what is found, and how each line begins."""
 
 
+@pytest.mark.few(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "cheat",
@@ -177,6 +178,7 @@ def test_each_way_of_cheating_is_named(stage: Stage, cheat: str) -> None:
         assert lines[kind].startswith(begins), lines[kind]
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("cheat", "why"),
@@ -199,7 +201,7 @@ def test_who_sees_beyond_reach_is_found(stage: Stage, cheat: str, why: str | Non
     assert why is None or why in lines.values()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_answer_follows_from_the_seed() -> None:
     """Twice the same, to the last number; every play is told."""
     plays: list[int] = []
@@ -212,6 +214,7 @@ def test_the_answer_follows_from_the_seed() -> None:
     assert len(plays) == 2 * 22
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "systems", "why"),

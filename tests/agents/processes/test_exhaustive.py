@@ -108,6 +108,7 @@ def test_the_runs_have_something_to_settle() -> None:
 THOROUGH = pytest.mark.thorough
 
 
+@pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "processes"),
@@ -115,7 +116,7 @@ THOROUGH = pytest.mark.thorough
         *((name, 2) for name in RUNS if name not in ("hex", "sliding")),
         ("star", 3),
         *(pytest.param(name, 2, marks=THOROUGH) for name in ("hex", "sliding")),
-        *(pytest.param(name, 3, marks=THOROUGH) for name in ("row", "hex", "arm", "notes")),
+        *(pytest.param(name, 3, marks=THOROUGH) for name in ("row", "hex", "notes")),
     ],
 )
 def test_two_rounds_come_to_the_same_in_every_order(name: str, processes: int) -> None:
@@ -144,10 +145,10 @@ def test_two_processes_bear_any_fault_in_every_run(name: str) -> None:
 @pytest.mark.slow
 @THOROUGH
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(("name", "rounds"), [("star", 2), ("notes", 2), ("row", 1)])
-def test_three_processes_bear_a_message_lost_late_or_doubled(name: str, rounds: int) -> None:
-    """Every message, and every moment at which it or its double may come."""
-    explored(replace(RUNS[name], rounds=rounds), "loss", "late", "double")
+@pytest.mark.parametrize("name", ["row", "notes"])
+def test_three_processes_bear_a_message_lost_late_or_doubled(name: str) -> None:
+    """In a round: every message, and every moment at which it or its double may come."""
+    explored(replace(RUNS[name], rounds=1), "loss", "late", "double")
 
 
 @pytest.mark.slow

@@ -113,6 +113,7 @@ def region(scene: dict[str, Any], place: Place) -> str:
     return f"{place[0] // 8},{place[1] // 8}" if blocks else "0"
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("spec", SPECS)
 def test_neighbourhoods_and_regions_are_those_of_the_page(spec: str) -> None:
     """Sensed places, who senses a place, and reach; at places where modules start and around."""

@@ -172,6 +172,7 @@ def test_obstacles_of_a_lattice_in_text() -> None:
     assert draw_text(scene, scene.start).splitlines()[1] == ". o o #   ."
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("spec", SPECS)
 def test_pixels(spec: str) -> None:
     """Pixels are (height, width, 3) uint8, the same for the same state, another after a move."""
@@ -234,6 +235,7 @@ def count_of(colour: str, pixels: NDArray[np.uint8]) -> int:
     return int((distance.max(axis=2) <= 40).sum())
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("spec", SPECS)
 def test_what_moved_is_seen(spec: str) -> None:
     """A module that has just moved looks different from one that has stood there."""

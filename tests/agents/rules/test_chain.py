@@ -92,6 +92,7 @@ def births(scene: Scene) -> list[InitialKnowledge]:
 # --- It gets there ---------------------------------------------------------------------------
 
 
+@pytest.mark.few(5)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("family", "count"),
@@ -206,6 +207,7 @@ def reachable(scene: Scene) -> Iterator[tuple[tuple[Site, ...], int]]:
                         left.append(after)
 
 
+@pytest.mark.few(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("count", [2, 3, 4, 5])

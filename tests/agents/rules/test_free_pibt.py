@@ -95,6 +95,7 @@ def test_each_gets_to_its_goal_in_many_more_instances(scene: Scene, pace: Pace) 
     check_promise(scene, pace)
 
 
+@pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("graph", "vehicles"), [("K5", 4), ("grid3x3", 4), ("grid4x4", 6), ("grid8x8", 12)]

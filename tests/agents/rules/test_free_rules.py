@@ -42,6 +42,7 @@ def test_our_own_rules_say_why_they_hold_without_rounds(name: str) -> None:
     assert rule.free.why
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_the_same_seed_gives_the_same_run(name: str) -> None:
@@ -87,6 +88,7 @@ def test_a_rule_without_an_argument_is_for_rounds_alone() -> None:
         rule_named("chain", scene_from_spec("arm:n=3").system, "free")
 
 
+@pytest.mark.few(5)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", LOCAL_FAMILIES)
 def test_random_makes_legal_moves_alone(spec: str) -> None:
@@ -146,6 +148,7 @@ def test_every_word_is_spelt(n: int, pace: Pace) -> None:
     assert played.reached
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1, 10, 100])
 def test_a_slow_module_is_waited_for(factor: int) -> None:

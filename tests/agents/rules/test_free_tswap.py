@@ -120,6 +120,7 @@ def test_very_many_connected_instances_are_reached(scene: Scene, pace: Pace) -> 
     assert played(scene, pace)[0].reached
 
 
+@pytest.mark.few(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("size", [3, 8, pytest.param(21, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize(

@@ -102,6 +102,7 @@ SHORT = {("illegal", "0"), ("leave", "0"), ("long", "0"), ("boom", "2"), ("give-
 """One of each kind; the others are thorough."""
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "message", "processes"),

@@ -214,7 +214,7 @@ DRAWN = policy_rule("drawn", drawn, observation="relative", batched=True, random
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_policy_of_a_file_runs_on_the_wire_as_in_the_environment(tmp_path: Path) -> None:
     """In two processes, with the moves of `play`, and is found to be local."""
     file = tmp_path / "policies.py"

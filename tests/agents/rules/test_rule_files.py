@@ -74,6 +74,7 @@ def test_what_is_wrong_is_one_line(file: Path, name: str, why: str) -> None:
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", ["0", "2"])
 def test_a_run_takes_a_rule_from_a_file(file: Path, processes: str) -> None:

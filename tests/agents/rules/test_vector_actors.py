@@ -69,6 +69,7 @@ def given_scene(start: Iterable[Cell], goals: Iterable[Cell], system: LatticeSys
 # --- Whole runs --------------------------------------------------------------------------------
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("left", "hesitate"), WAYS)
 @pytest.mark.parametrize("spec", ["hex:n=5", "arms", "agv:graph=grid4x4,n=5", "polygon:n=6"])
 def test_random_modules_draw_the_same(spec: str, hesitate: float, left: int) -> None:
@@ -77,6 +78,7 @@ def test_random_modules_draw_the_same(spec: str, hesitate: float, left: int) -> 
         assert Side(scene_from_spec(spec), RANDOM, SEEDS, hesitate).play(15) > 15
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("left", "hesitate"), WAYS)
 @pytest.mark.parametrize("spec", CHAINS)
 def test_chains_walk_the_same(spec: str, hesitate: float, left: int) -> None:

@@ -52,6 +52,7 @@ def test_golden_recordings_are_what_their_rules_say(path: Path) -> None:
     assert choices(found).checked
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "rule"),
@@ -70,6 +71,7 @@ def test_a_real_run_is_what_its_rule_says(spec: str, rule: str) -> None:
     assert choices(found) == Check("choices", ok=True, detail="")
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", [CHAIN, VEHICLES, LABELLED])
 def test_a_schedule_is_asked_again(spec: tuple[str, str, int]) -> None:
@@ -104,6 +106,7 @@ def test_a_reason_to_give_up_is_that_of_the_schedule() -> None:
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "where"),
@@ -251,6 +254,7 @@ def test_the_rules_are_asked_anew_where_a_recording_is_read_again() -> None:
     assert choices(audit(read_recording(path))) == Check("choices", ok=True, detail="")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("at", ["x", [], [["a", "b"], ["c"]], [0.5, 1], True])
 def test_a_move_of_the_schedule_at_no_place_is_no_crash(at: object) -> None:
     """Whatever its form: nobody had to make it, so that those who moved did not as it says."""

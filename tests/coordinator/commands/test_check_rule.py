@@ -14,6 +14,7 @@ pytestmark = pytest.mark.slow
 CHEATS = ROOT / "tests" / "agents" / "locality" / "cheats"
 
 
+@pytest.mark.thorough
 def test_a_local_rule_ends_with_0() -> None:
     """With a document of what was compared, and no findings."""
     done = cubepath("check-rule", "tswap", "agv:graph=C6,n=2", "agv:graph=P7,n=3", "--json")
@@ -38,6 +39,7 @@ def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
     assert lines[7].startswith("  uses the clock (time.time_ns in clock.py:11): module_")
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [

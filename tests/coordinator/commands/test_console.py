@@ -40,6 +40,7 @@ each_command = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.few(1)
 @each_command
 def test_a_closed_pipe_ends_a_command_as_sigpipe_does(command: tuple[str, ...]) -> None:
     """Nothing is said, and the exit code is that of `yes | head -1` for `yes`."""
@@ -47,6 +48,7 @@ def test_a_closed_pipe_ends_a_command_as_sigpipe_does(command: tuple[str, ...]) 
     assert (done.returncode, done.stderr) == (141, "")
 
 
+@pytest.mark.few(1)
 @each_command
 def test_a_full_standard_output_is_told(command: tuple[str, ...]) -> None:
     """One line and exit code 1: what was asked for has not been answered."""
@@ -84,6 +86,7 @@ def test_a_run_with_all_streams_closed_writes_its_recording(tmp_path: Path) -> N
     assert (told.returncode, told.stderr) == (0, "")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("encoding", "name"),
     [("ascii", "\\u540d"), ("latin-1", "\\u540d"), ("utf-8:strict", "名")],
@@ -119,7 +122,7 @@ sys.exit(main(sys.argv[1:]))
         large.truncate(1 << 40)  # takes no place on the disk
     for arguments, helps in (
         (
-            ["complex", "agv:graph=grid8x8,n=6", "-o", "c.json"],
+            ["complex", "agv:graph=grid8x8,n=6", "--max-states=50000000", "-o", "c.json"],
             "a smaller system or --max-states N",
         ),
         (["shorten", "large.mcap"], "a smaller input"),

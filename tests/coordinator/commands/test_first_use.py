@@ -97,6 +97,7 @@ def test_compiled_code_gives_the_same_as_a_small_command(
         assert (key, plain[key]) == (key, compiled[key])
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("work", "arguments"),
     [

@@ -88,7 +88,7 @@ def test_what_cannot_be_drawn_is_refused_before_any_work(
     assert not target.exists()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_other_paths_are_drawn(tmp_path: Path) -> None:
     """Moves that stand for themselves, cubes of a system, and another program's plan."""
     moves = tmp_path / "moves.jsonl"

@@ -254,6 +254,7 @@ def test_drawing_a_path_reads_it_once(folder: Path) -> None:
     assert [each.fallen for each in found] == counts
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("processes", [0, 2])
 def test_running_reads_once(folder: Path, processes: int) -> None:
     """A system, a schedule, or both, by a run and by the processes that it starts.

@@ -65,6 +65,7 @@ SCENES = [
 ]
 
 
+@pytest.mark.few(3)
 @pytest.mark.slow
 @pytest.mark.parametrize(("system", "rule", "hesitate"), SCENES)
 def test_compiled_and_simulated_runs_are_the_same(system: str, rule: str, hesitate: float) -> None:

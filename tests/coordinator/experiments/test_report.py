@@ -196,7 +196,7 @@ class Page(HTMLParser):
                 self.ids.append(str(value))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) -> None:
     """A page that loads nothing, with every table and plot in it; byte for byte the same."""
     found = write_report(folder, tmp_path / "one")

@@ -13,6 +13,7 @@ from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "searches",
     [

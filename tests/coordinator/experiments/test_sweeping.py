@@ -82,7 +82,7 @@ def test_finished_runs_are_not_played_again(tmp_path: Path) -> None:
     assert len(played) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_changed_rule_is_another_run_and_the_last_one_counts(tmp_path: Path) -> None:
     """The rows of both are kept; read without more, each run is there once, as it was last."""
     out, digests = tmp_path / "out", []
@@ -153,7 +153,7 @@ def test_a_rule_that_fails_is_a_row_and_no_more(tmp_path: Path) -> None:
     assert found.failures[0]["rounds"] is None
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_interrupted_ends_its_processes_and_keeps_what_is_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

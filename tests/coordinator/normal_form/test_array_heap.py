@@ -69,7 +69,7 @@ def as_multisets(cubes: Sequence[Sequence[Action]]) -> list[Counter[Action]]:
 
 @each_way
 @pytest.mark.slow
-@settings(max_examples=120)
+@settings(max_examples=50)
 @given(all_words)
 def test_levels_are_those_of_the_reference(word: Word) -> None:
     """The moves of a level are a cube, and the pairs are equal moves that the heap took out."""

@@ -140,7 +140,7 @@ def test_after_every_move_the_path_is_that_of_the_moves_so_far(make: Make, word:
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SCENES)
 @given(data=st.data())
-@settings(max_examples=30)
+@settings(max_examples=12)
 def test_a_walk_of_a_system_becomes_its_normal_cube_path(
     make: Make, spec: str, data: st.DataObject
 ) -> None:

@@ -79,6 +79,7 @@ def test_the_mended_algorithm_gives_the_normal_cube_path(path: CubePath) -> None
     assert as_sets(mended_time_geodesic(path)) == as_sets(normal_cube_path(flat(path)))
 
 
+@pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SCENES)
 @given(data=st.data())
@@ -89,6 +90,7 @@ def test_the_mended_algorithm_agrees_on_walks_of_systems(spec: str, data: st.Dat
     assert as_sets(mended_time_geodesic(singles(word))) == as_sets(normal_cube_path(word))
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @all_readings
 @given(cube_paths())
@@ -106,6 +108,7 @@ def test_the_printed_algorithm_stays_in_the_class_and_is_never_too_short(
     assert len(normal_cube_path(flat(path))) <= len(result) <= len(path)
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @all_readings
 @given(cube_paths())
@@ -128,6 +131,7 @@ def test_genuine_means_no_empty_cube_and_no_common_edge(path: CubePath) -> None:
     assert class_key(flat(result)) == class_key(flat(path))
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @all_readings
 @given(cube_paths())

@@ -111,6 +111,7 @@ def test_long_specs_are_cut() -> None:
     assert len(pictures._title("x" * 300)) == 80
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("suffix", "header"), [(".png", b"\x89PNG\r\n\x1a\n"), (".svg", b"<?xml"), (".PDF", b"%PDF-")]
@@ -172,6 +173,7 @@ def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     assert (tmp_path / "arm.png").exists()
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("spec", ["hex:n=3", "hex:n=8", "arm:n=5", "assembly"])
 def test_boxes_have_the_colours_of_their_modules(spec: str) -> None:
     """Below is the colour that the module has in the states; the legend shows that of no module."""

@@ -161,11 +161,12 @@ def test_who_leaves_before_the_beginning_is_waited_for_again(
     assert [each.end()[0] for each in joined] == [0, 0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("number", "code"),
     [
         (signal.SIGKILL, -signal.SIGKILL),
-        pytest.param(signal.SIGINT, 130, marks=pytest.mark.thorough),
+        (signal.SIGINT, 130),
     ],
 )
 def test_a_joined_process_that_ends_ends_the_run(
@@ -259,6 +260,7 @@ def test_a_router_elsewhere_that_dies_is_waited_for(commands: Commands) -> None:
     assert verify(read_recording(commands.folder / "run.mcap")).ok
 
 
+@pytest.mark.thorough
 def test_no_run_to_join_is_one_line(commands: Commands) -> None:
     """When patience is over: no router, or no run that waits there."""
     port = listens(commands.start("router", f"--listen={LOOPBACK}"))

@@ -56,6 +56,7 @@ def test_a_film_that_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "lasting"),
@@ -83,12 +84,12 @@ def test_rates_that_no_film_can_have(tmp_path: Path, rate: float) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "spec",
     [
         "hex:n=30,bend=0",
-        pytest.param("agv:graph=grid20x20,n=27", marks=pytest.mark.thorough),
+        "agv:graph=grid20x20,n=27",
     ],
 )
 def test_modules_have_their_colours_in_every_frame(tmp_path: Path, spec: str) -> None:

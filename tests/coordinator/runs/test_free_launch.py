@@ -15,8 +15,10 @@ from typing import Any
 
 import pytest
 
+from cubepath.agents.free.fleet import FreeFleet
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.runs import free_launch
+from cubepath.coordinator.runs.free_launch import FreeRun
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan
@@ -63,6 +65,38 @@ def test_a_run_is_on_record_and_holds(tmp_path: Path) -> None:
     document = outcome.document()
     assert document["keepers"] == 2
     assert not document["crashes"]
+
+
+@pytest.mark.slow
+def test_who_answers_while_the_machine_stands_still_has_answered(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Patience ends at the moment at which the last keeper's answer is taken: the run begins."""
+    late = [0.0]
+
+    class Clock:
+        time_ns = time.time_ns
+        sleep = time.sleep
+
+        @staticmethod
+        def monotonic() -> float:
+            return time.monotonic() + late[0]
+
+    look_after, wait = FreeRun._look_after, FreeRun._wait_for_keepers
+
+    def looks_after(self: FreeRun, fleet: FreeFleet) -> None:
+        look_after(self, fleet)
+        late[0] = 1000.0 * (len(self._collector.tails) == self.plan.keepers)
+
+    def waits(self: FreeRun, *arguments: Any) -> None:
+        with monkeypatch.context() as patched:
+            patched.setattr(FreeRun, "_look_after", looks_after)
+            wait(self, *arguments)
+        late[0] = 0.0
+
+    monkeypatch.setattr(free_launch, "time", Clock)
+    monkeypatch.setattr(FreeRun, "_wait_for_keepers", waits)
+    assert run(Plan(system=CHAIN, clock="free", processes=2, keepers=2)).goal_reached
 
 
 @pytest.mark.thorough
@@ -253,7 +287,7 @@ def test_a_run_that_failed_can_be_taken_up(tmp_path: Path) -> None:
         run(Plan(resume=log, log=tmp_path / "third.mcap"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_interrupt_closes_the_recording(tmp_path: Path) -> None:
     """With exit code 130, one document, and nothing left of its processes."""
     log = tmp_path / "run.mcap"

@@ -147,15 +147,10 @@ def quiet() -> list[Reports]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "do",
-    [
-        NONSENSE,
-        pytest.param(FLOOD, marks=pytest.mark.thorough),
-        pytest.param(HUGE, marks=pytest.mark.thorough),
-        pytest.param(FAKE, marks=pytest.mark.thorough),
-        pytest.param(DISGUISED, marks=pytest.mark.thorough),
-    ],
+    [NONSENSE, FLOOD, HUGE, FAKE, DISGUISED],
     ids=["nonsense", "flood", "huge", "fake", "disguised"],
 )
 def test_what_a_guest_says_is_not_heard(do: str, quiet: list[Reports]) -> None:

@@ -97,7 +97,7 @@ def summary_of(recording: Recording) -> Summary:
     return message
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_run_alone_takes_a_chain_to_another(tmp_path: Path) -> None:
     """`cubepath run` without arguments reaches its goal in several processes, and says so."""
     done = cubepath("run", "--json", cwd=tmp_path)
@@ -117,6 +117,7 @@ def test_run_alone_takes_a_chain_to_another(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [0, 2])
 def test_the_digest_is_that_of_the_environment(tmp_path: Path, processes: int) -> None:
@@ -287,7 +288,7 @@ def running() -> Fleet:
     return next(one for one in gc.get_objects() if isinstance(one, Fleet) and one.endpoint)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nonsense_is_on_record(tmp_path: Path) -> None:
     """Bytes that are no message change nothing, are counted, and told of with their key."""
 
@@ -373,6 +374,7 @@ def assert_gone(pids: Iterable[int]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupt_closes_the_recording(tmp_path: Path, number: signal.Signals) -> None:

@@ -67,6 +67,7 @@ def test_what_a_listener_raises_breaks_no_round(tmp_path: Path) -> None:
     whole(running, "goal")
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @CLOCKS
 def test_what_is_raised_at_the_results_costs_no_result(clock: Clock, tmp_path: Path) -> None:
@@ -112,6 +113,7 @@ def test_what_watches_may_raise_too(tmp_path: Path) -> None:
     assert [each.kind for each in recording.records].count("summary") == 1
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @CLOCKS
 def test_an_interrupt_in_a_round_ends_the_run_wholly(clock: Clock, tmp_path: Path) -> None:
@@ -135,6 +137,7 @@ def test_an_interrupt_in_a_round_ends_the_run_wholly(clock: Clock, tmp_path: Pat
         whole(running, "interrupted")
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @CLOCKS
 def test_a_listener_may_stop_the_run(clock: Clock, tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ def children_of(pid: int) -> dict[str, list[int]]:
     return found
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "victims",
     [

@@ -240,6 +240,7 @@ def recovered(recording: Recording) -> Recording:
     return with_fields(recording, parameters={**recording.parameters, "recovered": "some"})
 
 
+@pytest.mark.thorough
 def test_what_was_recovered_is_compared_as_far_as_it_goes() -> None:
     """Cut off anywhere it is the same, and not complete; what is on record still counts."""
     whole = crowd()

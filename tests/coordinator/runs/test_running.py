@@ -155,6 +155,7 @@ def test_whoever_may_join_may_listen(tmp_path: Path) -> None:
         running.until(lambda _: any("/to/" in key for key in heard))
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("clock", ["lockstep", "free"])
 def test_whoever_may_join_may_ask(clock: Literal["lockstep", "free"], tmp_path: Path) -> None:

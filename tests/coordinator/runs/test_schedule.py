@@ -69,6 +69,7 @@ def assert_whole(recording: Recording) -> None:
     assert found.ok, [check for check in found.checks if not check.ok]
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("family", some(LOCAL_FAMILIES, ("hex", "agv-labelled", "assembly")))
 def test_a_schedule_ends_where_the_run_ended(family: str) -> None:
@@ -87,6 +88,7 @@ def test_a_schedule_ends_where_the_run_ended(family: str) -> None:
     assert_whole(second)
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [CHAIN, VEHICLES, LABELLED, ("arm:n=6", "word", 30)])
 def test_a_goal_that_was_reached_is_reached_by_its_schedule(case: tuple[str, str, int]) -> None:
@@ -101,7 +103,7 @@ def test_a_goal_that_was_reached_is_reached_by_its_schedule(case: tuple[str, str
     assert {report.claim for report in reports_of(second)} <= {"none", "granted"}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_any_number_of_processes_gives_the_path_of_the_environment() -> None:
     """0, 2 and n processes, and the rule in the PettingZoo environment."""
     first = original(*VEHICLES)
@@ -341,6 +343,7 @@ def test_the_command_says_where_it_stopped(
 # Repaired by the rule.
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("case", [VEHICLES, LABELLED])
 def test_the_rule_goes_on_from_there(case: tuple[str, str, int]) -> None:
@@ -412,6 +415,7 @@ def test_another_rule_can_be_asked_for() -> None:
     assert_whole(second)
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [0, 2])
 def test_the_chain_rule_cannot_go_on_from_the_middle(processes: int) -> None:
@@ -441,7 +445,7 @@ def test_a_schedule_that_stops_nowhere_needs_no_repair() -> None:
 # What is on record.
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_recordings_of_schedules_can_be_replayed_drawn_and_recovered(tmp_path: Path) -> None:
     """One that stopped, and one that was repaired."""
     first = original(*VEHICLES)

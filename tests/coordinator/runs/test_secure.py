@@ -104,6 +104,7 @@ def test_a_client_is_not_taken_for_the_router(folder: Path, tmp_path: Path) -> N
         open_client(found.endpoint, credentials=Credentials("process_0", "", str(folder)))
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("name", "heard"),
     [("guest", []), ("process_0", KEYS[:3]), ("process_1", KEYS[3:5]), (COORDINATOR, KEYS)],

@@ -69,6 +69,7 @@ def checked(where: Scene, walk: list[Action], **options: Any) -> Improved:
     return found
 
 
+@pytest.mark.few(4)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SYSTEMS)
 def test_every_step_of_an_improvement_is_legal_and_better(spec: str) -> None:

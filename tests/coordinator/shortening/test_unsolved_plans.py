@@ -138,6 +138,7 @@ def test_a_converted_plan_is_told_too(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "1 of 4 robots" in (convert(source, target, hints=hints).unsolved or "")
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("picture", ["plan.svg", "plan.gif"])
 def test_a_plan_that_is_drawn_is_told_too(

@@ -71,6 +71,7 @@ TOLERATED = [
 ]
 
 
+@pytest.mark.few(5)
 @pytest.mark.parametrize("fault", TOLERATED, ids=lambda fault: f"{fault.kind} {fault.where}")
 def test_each_fault_is_tolerated(fault: Fault) -> None:
     """The run goes past it to the same path."""

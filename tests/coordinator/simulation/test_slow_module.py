@@ -7,6 +7,7 @@ import pytest
 from slow_module import measured
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_slow_module_moves_within_five_of_its_thinking_times(seed: int) -> None:

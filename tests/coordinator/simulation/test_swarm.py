@@ -125,6 +125,7 @@ def test_a_log_is_never_written_over(tmp_path: Path) -> None:
     assert earlier.read_text() == "earlier"
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("asked", "kinds", "outcomes"),
     [(ANYTHING, KINDS, OUTCOMES), (WITHOUT_ROUNDS, FREE_KINDS, FREE_OUTCOMES)],

@@ -108,6 +108,7 @@ def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -
     ends.link.check()
 
 
+@pytest.mark.few(10)
 @pytest.mark.parametrize("key", [UP, DOWN])
 @pytest.mark.parametrize(
     ("rule", "due"),
@@ -152,6 +153,7 @@ def test_what_is_held_back_comes_when_the_rule_stops(ends: Ends) -> None:
     assert ends.hear(UP, 1) == [ready(0)]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("keep", [False, True])
 def test_nothing_passes_a_link_that_is_cut(ends: Ends, *, keep: bool) -> None:
     """What is said meanwhile is lost, or kept until it is healed; who is alive is not noticed."""

@@ -181,6 +181,7 @@ def test_run(cubepath_run, cubepath_simulate):
 """
 
 
+@pytest.mark.thorough
 def test_a_test_that_fails_keeps_its_recordings_and_names_them(tmp_path: Path) -> None:
     """Under xdist as well; one that passes says nothing. Options come from the marker."""
     failing = FAILS.replace("{fails}", "yes")

@@ -101,6 +101,7 @@ def test_without_rounds_who_is_wounded_goes_on(name: str, cubepath_run: StartRun
     assert lost.count
 
 
+@pytest.mark.thorough
 def test_processes_of_others_take_part(cubepath_run: StartRun) -> None:
     """They are named and wounded as ours are, by a name or by one of their modules."""
     rig = cubepath_run(VEHICLES, seed=2, commands={"mine": OWN})
@@ -205,6 +206,7 @@ def test_what_does_not_come_in_time_is_told(cubepath_run: StartRun) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_what_a_command_said_is_told(cubepath_run: StartRun) -> None:
     """A process of others that ends by itself ends the run, and its last words are shown."""
     text = (
@@ -285,6 +287,7 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
         Rig(SYSTEM).kill("process_0")
 
 
+@pytest.mark.thorough
 def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str) -> None:
     """Rules need one; named processes have one alone."""
     rig = cubepath_run(SYSTEM, links=False)

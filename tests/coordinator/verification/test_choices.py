@@ -18,6 +18,7 @@ from local_families import LOCAL_FAMILIES
 from marked import some
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", some(LOCAL_FAMILIES, [*LOCAL_FAMILIES[:4], "assembly"]))
 @settings(max_examples=15)

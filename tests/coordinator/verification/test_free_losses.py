@@ -62,6 +62,7 @@ def said(kind: str) -> int:
     return sum(1 for _ in free_recorded(SPEC, moves=MOVES, restarts=1).of_kind(kind))
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ask", "turns", "pass", "tell", "shows"])
 def test_any_message_may_be_missing(kind: str) -> None:
@@ -77,6 +78,7 @@ def test_any_message_may_be_missing(kind: str) -> None:
     assert found or kind == "pass"  # whatever is passed on was asked for
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_many_messages_in_a_row_may_be_missing(seed: int) -> None:

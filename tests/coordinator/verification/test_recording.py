@@ -95,6 +95,7 @@ def test_a_count_that_no_memory_holds_is_only_a_wrong_number(number: int) -> Non
     assert f"of {number} is missing" in detail_of(found, "complete")
 
 
+@pytest.mark.few(50)
 @pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
 def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
     """The check that a tampering is about fails, in one line that says where; others as known."""
@@ -234,6 +235,7 @@ REAL = [
 ]
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(("spec", "rule"), REAL)
 def test_a_real_recording_passes(spec: str, rule: str) -> None:
     """What really ran passes every check, and the numbers derived are those of the run."""
@@ -248,6 +250,7 @@ def test_a_real_recording_passes(spec: str, rule: str) -> None:
     assert found.path_digest == summary.path_digest
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "rule"),

@@ -58,6 +58,7 @@ def written(recording: Recording) -> Recording:
     return read_recording(path)
 
 
+@pytest.mark.few(10)
 @pytest.mark.parametrize(("make", "form"), FORMS)
 def test_a_file_is_told_as_messages_in_memory(make: Tampering, form: str) -> None:
     """Every tampering: the same checks fail, with the same words, and the numbers are the same."""

@@ -159,6 +159,7 @@ def saved(folder: Path, text: bytes) -> Path:
     return path
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("steps", [PLAIN, COMPILED])
 @given(
     seed=st.integers(0, 2**32),

@@ -44,6 +44,7 @@ def steps_done(state: State) -> set[Step]:
     return done | {(part, "weld") for part, letter in letters.items() if letter == "welded"}
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     ("kind", "size", "until"),
     [

@@ -124,6 +124,7 @@ def test_a_chain_has_no_failure_at_its_start() -> None:
     assert failures(scene_from_spec("hex-connected:n=6")) == set()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("count", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_the_chain_reaches_its_goal_through_connected_states(count: int) -> None:
     """The default scene's goal can be reached, and every state on the way is legal."""

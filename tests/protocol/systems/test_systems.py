@@ -122,6 +122,7 @@ def test_hexagons_sense_two_and_claim_three_far() -> None:
     assert set(system.reach((0, 0))) == within[3]
 
 
+@pytest.mark.few(7)
 @pytest.mark.parametrize("spec", SPECS)
 def test_a_scene_is_the_same_after_a_file(spec: str) -> None:
     """Every built-in system can be written as TOML, read back, and pickled, unchanged."""
@@ -146,6 +147,7 @@ def moves_near(system: System, start: Site) -> list[tuple[Site, Move]]:
     ]
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("spec", [*SPECS, "hex-connected", "hex-tunnel"])
 def test_equal_actions_are_one_object(spec: str) -> None:
     """The moves from either end and the action by its name hold the same object, pickled too."""
@@ -164,6 +166,7 @@ def test_equal_actions_are_one_object(spec: str) -> None:
         assert known
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("spec", [*SPECS, "hex-connected", "hex-tunnel"])
 def test_a_move_is_found_by_its_name_and_by_its_action(spec: str) -> None:
     """By site, generator and place it is that move; by its action all moves that make it."""

@@ -30,6 +30,7 @@ def with_descriptors(folder: Path, most: int, *arguments: str) -> subprocess.Com
     )
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("arguments", "most"), [(REPLAY, 16), (RUN, 16), (REPLAY, 22), (RUN, 30), (MANY, 64)]
 )
@@ -44,6 +45,7 @@ def test_too_few_descriptors_are_one_line(
     assert (done.stdout, list(tmp_path.iterdir())) == ("", [])
 
 
+@pytest.mark.thorough
 def test_the_least_that_is_asked_for_is_enough(tmp_path: Path) -> None:
     """A run that is refused with one file less comes to its end; its recording is counted too."""
     told = with_descriptors(tmp_path, 16, *RUN).stderr
@@ -55,6 +57,7 @@ def test_the_least_that_is_asked_for_is_enough(tmp_path: Path) -> None:
     assert done.stderr.startswith("cubepath: endpoint ")
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("arguments", [REPLAY, RUN])
 def test_enough_descriptors_are_enough(tmp_path: Path, arguments: tuple[str, ...]) -> None:
     """What is asked for before is enough for what comes."""

@@ -222,17 +222,16 @@ class FreeRun:
         collector = self._collector
         asked = time.monotonic()
         until = asked + self.plan.patience
-        while len(collector.tails) < self.plan.keepers:
-            shell.step(_STEP_S)
-            self._check()
-            self._look_after(fleet)
+        while missing := set(range(self.plan.keepers)) - collector.tails.keys():
             now = time.monotonic()
+            if now > until:
+                raise CubepathError(f"keeper_{min(missing)} did not answer in time")
             if now - asked > _LOOK_S:
                 asked = now
                 shell.carry_out(collector.fetch())
-            if now > until:
-                missing = set(range(self.plan.keepers)) - collector.tails.keys()
-                raise CubepathError(f"keeper_{min(missing)} did not answer in time")
+            shell.step(_STEP_S)
+            self._check()
+            self._look_after(fleet)
 
     def advance(self) -> Ending | None:
         """Take what comes next; return how the run has ended, None if it goes on."""
