@@ -1,6 +1,7 @@
 """Keepers and modules in real processes, killed, stopped and cut off: nothing is lost."""
 
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -50,11 +51,18 @@ def test_modules_reach_the_goal_and_each_move_is_told_once(cubepath_run: StartRu
 
 
 @pytest.mark.thorough
-def test_a_coordinator_that_comes_late_finds_everything() -> None:
+def test_a_coordinator_that_comes_late_finds_everything(tmp_path: Path) -> None:
     """Nobody listens while modules go to the goal; keepers have it all in their logs."""
+
+    def moves() -> int:
+        return sum(log.read_text().count('"committed"') for log in tmp_path.glob("keeper_*.log"))
+
     scene = scene_from_spec(CHAIN)
-    with watched(scene, "chain", processes=1, keepers=2, listening=False) as watch:
-        time.sleep(1.0)  # whatever came of it, the rest comes later
+    with watched(scene, "chain", processes=1, keepers=2, listening=False, logs=tmp_path) as watch:
+        end = time.monotonic() + PATIENCE_S
+        while moves() < 5:  # whatever came of it, the rest comes later
+            assert time.monotonic() < end, f"{moves()} moves"
+            time.sleep(0.02)
         with listened(watch):
             watch.until(watch.reached)
             watch.settle()

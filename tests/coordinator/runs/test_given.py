@@ -11,9 +11,12 @@ import pytest
 from cubepath.agents.environments.free_rollout import play_free
 from cubepath.agents.environments.rollout import play
 from cubepath.agents.environments.rollouts import play_many
+from cubepath.agents.rules.rule import Choice, RuleType
 from cubepath.coordinator.runs.asking import ask
 from cubepath.coordinator.runs.launch import run, start
-from cubepath.protocol.core.errors import InputError
+from cubepath.coordinator.shortening.normal_path import shorten
+from cubepath.protocol.core.errors import CheckError, InputError, RuleError
+from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import scene_to_toml
 
@@ -73,6 +76,69 @@ def test_what_a_run_is_asked_for_is_checked(tmp_path: Path) -> None:
         ask(nowhere)
 
 
+@pytest.mark.slow
+def test_a_run_says_where_it_stands_before_and_after(tmp_path: Path) -> None:
+    """It has not begun, goes on, or has ended; a process is named by a module in either form."""
+    running = start("hex:n=3", processes=1, log=tmp_path / "a.mcap")
+    with pytest.raises(CheckError, match=r"^the run has not begun: expected 'with start"):
+        print(running.outcome)
+    with running:
+        with pytest.raises(CheckError, match=r"^the run goes on: expected it to have ended$"):
+            print(running.outcome)
+        modules: Any = ("module_1", 1)
+        assert {running.process_of(each) for each in modules} == {"process_0"}
+        asked: Any = ("module_3", 3, "three", None, True)
+        for module in asked:
+            name = f"module_{str(module).removeprefix('module_')}"
+            with pytest.raises(InputError, match=f"^{name}: expected module_0 to module_2$"):
+                running.process_of(module)
+
+
+def test_what_is_no_path_is_one_line() -> None:
+    """Of a file, or of a run."""
+    nothing: Any = None
+    wrong: list[Any] = [nothing, 5, [1]]
+    played = "expected a file, or what `run` or `play` returned"
+    for path in wrong:
+        with pytest.raises(InputError) as error:
+            shorten(path)
+        assert str(error.value) == f"path={path!r}: {played}"
+    for act, path in ((shorten, ""), (read_recording, ""), (read_recording, nothing)):
+        with pytest.raises(InputError) as error:
+            act(path)
+        assert str(error.value) == f"path={path!r}: expected the path of a file"
+
+
+@pytest.mark.parametrize(
+    ("chosen", "told"),
+    [
+        (None, "returned None, expected one integer, or a Choice"),
+        ("x", "returned str, expected one integer, or a Choice"),
+        (1.5, "returned float, expected one integer, or a Choice"),
+        ([1], "returned list, expected one integer, or a Choice"),
+        (Choice("a"), "returned a Choice of the action str, expected one integer"),  # type: ignore[arg-type]
+        (Choice(0, failed=5), "returned a Choice with failed=5, expected why in one line"),  # type: ignore[arg-type]
+    ],
+    ids=str,
+)
+def test_a_rule_that_returns_no_choice_is_told(chosen: object, told: str) -> None:
+    """By its name, that of the module, and what it returned."""
+    bad: Any = chosen
+    rule = RuleType("mine", "bad", "here", lambda _: True, lambda _: lambda _: bad)
+    with pytest.raises(RuleError) as error:
+        play("hex:n=3", rule, max_rounds=2)
+    assert str(error.value) == f"rule 'mine', module_0: {told}"
+
+
+def test_a_rule_that_makes_nothing_is_told() -> None:
+    """A forgotten return, most of the time."""
+    nothing: Any = None
+    rule = RuleType("mine", "bad", "here", lambda _: True, lambda _: nothing)
+    line = r"^rule 'mine': make returned None, expected a function of a View$"
+    with pytest.raises(InputError, match=line):
+        play("hex:n=3", rule, max_rounds=2)
+
+
 def test_what_is_played_is_checked_as_what_is_run(tmp_path: Path) -> None:
     """A path is a system; seeds and doubts have the types and ranges of a run."""
     plays: tuple[Callable[..., Any], ...] = (play, play_free)
@@ -80,18 +146,35 @@ def test_what_is_played_is_checked_as_what_is_run(tmp_path: Path) -> None:
     file.write_text(scene_to_toml(scene_from_spec("hex:n=4")))
     for each in plays:
         assert each(file, seed=1).path == each("hex:n=4", seed=1).path
-        for given, told in (
+        most = "max_rounds" if each is play else "max_cycles"
+        wrong: list[tuple[dict[str, Any], str]] = [
+            *(({most: bad}, f"{most}={bad!r}: expected 0 or more") for bad in ("a", None, 2.5, -1)),
+            ({"watch": 5}, "watch=5: expected a function"),
             ({"seed": -1}, "seed=-1: expected 0 or more"),
             ({"seed": "a"}, "seed='a': expected 0 or more"),
             ({"hesitate": 7}, "hesitate=7: expected at least 0 and less than 1"),
             ({"hesitate": "x"}, "hesitate='x': expected a number"),
             ({"system": 5}, "system=5: expected a name, a file or a scene"),
             ({"rule": 5}, "rule=5: expected the name of a rule, or FILE.py:NAME"),
-        ):
+        ]
+        for given, told in wrong:
             whole: dict[str, Any] = {"system": "hex:n=4", **given}
             with pytest.raises(InputError) as error:
                 each(**whole)
             assert str(error.value) == told
+    for given, told in (
+        ({"lag": "x"}, "lag='x': expected 0 or more"),
+        ({"jitter": "a"}, "jitter='a': expected a number"),
+        ({"speeds": 5}, "speeds=5: expected factors by module, as in {0: 2}"),
+        ({"speeds": {0: "a"}}, "speeds: module 0 with a, expected modules 0 to 3 with"),
+        ({"restarts": 5}, "restarts=5: expected turns with modules, as in {12: [0]}"),
+        ({"restarts": {"a": [0]}}, "restarts={'a': [0]}: expected turns with modules"),
+        ({"restarts": {3: ["a"]}}, "restarts={3: ['a']}: expected turns with modules"),
+    ):
+        free: dict[str, Any] = {"system": "hex:n=4", **given}
+        with pytest.raises(InputError) as error:
+            play_free(**free)
+        assert str(error.value).startswith(told)
     many: Any = play_many
     for seeds, told in (([-1], "seed=-1: exp"), ([0, "b"], "seed='b': exp"), ("ab", "seed='a': ")):
         with pytest.raises(InputError) as error:

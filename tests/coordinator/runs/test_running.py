@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import signal
+import weakref
 from pathlib import Path
 from typing import Literal
 
@@ -217,6 +219,19 @@ def test_a_kind_that_no_message_has_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"^kind 5: expected the name of a kind"):
         running.tap(5)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
     running.tap("claim", "hold", "held", "turn", "shown", "moved", "summary", "certificate")
+
+
+@pytest.mark.slow
+def test_a_tap_that_nobody_holds_is_gone(tmp_path: Path) -> None:
+    """It holds no messages for nobody; the others go on."""
+    with start("hex:n=3", processes=0, log=tmp_path / "a.mcap") as running:
+        kept, gone = running.tap("claim"), weakref.ref(running.tap("claim"))
+        gc.collect()
+        assert gone() is None
+        running.step()
+        assert len(kept) > 0
+        del kept
+        running.step()
 
 
 def test_messages_go_on_to_the_end(tmp_path: Path) -> None:

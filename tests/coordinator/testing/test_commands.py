@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from cubepath.coordinator.testing.commands import Command, Guard
+from cubepath.coordinator.testing import ward
+from cubepath.coordinator.testing.commands import LINE_BYTES_MAX, LINES_MAX, Command, Guard
 from cubepath.protocol.core.errors import CheckError, InputError
 
 pytestmark = pytest.mark.slow
@@ -83,7 +84,6 @@ if not paused:
 os.kill(paused, signal.SIGSTOP)
 guard.watch(paused)
 guard.watch_folder(sys.argv[2])
-time.sleep(0.2)
 print(command.out.split()[0], *command.says(r"(\\d+) (\\d+) all").groups(), stopped.pid, paused)
 sys.stdout.flush()
 time.sleep(1000)
@@ -108,6 +108,30 @@ def test_nothing_is_left_of_a_process_that_is_killed(tmp_path: Path) -> None:
     end = time.monotonic() + ENOUGH_S
     while folder.exists() and time.monotonic() < end:
         time.sleep(0.02)
+    assert not folder.exists()
+
+
+LATE = """
+import os, sys
+sys.path.insert(0, sys.argv[1])
+from ward import Ward
+ward = Ward(os.open(os.devnull, os.O_WRONLY), [])
+ward._parent = -1
+ward.wait()
+ward.end()
+"""
+
+
+def test_what_a_guard_was_told_last_counts(tmp_path: Path) -> None:
+    """Though who told it is gone before it has read that."""
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    where = str(Path(ward.__file__).parent)
+    with Command("sleep 1000") as command:
+        told = f"watch {command.pid}\nfolder {folder}\n"
+        start = [sys.executable, "-I", "-S", "-c", LATE, where]
+        subprocess.run(start, input=told, text=True, check=True)
+        assert gone(command.pid)
     assert not folder.exists()
 
 
@@ -179,6 +203,22 @@ def test_a_command_can_be_interrupted() -> None:
         command.signal(signal.SIGINT)
         command.says("^KeyboardInterrupt")
         assert command.wait() == -signal.SIGINT
+
+
+def test_the_last_lines_of_a_command_are_kept() -> None:
+    """So many of each stream, and long ones in pieces; what was found is not found again."""
+    text = f"print('x' * {2 * LINE_BYTES_MAX + 5})\nfor n in range({LINES_MAX + 3}): print(n)"
+    with Command([sys.executable, "-c", text]) as command:
+        command.says("^1$")
+        assert command.says("^2$", again=True)[0] == "2"
+        command.wait()
+        assert command.out.splitlines() == [str(n) for n in range(3, LINES_MAX + 3)]
+        with pytest.raises(CheckError, match=r"says '\^2\$': it ended"):
+            command.says("^2$", again=True)
+        assert command.says("^4$", again=True)[0] == "4"
+    with Command([sys.executable, "-c", text.splitlines()[0]]) as command:
+        command.wait()
+        assert [len(line) for line in command.out.splitlines()] == [*2 * [LINE_BYTES_MAX], 5]
 
 
 def test_a_line_can_be_waited_for_again() -> None:

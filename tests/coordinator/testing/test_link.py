@@ -123,6 +123,7 @@ def test_everything_passes_once_and_in_order(ends: Ends, key: str, count: int) -
             Rule(action="delay", pattern=Pattern(round=1), seconds=0.2, overtaken=True),
             [0, 2, 3, 4, 5, 1],
         ),
+        (Rule(action="hold", pattern=Pattern(round=1), seconds=0.2), [0, 2, 3, 4, 5, 1]),
         (Rule(action="reorder", pattern=Pattern(round=1), by=2), [0, 2, 3, 1, 4, 5]),
         (Rule(action="reorder", pattern=Pattern(round=5)), [0, 1, 2, 3, 4, 5]),
         (Rule(action="double", pattern=Pattern(round=4), seconds=0.2), [0, 1, 2, 3, 4, 5, 4]),
@@ -237,6 +238,20 @@ def test_chance_meets_the_same_messages_whatever_the_order() -> None:
     assert {True, False} == set(times)
 
 
+def test_a_rule_remembers_so_many_messages_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And a message that comes again before they are over has the chances that it has alone."""
+    monkeypatch.setattr("cubepath.coordinator.testing.rules.COPIES_MAX", 10)
+    alone, among = (Rule(action="drop", probability=0.5) for _ in range(2))
+    fates = [alone.meets(Seen(UP, ready(1))) for _ in range(40)]
+    found = []
+    for round_ in range(40):
+        found.append(among.meets(Seen(UP, ready(1))))
+        for other in range(9):
+            among.meets(Seen(UP, ready(2 + 9 * round_ + other)))
+    assert found == fates
+    assert len(among._copies) == 10
+
+
 def test_a_rule_that_raises_is_told_and_the_message_passes(ends: Ends) -> None:
     """With what it raised; the link goes on."""
     ends.link.add(Rule(action="drop", pattern=Pattern(where=lambda _: 1 // 0 > 0)))
@@ -246,6 +261,15 @@ def test_a_rule_that_raises_is_told_and_the_message_passes(ends: Ends) -> None:
         ends.link.check()
     ends.link.clear()
     ends.link.check()
+
+
+def test_a_rule_that_fails_the_test_does_not_stop_the_link(ends: Ends) -> None:
+    """What `pytest.fail` raises is no Exception; it is told as well."""
+    ends.link.add(Rule(action="drop", pattern=Pattern(where=lambda _: pytest.fail("not this"))))
+    ends.say(UP, ready(1))
+    assert ends.hear(UP, 1) == [ready(1)]
+    with pytest.raises(CheckError, match=r"^a rule of the link of process_0 raised .*not this"):
+        ends.link.check()
 
 
 def test_what_a_link_raises_is_told_and_it_goes_on(ends: Ends) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.testing.fixtures import Simulate
-from cubepath.coordinator.testing.plugin import seeds_in
+from cubepath.coordinator.testing.plugin import seeds_given, seeds_in
 
 pytestmark = pytest.mark.slow
 ENOUGH_S = 110.0
@@ -123,7 +123,8 @@ def test_seeds_come_to_the_tests(tmp_path: Path) -> None:
     """And options that are none end pytest in one line."""
     assert "4 passed" in outcome_of(tmp_path, SEEDS).stdout
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-seeds=x")
-    assert "cubepath-seeds=x: expected a number, or as 3..9, or as 1,4,7" in wrong.stderr
+    line = "cubepath-seeds=x: expected a number from 1 to 100000, or as 3..9, or as 1,4,7"
+    assert line in wrong.stderr
     wrong = outcome_of(tmp_path, SEEDS, "--cubepath-timeout=never")
     assert "cubepath-timeout=never: expected seconds, above 0, less than 3600" in wrong.stderr
 
@@ -136,11 +137,30 @@ def test_seeds_are_read(text: str, seeds: list[int]) -> None:
     assert seeds_in(text) == seeds
 
 
-@pytest.mark.parametrize("text", ["", "0", "-1", "5..3", "a", "1,", "1;2"])
+BAD = ("", "0", "-1", "5..3", "a", "1,", "1;2", "100001", "0..100000", "9" * 5000)
+
+
+@pytest.mark.parametrize("text", BAD, ids=[text[:9] for text in BAD])
 def test_no_seeds_are_an_error(text: str) -> None:
-    """With what is expected."""
-    with pytest.raises(pytest.UsageError, match=r"expected a number, or as 3\.\.9, or as 1,4,7$"):
+    """With what is expected: from how many to how many."""
+    line = r"expected a number from 1 to 100000, or as 3\.\.9, or as 1,4,7$"
+    with pytest.raises(pytest.UsageError, match=line):
         seeds_in(text)
+
+
+@pytest.mark.parametrize(
+    ("given", "seeds"), [([3, 5], [3, 5]), (range(2, 4), [2, 3]), (3, [0, 1, 2]), ("7..8", [7, 8])]
+)
+def test_a_marker_has_seeds_in_any_form(given: object, seeds: list[int]) -> None:
+    """Several numbers, how many, or as on the command line."""
+    assert seeds_given(given) == seeds
+
+
+@pytest.mark.parametrize("given", ["x", [], 0, -1, [-1], [1.5], ["a"], True, [True], 2.5, object])
+def test_a_marker_without_seeds_is_an_error(given: object) -> None:
+    """With what is expected."""
+    with pytest.raises(pytest.UsageError, match=r"^seeds=.*: expected seeds, as \[1, 4, 7\], "):
+        seeds_given(given)
 
 
 FAILS = """
@@ -182,6 +202,60 @@ def test_a_test_that_fails_keeps_its_recordings_and_names_them(tmp_path: Path) -
         "test_mine.py-test_run-seed4-run-2.mcap",
         "test_mine.py-test_run-seed4-run.mcap",
     ]
+
+
+WRONG = """
+import pytest
+@pytest.fixture
+def mine(cubepath_run):
+    return cubepath_run("hexx", processes=0)
+def test_fixture(mine): pass
+def test_method(cubepath_run):
+    run = cubepath_run("hex:n=3", processes=0, links=False)
+    run.until(lambda run: run.kill("proces_0"))
+def test_where(cubepath_run):
+    run = cubepath_run("hex:n=3", processes=0)
+    run.drop(where=lambda message: message.nothing)
+    run.step()
+@pytest.mark.cubepath(tiemout_s=3)
+def test_option(cubepath_run): pass
+@pytest.mark.cubepath(hesitat=1)
+def test_simulated(cubepath_simulate): pass
+"""
+WRONG_SEEDS = """
+import pytest
+@pytest.mark.cubepath(seeds="x")
+def test_seeds(cubepath_seed): pass
+"""
+WRONG_USE = """
+import pytest
+@pytest.mark.cubepath("free")
+def test_option(cubepath_run): pass
+"""
+
+
+def test_what_is_wrong_in_a_test_is_told_without_frames_of_ours(tmp_path: Path) -> None:
+    """In fixtures, methods and markers; those of the test are shown, its functions too."""
+    (tmp_path / "test_seeds.py").write_text(WRONG_SEEDS)
+    (tmp_path / "test_use.py").write_text(WRONG_USE)
+    options = ("--continue-on-collection-errors", "-p", "no:randomly")
+    found = outcome_of(tmp_path, WRONG, *options).stdout
+    for line in (
+        "test_seeds.py::test_seeds: seeds=x: expected seeds, as [1, 4, 7], range(5), 5 or '3..9'",
+        "test_use.py::test_option: cubepath('free'): expected names, as clock='free'",
+        "InputError: @pytest.mark.cubepath: tiemout_s: expected one of ",
+        "(did you mean 'timeout_s'?)",
+        "(did you mean 'hesitate'?)",
+        "InputError: unknown system 'hexx' (did you mean 'hex'?)",
+        '>       return cubepath_run("hexx", processes=0)',
+        '    run.until(lambda run: run.kill("proces_0"))',
+        "test_mine.py:9: InputError",
+        "run.drop(where=lambda message: message.nothing)",
+        "CheckError: a rule of the link of process_0 raised AttributeError(",
+    ):
+        assert line in found, found
+    assert "coordinator/testing" not in found
+    assert "_pytest" not in found
 
 
 LEAVES = """

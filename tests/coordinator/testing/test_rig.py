@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import sys
 from collections.abc import Callable
@@ -17,7 +18,7 @@ from cubepath.coordinator.testing.fixtures import StartRun
 from cubepath.coordinator.testing.rig import Rig
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import Seen
-from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 
 pytestmark = pytest.mark.slow
 SYSTEM = "hex:n=5"
@@ -51,6 +52,7 @@ WOUNDS: list[Any] = [
     pytest.param(lambda rig: rig.drop(probability=0.01, seed=5), id="by chance", marks=LONG),
     pytest.param(lambda rig: rig.delay(0.02, sender="process_0", times=20), id="late", marks=LONG),
     pytest.param(lambda rig: rig.reorder("said", by=3), id="overtaken", marks=LONG),
+    pytest.param(lambda rig: rig.hold("said", round=3, seconds=0.3), id="held back", marks=LONG),
     pytest.param(lambda rig: rig.pause(0, at="claim", seconds=0.3), id="paused"),
     pytest.param(
         lambda rig: rig.cut_off("process_1", at=3, seconds=0.3, keep=True),
@@ -161,6 +163,27 @@ def test_what_ended_a_run_is_told_with_what_came(cubepath_run: StartRun) -> None
     assert "the last messages:\n" in text
 
 
+@pytest.mark.parametrize("error", [CheckError("mine"), TimeoutError("mine")], ids=repr)
+def test_what_a_test_raises_is_not_taken_for_what_the_run_does(
+    error: Exception, cubepath_run: StartRun
+) -> None:
+    """Neither that of a listener nor that of a condition; the run goes on."""
+
+    due = [error, error]
+
+    def raises(*_: object) -> None:
+        if due:
+            raise due.pop()
+
+    rig = cubepath_run("hex:n=3", links=False, processes=0)
+    with pytest.raises(type(error), match=r"^mine$"):
+        rig.until(raises)
+    rig.run.listen(raises)
+    with pytest.raises(type(error), match=r"^mine$"):
+        rig.until_round(1)
+    assert rig.run.goes_on
+
+
 def test_a_run_that_fails_fails_the_test(cubepath_run: StartRun) -> None:
     """With what was seen, unless the test asks for it; and then a run that does not."""
     rig = cubepath_run("hex:n=3", links=False)
@@ -242,7 +265,14 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
         (lambda: rig.drop("claim", times="x"), "times='x': expected a whole number"),
         (lambda: rig.drop("claim", where=5), "where=5: expected a function of a message"),
         (lambda: rig.drop(process=1), "process: expected one of kind, round, "),
+        (lambda: rig.drop("said", seconds=3), "seconds: expected one of kind, round, .*, seed"),
+        (lambda: rig.hold("said", by=2), "by: expected one of kind, round, .*, seed, seconds"),
+        (lambda: rig.hold("said", seconds=0), "seconds=0: expected more than 0, or rule.release"),
         (lambda: rig.kill(9), "module_9: expected module_0 to module_4"),
+        (lambda: rig.until_round(anything("x")), "until_round='x': expected a whole number"),
+        (lambda: rig.until_moves(anything(None)), "until_moves=None: expected a whole number"),
+        (lambda: rig.step(timeout_s=anything("x")), "timeout_s='x': expected a number"),
+        (lambda: cubepath_run(SYSTEM, timeout_s="x"), "timeout_s='x': expected a number"),
         (lambda: cubepath_run(SYSTEM, commands="x"), "commands=x: expected a list, or names"),
     ]
     for act, line in wrong:
@@ -250,6 +280,11 @@ def test_what_cannot_be_done_is_one_line(cubepath_run: StartRun) -> None:
             act()
     assert set(rig.pids) == {"process_0", "process_1", "router"}
     assert not any(link.up.rules or link.down.rules for link in rig.links.values())
+    rig.finish()
+    with pytest.raises(InputError, match=r"^process_0: has no process any more, the run has ended"):
+        rig.pause("process_0")
+    with pytest.raises(InputError, match=r"^process_0: there is none, the run has not begun or"):
+        Rig(SYSTEM).kill("process_0")
 
 
 @pytest.mark.thorough
@@ -271,6 +306,20 @@ def test_without_links_the_wire_is_as_it_is(cubepath_run: StartRun, digest: str)
     with pytest.raises(InputError, match=r"^links='process_1': expected True, False, or a list"):
         cubepath_run(SYSTEM, links="process_1")
     assert reached(rig) == digest
+
+
+def test_links_and_commands_take_files_too() -> None:
+    """Where a run alone may begin, it may not with them; one line says so, and nothing is begun."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    taken = len(list(Path("/dev/fd").iterdir()))
+    try:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (taken + 37, hard))
+        Rig(SYSTEM, links=False)
+        for more in ({"links": True}, {"links": ["process_0"]}, {"commands": ["true"]}):
+            with pytest.raises(CubepathError, match=r"^too few open files are allowed: \d+, exp"):
+                Rig(SYSTEM, **{"links": False, **more})  # type: ignore[arg-type]
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
 def test_a_rule_that_raises_fails_the_test(tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ from cubepath.agents.local.observation import STAY, Observation, checked_note
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.rules.rule import Choice
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, local_only
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -90,8 +91,9 @@ class FreeEnv(AECEnv[str, Observation, int | None], EzPickle):
             raise InputError(
                 f"render_mode={render_mode!r}: expected one of {self.metadata['render_modes']}"
             )
-        if lag < 0:
-            raise InputError(f"lag={lag}: expected 0 or more")
+        whole_number("lag", lag, 0)
+        if not isinstance(speeds, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"speeds={speeds!r}: expected factors by module, as in {{0: 2}}")
         scene = scene_from_spec(system) if isinstance(system, str) else system
         self.scene = local_only(scene, "environment")
         self.max_cycles = max_cycles

@@ -5,10 +5,11 @@ Room: agents.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from cubepath.agents.environments.free_environment import FreeEnv
 from cubepath.agents.environments.free_world import Acted, FreeWorld
@@ -17,6 +18,7 @@ from cubepath.agents.rules.asked import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import function, whole_number
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
@@ -88,8 +90,10 @@ def play_free(
     >>> played.reached, len(played.path)
     (True, 18)
     """
-    if max_cycles < 0:
-        raise InputError(f"max_cycles={max_cycles}: expected 0 or more")
+    whole_number("max_cycles", max_cycles, 0)
+    _check_restarts(restarts)
+    if watch is not None:
+        function("watch", watch)
     scene, rule = scene_and_rule(system, rule, "free")
     check_seeds([seed], hesitate)
     env = FreeEnv(
@@ -135,3 +139,16 @@ def play_free(
     return FreePlayed(
         scene, tuple(commits), world.turns, refused, env.sites, reached, failed, env.time
     )
+
+
+def _check_restarts(found: object) -> None:
+    """Check who restarts when; InputError if it is of another type."""
+    given: Any = found
+    try:
+        for turn, modules in (given or {}).items():
+            for number in (turn, *modules):
+                operator.index(number)
+    except (AttributeError, TypeError):
+        raise InputError(
+            f"restarts={found!r}: expected turns with modules, as in {{12: [0]}}"
+        ) from None

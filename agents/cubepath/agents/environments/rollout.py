@@ -17,7 +17,7 @@ from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.asked import check_seeds, scene_and_rule
 from cubepath.agents.rules.rule import RuleType
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import function, whole_number
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
@@ -80,6 +80,8 @@ def play(
     ('pivot-2-right', (1, -1))
     """
     check_max_rounds(max_rounds)
+    if watch is not None:
+        function("watch", watch)
     scene, rule = scene_and_rule(system, rule)
     check_seeds([seed], hesitate)
     if watch is None and rule.vectorised is not None and is_due(_ROUNDS * len(scene.start)):
@@ -95,10 +97,9 @@ def play(
     )
 
 
-def check_max_rounds(max_rounds: int) -> None:
-    """Raise InputError if a run is to have less than no rounds."""
-    if max_rounds < 0:
-        raise InputError(f"max_rounds={max_rounds}: expected 0 or more")
+def check_max_rounds(max_rounds: object) -> None:
+    """Raise InputError if a run is to have less than no rounds, or no number of them."""
+    whole_number("max_rounds", max_rounds, 0)
 
 
 def play_in_python(

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from heapq import heapify, heapreplace
+from numbers import Real
 from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import real_number
 
 SchedulerName: TypeAlias = Literal["random", "unfair", "turns"]
 
@@ -133,10 +135,10 @@ def scheduler_named(
     name: str, *, modules: int, seed: int, speeds: Mapping[int, int], jitter: float
 ) -> Scheduler:
     """Return a scheduler; InputError if there is none of that name, or it has no such speeds."""
-    if not 0 <= jitter <= 1:
+    if not 0 <= real_number("jitter", jitter) <= 1:
         raise InputError(f"jitter={jitter}: expected 0 to 1")
     for module, factor in speeds.items():
-        if module not in range(modules) or factor < 1:
+        if module not in range(modules) or not isinstance(factor, Real) or factor < 1:
             raise InputError(
                 f"speeds: module {module} with {factor}, expected modules 0 to {modules - 1} with"
                 " factors of 1 or more"

@@ -16,7 +16,7 @@ import numpy as np
 from cubepath.agents.local.observation import STAY, Note, View
 from cubepath.agents.local.relative import RelativeObserver, relative_observer
 from cubepath.agents.rules.vector_rule import VectorKnowledge, VectorRule
-from cubepath.protocol.core.errors import RuleError
+from cubepath.protocol.core.errors import InputError, RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
@@ -132,9 +132,14 @@ class RuleType:
         return ("lockstep",) if self.free is None else ("lockstep", "free")
 
     def made(self, knowledge: InitialKnowledge, clock: str = "lockstep") -> Rule:
-        """Return the rule of one module under a clock that it holds for."""
+        """Return the rule of one module under a clock that it holds for; InputError if none."""
         own = None if clock == "lockstep" or self.free is None else self.free.make
-        return (own or self.make)(knowledge)
+        rule = (own or self.make)(knowledge)
+        if not callable(rule):
+            raise InputError(
+                f"rule {self.name!r}: make returned {rule!r}, expected a function of a View"
+            )
+        return rule
 
     def length(self, modules: int, clock: str = "lockstep") -> int:
         """Return the length of the notes under a clock, from the number of modules.
@@ -151,10 +156,23 @@ class RuleType:
             raise RuleError(f"rule {self.name!r}: its note_length: {why}") from error
 
 
+def _action(found: object, whose: str, other: str = "") -> int:
+    try:
+        return operator.index(found)  # type: ignore[arg-type] # pyright: ignore[reportArgumentType]
+    except TypeError:
+        kind = "None" if found is None else type(found).__name__
+        raise InputError(f"returned {whose}{kind}, expected one integer{other}") from None
+
+
 def as_choice(found: int | Choice) -> Choice:
     """Return a rule's result as a choice, with its reason for giving up as one line."""
     if not isinstance(found, Choice):
-        return Choice(int(found))
+        return Choice(_action(found, "", ", or a Choice"))
+    _action(found.action, "a Choice of the action ")
     if found.failed is None:
         return found
+    if not isinstance(found.failed, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(
+            f"returned a Choice with failed={found.failed!r}, expected why in one line"
+        )
     return replace(found, failed=" ".join(found.failed.split()))

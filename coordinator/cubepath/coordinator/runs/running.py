@@ -7,6 +7,7 @@ it, changes nothing.
 from __future__ import annotations
 
 import time
+import weakref
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
@@ -78,6 +79,7 @@ class Running(Standing):
             plan, task, self._before = resumed(plan, plan.resume)
         _check(plan, task)
         super().__init__(plan, task.scene)
+        self.check_files()
         self.endpoint = ""
         """Where whoever may join can listen: ``cubepath.protocol.open_client(endpoint)``."""
         self.run = ""
@@ -198,6 +200,17 @@ class Running(Standing):
 
         self._attempt(begin)
 
+    def check_files(self, more: int = 0) -> None:
+        """Check that this process may open as many files as the run takes, and so many more.
+
+        CubepathError says how many it takes.
+        """
+        plan = self.plan
+        own = min(plan.processes, len(self.scene.start))
+        keepers = plan.keepers if plan.is_free else 0
+        # Who waits for others has a session more, for that.
+        check_descriptors(own + keepers + bool(plan.wait_for), files=1 + more)
+
     # How it goes on.
 
     def step(self, count: int = 1, *, timeout_s: float = _TIMEOUT_S) -> bool:
@@ -280,11 +293,18 @@ class Running(Standing):
         """Return what is heard from now on, in order; with kinds, what is of these kinds alone.
 
         What modules say to each other in one message, claims for instance, comes part by part. A
-        tap holds a million messages at most, then the oldest are dropped, and counted. InputError
-        if there is no such kind.
+        tap holds a million messages at most, then the oldest are dropped, and counted; it is gone
+        when nobody holds it any more. InputError if there is no such kind.
         """
         tap = Tap(kinds)
-        self.listen(tap.hear)
+        held = weakref.ref(tap, lambda _: self._hears.remove(hear))
+
+        def hear(overheard: Overheard) -> None:
+            found = held()
+            if found is not None:
+                found.hear(overheard)
+
+        self.listen(hear)
         return tap
 
     def listen(self, hear: Hear) -> None:
@@ -432,12 +452,8 @@ class Running(Standing):
 def _check(plan: Plan, task: Task) -> None:
     """Refuse what the network, the recording or the system cannot carry."""
     modules = len(task.scene.start)
-    own = min(plan.processes, modules)
-    plan.network.check(modules, own)
+    plan.network.check(modules, min(plan.processes, modules))
     check_topics(task, plan)
-    # Who waits for others has a session more, for that.
-    keepers = plan.keepers if plan.is_free else 0
-    check_descriptors(own + keepers + bool(plan.wait_for), files=1)
 
 
 def _stands(status: Status) -> str:

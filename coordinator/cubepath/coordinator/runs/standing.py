@@ -86,9 +86,12 @@ class Standing:
 
     @property
     def _driver(self) -> Driver:
+        return self._begun()[1]
+
+    def _begun(self) -> tuple[RecordingWriter, Driver]:
         if self._opened is None:
             raise CheckError("the run has not begun: expected 'with start(...) as run:'")
-        return self._opened[1]
+        return self._opened
 
     # How it stands.
 
@@ -99,8 +102,9 @@ class Standing:
 
     @property
     def outcome(self) -> Outcome:
-        """Return the outcome; CheckError while the run goes on."""
+        """Return the outcome; CheckError before the run, and while it goes on."""
         if self._outcome is None:
+            self._begun()
             how = "was broken off while it ended" if self._concluded else "goes on"
             raise CheckError(f"the run {how}: expected it to have ended")
         return self._outcome
@@ -153,12 +157,14 @@ class Standing:
         """Return the process ids by name: ``process_0``, ``keeper_0``, ``router``."""
         return self._driver.fleet.pids
 
-    def process_of(self, module: int) -> str:
-        """Return the name of the process that has a module."""
+    def process_of(self, module: int | str) -> str:
+        """Return the name of the process that has a module: 3, or ``module_3``."""
+        name = f"module_{module}" if isinstance(module, int) else str(module)
         for number, modules in enumerate(self._driver.fleet.modules_of):
-            if module in modules:
+            if name in map("module_{}".format, modules):
                 return process_name(number)
-        raise InputError(f"module_{module}: expected module_0 to module_{len(self.sites) - 1}")
+        name = f"module_{name.removeprefix('module_')}"
+        raise InputError(f"{name}: expected module_0 to module_{len(self.sites) - 1}")
 
     def modules_of(self, process: str) -> tuple[int, ...]:
         """Return the modules of a process; none of a keeper, or of the router."""

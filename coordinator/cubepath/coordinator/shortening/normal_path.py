@@ -142,8 +142,12 @@ def shorten(
     >>> found.moves, found.reduced_moves, found.cubes, found.bound.cubes
     (145, 45, 24, 2)
     """
+    if path == "":
+        raise InputError("path='': expected the path of a file")
     if isinstance(path, str | Path):
         return shortened(read_input(Path(path), system, hints, progress))
+    if not (hasattr(path, "scene") and hasattr(path, "placed")):
+        raise InputError(f"path={path!r}: expected a file, or what `run` or `play` returned")
     if system is not None or hints != NO_HINTS:
         raise InputError(f"{path.scene.spec}: a path that was played, which needs no other input")
     return shortened(input_of(path, progress))

@@ -22,7 +22,9 @@ def check_name(what: str, name: object, known: Iterable[str]) -> str:
     if isinstance(name, str) and name in names:
         return name
     near = did_you_mean(name, names) if isinstance(name, str) else ""
-    told = ", ".join(names) or "none: it has ended"
+    if not names:
+        raise InputError(f"{what}{name}: there is none, the run has not begun or has ended")
+    told = ", ".join(names)
     raise InputError(f"{what}{name}: expected one of {told}{near}")
 
 

@@ -14,7 +14,9 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -25,6 +27,10 @@ from cubepath.protocol.core.errors import CheckError, InputError
 _END_S_MAX = 10.0
 _LINES_SHOWN = 10
 _STDERR_MAX = 1 << 14
+LINES_MAX = 10_000
+"""So many lines that a command wrote last are kept, of each stream."""
+LINE_BYTES_MAX = 1 << 13
+"""A longer line is kept as several."""
 
 
 def new_ward(command: Sequence[str] = (), **options: Any) -> tuple[subprocess.Popen[bytes], int]:
@@ -80,8 +86,44 @@ class Guard:
         _ended(self._ward, _END_S_MAX)
 
 
+def check_command(command: object) -> list[str]:
+    """Return a command as a list, a text split as a shell does; InputError if it is none."""
+    if isinstance(command, str):
+        try:
+            return shlex.split(command)
+        except ValueError as error:
+            raise InputError(f"command={command}: {error}") from None
+    parts: list[Any] = list(command) if isinstance(command, Sequence) else [None]
+    if not all(isinstance(part, str) for part in parts):
+        raise InputError(f"command={command!r}: expected a text, or a program and its arguments")
+    return parts
+
+
+class _Lines:
+    """The last lines of a stream, which are numbered from its beginning."""
+
+    def __init__(self) -> None:
+        self.kept: deque[str] = deque(maxlen=LINES_MAX)
+        self.count = 0
+        self.found = 0
+        """The number behind the line that was found last."""
+
+    def add(self, line: str) -> None:
+        self.kept.append(line)
+        self.count += 1
+
+    def since(self, number: int) -> Iterator[tuple[int, str]]:
+        """Yield the lines from a number on that are still there, each with its number."""
+        first = self.count - len(self.kept)
+        begin = max(number, first)
+        return enumerate(islice(self.kept, begin - first, None), begin)
+
+
 class Command:
     r"""A command in a process of its own, as a context manager that ends it.
+
+    Of what it writes the last 10,000 lines of each stream are kept, those of more than 8192 bytes
+    as several.
 
     >>> with Command(["python3", "-c", "print('here I am')"]) as command:
     ...     command.says(r"here I (\w+)")[1], command.wait()
@@ -100,14 +142,13 @@ class Command:
 
         `env` is added to the environment of this process.
         """
-        arguments = shlex.split(command) if isinstance(command, str) else list(command)
+        arguments = check_command(command)
         if not arguments:
             raise InputError("command: is empty, expected a program and its arguments")
         self.arguments = arguments
         self.name = name or Path(arguments[0]).name
         self._told = threading.Condition()
-        self._lines: dict[str, list[str]] = {"out": [], "err": []}
-        self._heard = {"out": 0, "err": 0}
+        self._lines = {"out": _Lines(), "err": _Lines()}
         self._ward, report = new_ward(
             arguments,
             stdout=subprocess.PIPE,
@@ -139,20 +180,22 @@ class Command:
 
     def _read(self, kind: str, stream: IO[bytes]) -> None:
         with stream:
-            for line in stream:
+            while line := stream.readline(LINE_BYTES_MAX):
                 with self._told:
-                    self._lines[kind].append(line.decode(errors="replace").rstrip("\n"))
+                    self._lines[kind].add(line.decode(errors="replace").rstrip("\n"))
                     self._told.notify_all()
 
     @property
     def out(self) -> str:
-        """Return what it has written to standard output so far."""
-        return "\n".join(self._lines["out"])
+        """Return what it has written to standard output so far, or the last lines of it."""
+        with self._told:
+            return "\n".join(self._lines["out"].kept)
 
     @property
     def err(self) -> str:
-        """Return what it has written to standard error so far."""
-        return "\n".join(self._lines["err"])
+        """Return what it has written to standard error so far, or the last lines of it."""
+        with self._told:
+            return "\n".join(self._lines["err"].kept)
 
     @property
     def returncode(self) -> int | None:
@@ -172,13 +215,15 @@ class Command:
         """
         deadline = time.monotonic() + timeout_s
         with self._told:
+            at = {kind: lines.found if again else 0 for kind, lines in self._lines.items()}
             while True:
                 for kind, lines in self._lines.items():
-                    for number in range(self._heard[kind] if again else 0, len(lines)):
-                        found = re.search(pattern, lines[number])
+                    for number, line in lines.since(at[kind]):
+                        found = re.search(pattern, line)
                         if found is not None:
-                            self._heard[kind] = number + 1
+                            lines.found = number + 1
                             return found
+                    at[kind] = lines.count
                 left = deadline - time.monotonic()
                 over = not any(reader.is_alive() for reader in self._readers)
                 if over or left <= 0:
@@ -191,7 +236,11 @@ class Command:
     @property
     def told(self) -> str:
         """Return its last lines of each stream in one line."""
-        tails = {kind: " | ".join(lines[-_LINES_SHOWN:]) for kind, lines in self._lines.items()}
+        with self._told:
+            tails = {
+                kind: " | ".join(line for _, line in lines.since(lines.count - _LINES_SHOWN))
+                for kind, lines in self._lines.items()
+            }
         return short("; ".join(f"std{kind}: {text or 'nothing'}" for kind, text in tails.items()))
 
     def wait(self, timeout_s: float = 30.0) -> int:

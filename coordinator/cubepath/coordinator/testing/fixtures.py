@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
+from cubepath.coordinator.testing.checks import check_name
 from cubepath.coordinator.testing.joiners import CommandLine
 from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
@@ -46,6 +47,15 @@ class Places:
 
     def _path(self, stem: str, number: int) -> Path:
         return self._folder / f"{stem}{f'-{number}' if number > 1 else ''}.mcap"
+
+
+def marked(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options of a marker; InputError for one that no run has."""
+    takes = (signature(each).parameters for each in (Rig.__init__, Plan, trial_of))
+    known = {"seeds"}.union(*takes) - {"self", "system", "rule", "options", "faults"}
+    for name in options:
+        check_name("@pytest.mark.cubepath: ", name, sorted(known))
+    return options
 
 
 class StartRun:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeAlias
 
-from cubepath.coordinator.testing.commands import Command
+from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.protocol.core.errors import CheckError, InputError
 
 CommandLine: TypeAlias = "str | Sequence[str]"
@@ -25,10 +25,14 @@ class Joiners:
         timeout_s: float,
     ) -> None:
         """Plan them; unless named they are ``own_0`` and so on. InputError for what is no list."""
-        if isinstance(commands, str):
+        if isinstance(commands, str) or not isinstance(commands, Mapping | Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(f"commands={commands}: expected a list, or names with commands")
         numbered = {f"own_{number}": line for number, line in enumerate(commands)}
         self.lines = dict(commands) if isinstance(commands, Mapping) else numbered
+        for line in self.lines.values():
+            check_command(line)
+        if not isinstance(env, Mapping | None):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"env={env!r}: expected names with values")
         self.running: dict[str, Command] = {}
         self._env = dict(env or {})
         self._timeout_s = timeout_s

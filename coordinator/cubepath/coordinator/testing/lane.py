@@ -65,7 +65,7 @@ class Lane:
         """How many messages were put at the other end, each copy counted."""
         self.overflowed = 0
         """How many were lost because too many waited."""
-        self.error: Exception | None = None
+        self.error: BaseException | None = None
         """What a rule raised first."""
         self.broken: Exception | None = None
         """What carrying something raised first."""
@@ -136,6 +136,7 @@ class Lane:
             return None  # whoever heals it, wakes it
         due = [until for _, until, _ in self._behind]
         due += [each[0][0] for each in (self._line, self._late) if each]
+        due += [rule.until for rule, _ in self._held.values() if rule.until is not None]
         return max(0.0, min(due) - time.monotonic()) if due else None
 
     def _sort(self, item: _Item) -> None:
@@ -173,7 +174,7 @@ class Lane:
                 return None  # the process does not listen to it
             seen = Seen(item.key, item.data, time.monotonic())
             return fate_of(self.rules, seen, self._receiver)
-        except Exception as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
+        except BaseException as error:  # noqa: BLE001 - of a rule's `where`: told by `check`
             self.error = self.error or error
             return None
 
@@ -188,6 +189,8 @@ class Lane:
         while self._waits and not self.cut:
             yield self._waits.popleft()
         for key, (rule, held) in list(self._held.items()):
+            if rule.until is not None and rule.until <= now:
+                rule.stop()
             if not rule.on:
                 del self._held[key]
                 yield from held

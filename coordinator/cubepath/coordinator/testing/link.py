@@ -43,6 +43,8 @@ class Link:
         With a private router the process shows its own credentials to both. Otherwise the link
         listens at a port of this machine. InputError if the endpoint takes certificates.
         """
+        if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"endpoint={endpoint!r}: expected where the router is")
         if endpoint.startswith("tls/"):
             raise InputError(
                 f"endpoint={endpoint}: a link has no certificate, expected tcp/HOST:PORT"

@@ -76,7 +76,9 @@ class Log:
     """
 
     def __init__(self, recording: Recording) -> None:
-        """Ask a recording."""
+        """Ask a recording; InputError if it is none."""
+        if not isinstance(recording, Recording):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"{recording!r}: expected a Recording, or Log.read(PATH)")
         self.recording = recording
         self.scene = recording.scene
 

@@ -7,8 +7,12 @@ cubepath is installed: it imports nothing but pytest before a fixture is asked f
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterable, Iterator
+import sys
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
+from itertools import islice, pairwise
 from pathlib import Path
+from traceback import format_exception
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -22,6 +26,10 @@ _TIMEOUT_S = 30.0
 _TOLD = pytest.StashKey[list[Any]]()
 """Those that tell of recordings when a test fails."""
 _RANGE = re.compile(r"(\d+)\.\.(\d+)")
+SEEDS_MAX = 100_000
+"""A test is called no more often."""
+_OURS = re.compile(r"cubepath\.(protocol|agents|coordinator)\b|contextlib$")
+_PYTEST = re.compile(r"(_?pytest|pluggy)\b")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -65,14 +73,40 @@ def _given(config: pytest.Config, name: str) -> str:
 def seeds_in(text: str) -> list[int]:
     """Return the seeds of a text: ``5`` for 0 to 4, ``3..9``, or ``1,4,7``; UsageError if none."""
     found = _RANGE.fullmatch(text)
-    if found is not None and int(found[1]) <= int(found[2]):
-        return list(range(int(found[1]), int(found[2]) + 1))
-    if text.isdecimal() and int(text):
-        return list(range(int(text)))
     parts = text.split(",")
-    if len(parts) > 1 and all(part.isdecimal() for part in parts):
-        return [int(part) for part in parts]
-    raise pytest.UsageError(f"cubepath-seeds={text}: expected a number, or as 3..9, or as 1,4,7")
+    seeds: Sequence[int] = ()
+    with suppress(ValueError):  # of a number that is too long to be read
+        if found is not None:
+            seeds = range(int(found[1]), int(found[2]) + 1)
+        elif text.isdecimal():
+            seeds = range(int(text))
+        elif len(parts) > 1 and all(part.isdecimal() for part in parts):
+            seeds = [int(part) for part in parts]
+    if not 1 <= len(seeds[: SEEDS_MAX + 1]) <= SEEDS_MAX:  # a longer range may have no length
+        raise pytest.UsageError(
+            f"cubepath-seeds={text}: expected a number from 1 to {SEEDS_MAX}, or as 3..9,"
+            " or as 1,4,7"
+        )
+    return list(seeds)
+
+
+def seeds_given(given: Any) -> list[int]:
+    """Return the seeds of a marker: several, how many, or a text as for `seeds_in`.
+
+    UsageError if they are none of these.
+    """
+    seeds: list[Any] = []
+    with suppress(pytest.UsageError, TypeError):
+        if isinstance(given, int | str):
+            seeds = seeds_in(str(given))
+        else:
+            seeds = list(islice(given, SEEDS_MAX + 1))
+    whole = all(isinstance(seed, int) and type(seed) is not bool and seed >= 0 for seed in seeds)
+    if not (seeds and whole and len(seeds) <= SEEDS_MAX):
+        raise pytest.UsageError(
+            f"seeds={given}: expected seeds, as [1, 4, 7], range(5), 5 or '3..9'"
+        )
+    return seeds
 
 
 def _seeds_asked(config: pytest.Config) -> list[int]:
@@ -98,20 +132,75 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if SEED not in metafunc.fixturenames:
         return
     asked = metafunc.config.getoption("--cubepath-seeds")
-    marked: Iterable[int] | None = None
-    for marker in metafunc.definition.iter_markers(MARKER):
-        marked = marker.kwargs.get("seeds") if marked is None else marked
+    marked = _marked_seeds(metafunc.definition)
     seeds = seeds_in(asked) if asked else marked
     chosen = list(_seeds_asked(metafunc.config) if seeds is None else seeds)
     if chosen:
         metafunc.parametrize(SEED, chosen, indirect=True, ids=[f"seed{seed}" for seed in chosen])
 
 
+def _marked_seeds(item: pytest.Item) -> list[int] | None:
+    """Return the seeds of the nearest marker that has some; one line tells what is wrong."""
+    found: Any = None
+    for marker in item.iter_markers(MARKER):
+        if marker.args:
+            told = ", ".join(map(repr, marker.args))
+            raise pytest.Collector.CollectError(
+                f"{item.nodeid}: {MARKER}({told}): expected names, as clock='free'"
+            )
+        found = marker.kwargs.get("seeds") if found is None else found
+    try:
+        return None if found is None else seeds_given(found)
+    except pytest.UsageError as error:
+        raise pytest.Collector.CollectError(f"{item.nodeid}: {error}") from None
+
+
+def _in_a_line(excinfo: pytest.ExceptionInfo[BaseException]) -> str:
+    """Take our frames from an error that is told in one line; return it if no frame is left.
+
+    What is wrong is in the test, and the line says what; ``--full-trace`` and ``--pdb`` show all
+    frames.
+    """
+    errors = sys.modules.get("cubepath.protocol.core.errors")
+    if errors is None or not isinstance(excinfo.value, errors.CubepathError):
+        return ""
+
+    if _keeps_theirs(excinfo.value):
+        return ""
+    cause = excinfo.value.__cause__
+    told = [] if cause is None or cause.__traceback__ is None else format_exception(cause)
+    return "".join([*told, f"{excinfo.typename}: {excinfo.value}"])
+
+
+def _keeps_theirs(error: BaseException) -> bool:
+    """Take our frames from an error and what it came of; return whether the test's are in it."""
+    if error.__cause__ is not None:
+        _keeps_theirs(error.__cause__)
+    found, left, theirs = error.__traceback__, [], False
+    while found is not None:
+        module = str(found.tb_frame.f_globals.get("__name__", ""))
+        if not _OURS.match(module):
+            left.append(found)
+            theirs = theirs or not _PYTEST.match(module)
+        found = found.tb_next
+    for one, after in pairwise([*left, None]):
+        if one is not None:
+            one.tb_next = after
+    error.__traceback__ = left[0] if left else None
+    return theirs
+
+
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, Any]:
-    """Name the recordings of a test that failed."""
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[Any]
+) -> Generator[None, Any, Any]:
+    """Name the recordings of a test that failed, and show what is wrong without our frames."""
+    options = ("fulltrace", "usepdb")
+    whole = call.excinfo is None or any(item.config.getoption(each, False) for each in options)
+    line = "" if whole or call.excinfo is None else _in_a_line(call.excinfo)
     report = yield
     if report.failed:
+        report.longrepr = line or report.longrepr
         lines = [line for teller in item.stash.get(_TOLD, []) for line in teller.told()]
         if lines:
             text = "\n".join([*lines, "to look at one: cubepath info FILE, or cubepath view FILE"])
@@ -155,10 +244,10 @@ def cubepath_run(
 
     Everything that it starts is ended when the test is over, whatever happens.
     """
-    from cubepath.coordinator.testing.fixtures import StartRun  # noqa: PLC0415 - as above
+    from cubepath.coordinator.testing.fixtures import StartRun, marked  # noqa: PLC0415 - as above
 
     defaults: dict[str, Any] = {"seed": cubepath_seed, "timeout_s": _timeout_s(request.config)}
-    found = StartRun(_cubepath_places, defaults | _marked(request))
+    found = StartRun(_cubepath_places, defaults | marked(_marked(request)))
     _tell(request, found)
     try:
         yield found
@@ -171,9 +260,9 @@ def cubepath_simulate(
     request: pytest.FixtureRequest, cubepath_seed: int, _cubepath_places: Places
 ) -> Simulate:
     """Return what simulates a run under faults and checks it: the arguments are of `trial_of`."""
-    from cubepath.coordinator.testing.fixtures import Simulate  # noqa: PLC0415 - as above
+    from cubepath.coordinator.testing.fixtures import Simulate, marked  # noqa: PLC0415 - as above
 
-    found = Simulate(_cubepath_places, cubepath_seed, _marked(request))
+    found = Simulate(_cubepath_places, cubepath_seed, marked(_marked(request)))
     _tell(request, found)
     return found
 

@@ -11,11 +11,12 @@ from contextlib import ExitStack
 from typing import Any, Self, TypeVar
 
 from cubepath.coordinator.runs.playback import Replayed, replay
-from cubepath.coordinator.testing.commands import Command
+from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.seen import RESULTS, Seen
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import function
 from cubepath.protocol.wire.free_messages import free_key
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.nodes import Effect, Node
@@ -34,6 +35,8 @@ def replay_into(
     coordinator found at the end was on no wire, and is left out. With `what` and the keys of
     `Pattern`, messages are those that they mean.
     """
+    _check_log(log)
+    function("to", to)
     meant = pattern_of(what, **pattern)
     return [
         to(_on_wire(each, run))
@@ -49,6 +52,8 @@ def replay_into_node(
 
     The rest is as for `replay_into`. The node's timers are not waited for.
     """
+    if not all(callable(getattr(node, name, None)) for name in ("start", "receive")):
+        raise InputError(f"node={node!r}: expected a node")
     found = list(node.start())
 
     def give(seen: Seen) -> None:
@@ -56,6 +61,11 @@ def replay_into_node(
 
     replay_into(log, give, what, run=run, **pattern)
     return found
+
+
+def _check_log(log: object) -> None:
+    if not isinstance(log, Log):
+        raise InputError(f"{log!r}: expected a Log")
 
 
 def _on_wire(seen: Seen, run: str) -> Seen:
@@ -90,6 +100,8 @@ class Listener:
         in ``CUBEPATH_ENDPOINT`` and ``CUBEPATH_RUN`` too. CheckError if it ends before it listens,
         or does not within the time; otherwise as `cubepath.coordinator.replay`.
         """
+        _check_log(log)
+        check_command(command)
         self._resources = ExitStack()
         self._command: Command | None = None
 

@@ -6,7 +6,9 @@ are ready, and it is listened to. In both cases a test says until when, and what
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -27,7 +29,7 @@ from cubepath.coordinator.testing.log import Log, What, pattern_of
 from cubepath.coordinator.testing.seen import RESULTS, Seen
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.coordinator.testing.wounds import Who, Wounds
-from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.wire.credentials import GUEST, process_name
 from cubepath.protocol.wire.free_messages import FREE_KINDS, free_key
@@ -39,6 +41,9 @@ HEARD_MAX = 5000
 _LISTENS = re.compile(r"listening on (\S+) without TLS")
 _DIED = re.compile(r"^(\S+) has died")
 _MENDED = "and was started again"
+_FOR_A_LINK = 5
+_FOR_A_COMMAND = 5
+"""So many descriptors are open for each at one time, at most."""
 _LOOPBACK = "tcp/127.0.0.1:0"
 
 
@@ -64,9 +69,10 @@ class Rig(Wounds):
 
         What is awaited comes within `timeout_s`, unless told otherwise, and so do the commands: a
         CheckError tells who did not join, or ended before, and what it said. InputError for what
-        cannot be run.
+        cannot be run, CubepathError if too few files may be open for all of it.
         """
         super().__init__(links=links)
+        seconds("timeout_s", timeout_s)
         self._joiners = Joiners(commands, env, timeout_s)
         self.commands = self._joiners.running
         if self._joiners.lines:
@@ -82,6 +88,7 @@ class Rig(Wounds):
         self.timeout_s = timeout_s
         self.run = start(system, rule, say=self._say, way=self.way, **options)
         self.run.check = self._joiners.check
+        self.run.check_files(self._files)
         self.said: list[str] = []
         """What the run said in lines: where it listens, who is waited for, who died."""
         self.heard: deque[Seen] = deque(maxlen=HEARD_MAX)
@@ -89,6 +96,15 @@ class Rig(Wounds):
         self._unexpected: list[str] = []
         self._parts: deque[Any] = deque()
         self._raised: Exception | None = None
+
+    @property
+    def _files(self) -> int:
+        """Return how many files this process opens for links, commands and their guard."""
+        plan, commands = self.run.plan, len(self._joiners.lines)
+        own = max(1, min(plan.processes, len(self.run.scene.start)))
+        there = own + commands + (plan.keepers if plan.is_free else 0)
+        links = len(self._wanted) if isinstance(self._wanted, Collection) else there * self._wanted
+        return _FOR_A_LINK * links + _FOR_A_COMMAND * commands + 1
 
     def __enter__(self) -> Self:
         """Start everything; CheckError or InputError if that fails."""
@@ -228,11 +244,13 @@ class Rig(Wounds):
     def until_round(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until a round is over, or a level is reached."""
         __tracebackhide__ = True
+        check_whole("until_round", number)
         self._go_on(lambda rig: rig.round >= number, f"{self._unit} {number}", timeout_s)
 
     def until_moves(self, number: int, *, timeout_s: float | None = None) -> None:
         """Go on until there are so many moves in all."""
         __tracebackhide__ = True
+        check_whole("until_moves", number)
         self._go_on(lambda rig: rig.moves >= number, f"{number} moves", timeout_s)
 
     def until_goal(self, *, timeout_s: float | None = None) -> None:
@@ -257,22 +275,25 @@ class Rig(Wounds):
 
     def _go_on(self, what: Callable[[Rig], object], name: str, timeout_s: float | None) -> None:
         __tracebackhide__ = True
-        seconds = self.timeout_s if timeout_s is None else timeout_s
-
-        def holds(_: Running) -> bool:
-            return bool(self._unexpected) or self._raised is not None or bool(what(self))
-
+        patience = seconds("timeout_s", self.timeout_s if timeout_s is None else timeout_s)
+        end = time.monotonic() + patience
         why = ""
-        try:
-            self.run.until(holds, timeout_s=seconds)
-        except TimeoutError:
-            why = f"not within {seconds:g} s: {name}"
-        except CheckError:
-            why = f"the run ended before: {name}"
+
+        def over(_: Running) -> bool:
+            nonlocal why
+            if self._unexpected or self._raised is not None or what(self):
+                return True
+            if not self.run.goes_on:
+                why = f"the run ended before: {name}"
+            elif time.monotonic() > end:
+                why = f"not within {patience:g} s: {name}"
+            return bool(why)
+
+        self.run.until(over, timeout_s=math.inf)  # so that all that it raises is of the test
         self._raise_again()
         if self._unexpected:
             why = f"while waiting for {name}: {self._unexpected[0]}"
-        if why:  # outside of the handlers: what was seen says more than what was raised
+        if why:
             self._fail(why)
 
     def stop(self) -> Outcome:

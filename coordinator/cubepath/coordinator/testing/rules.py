@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 from cubepath.coordinator.testing.checks import check_name, check_seconds, check_whole, is_number
 from cubepath.coordinator.testing.seen import KNOWN, Seen
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.wire.keys import topic_in_key
 
 Action: TypeAlias = Literal["drop", "delay", "double", "hold", "reorder"]
@@ -26,6 +27,8 @@ PHASES = ("join", "sense", "observe", "claim", "settle", "over", "stop")
 """The phases of runs with rounds, in order."""
 KEPT = 1000
 """So many messages that it met last a rule remembers."""
+COPIES_MAX = 1 << 18
+"""Of so many messages that came last it remembers how often they came, where chance decides."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,6 +96,8 @@ class Pattern:
     def __str__(self) -> str:
         """Return what is given, as ``kind=said, round=3``."""
         given = {name: getattr(self, name) for name in self.__slots__}
+        if self.where is not None:  # whatever it is, in one line
+            given["where"] = getattr(self.where, "__name__", type(self.where).__name__)
         told = (f"{name}={value}" for name, value in given.items() if value is not None)
         return ", ".join(told) or "any message"
 
@@ -106,8 +111,9 @@ class Rule:
     """What happens to the messages that a pattern means; made by `drop`, `delay` and their kin.
 
     It passes over the first `after` of them, then meets `times` of them at most, each with a
-    `probability`. `seconds` are by how much a message is late, or its second copy; `by` is how many
-    later ones overtake it.
+    `probability`. `seconds` are by how much a message is late, or its second copy; a rule that
+    holds messages back stops so long after the first of them, with 0 never. `by` is how many later
+    ones overtake a message.
     """
 
     action: Action
@@ -128,12 +134,17 @@ class Rule:
     """The last of these."""
     on: bool = True
     _meant: int = field(default=0, init=False)
-    _copies: Counter[bytes] = field(init=False, default_factory=Counter)
+    _until: float | None = field(default=None, init=False)
+    _copies: OrderedDict[bytes, int] = field(init=False, default_factory=OrderedDict)
     _changed: threading.Condition = field(init=False, default_factory=threading.Condition)
     _wake: list[Callable[[], None]] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
         """Check the numbers; InputError names the one that is out of bounds."""
+        check_name("action=", self.action, get_args(Action))
+        if not isinstance(self.pattern, Pattern):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise InputError(f"pattern={self.pattern!r}: expected a Pattern")
+        whole_number("seed", self.seed)
         if self.times is not None:
             check_whole("times", self.times, 1)
         check_whole("after", self.after)
@@ -156,6 +167,8 @@ class Rule:
                 return False
             self.count += 1
             self.met.append(seen)
+            if self.action == "hold" and self.seconds and self._until is None:
+                self._until = time.monotonic() + self.seconds
             self._changed.notify_all()
         return True
 
@@ -165,8 +178,10 @@ class Rule:
             return True
         topic = topic_in_key(seen.key)
         what = blake2b(f"{receiver} {topic} ".encode() + seen.data, digest_size=8).digest()
-        self._copies[what] += 1
-        draw = blake2b(f"{self.seed}/{self._copies[what]}/".encode() + what, digest_size=8).digest()
+        copy = self._copies[what] = self._copies.pop(what, 0) + 1
+        if len(self._copies) > COPIES_MAX:
+            self._copies.popitem(last=False)
+        draw = blake2b(f"{self.seed}/{copy}/".encode() + what, digest_size=8).digest()
         return int.from_bytes(draw) < self.probability * (1 << 64)
 
     def stop(self) -> None:
@@ -177,13 +192,19 @@ class Rule:
 
     release = stop
 
+    @property
+    def until(self) -> float | None:
+        """Return when it stops by itself, in monotonic seconds; None if it does not."""
+        return self._until if self.on else None
+
     def on_stop(self, wake: Callable[[], None]) -> None:
         """Have this called when the rule stops; for links."""
         self._wake.append(wake)
 
     def wait(self, times: int = 1, timeout_s: float = 30.0) -> None:
         """Wait until it has met so many messages; CheckError if it does not within the time."""
-        deadline = time.monotonic() + timeout_s
+        check_whole("times", times)
+        deadline = time.monotonic() + check_seconds("timeout_s", timeout_s)
         with self._changed:
             while self.count < times:
                 if not self._changed.wait(max(0.0, deadline - time.monotonic())):

@@ -66,6 +66,8 @@ def faults(
     """
     known = FREE_KINDS if clock == "free" else KINDS
     usual = [kind for kind in known if clock == "free" or endings or kind not in ENDING]
+    if kinds is not None and (isinstance(kinds, str) or not isinstance(kinds, Sequence)):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"kinds={kinds!r}: expected kinds of faults, as ['loss']")
     chosen = usual if kinds is None else list(kinds)
     for kind in chosen:
         if kind not in known:

@@ -23,6 +23,7 @@ from cubepath.coordinator.testing.log import Log
 from cubepath.coordinator.testing.seen import RESULTS
 from cubepath.coordinator.testing.tables import short, table
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.given import whole_number
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import COORDINATOR
 
@@ -176,6 +177,8 @@ def places(kind: str, clock: Clock, processes: int, keepers: int) -> list[str]:
 
 def _check(fault: Fault, clock: Clock, processes: int, keepers: int) -> None:
     """Check that a fault can come to pass; InputError tells what was expected."""
+    if not isinstance(fault, Fault):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"fault {fault}: expected one as fault('loss', 'process_0 up', 3)")
     kind, where = fault.kind, fault.where
     if kind not in (known := FREE_KINDS if clock == "free" else KINDS):
         check_name("fault ", kind, known)
@@ -205,6 +208,16 @@ def trial_of(
     Without rounds there are faults until so many `moves` were made, in `keepers`. InputError names
     what cannot be run, and faults that there are not under the clock.
     """
+    if not isinstance(system, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"system={system!r}: expected a name or a file")
+    if not isinstance(faults, Sequence):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"faults={faults!r}: expected a list of faults")
+    for name, number, least in (
+        ("max_rounds", max_rounds, 0),
+        ("keepers", keepers, 1),
+        ("moves", moves, 0),
+    ):
+        whole_number(name, number, least)
     plan = Plan(system, rule, seed=seed, hesitate=hesitate, processes=processes, clock=clock)
     task = task_of(plan)
     most = min(max(processes, 1), len(task.scene.start))

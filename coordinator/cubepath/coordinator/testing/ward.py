@@ -93,6 +93,15 @@ class Ward:
                 told = os.read(0, 1 << 16)
                 if not told or self._is_over(told):
                     return
+        self._hear_the_rest()
+
+    def _hear_the_rest(self) -> None:
+        """Take what a parent that is gone has told last."""
+        os.set_blocking(0, False)  # who else holds the other end has nothing to tell
+        with contextlib.suppress(BlockingIOError):
+            while told := os.read(0, 1 << 16):
+                if self._is_over(told):
+                    return
 
     def _is_over(self, told: bytes) -> bool:
         """Take what was told; return whether all is well, so that nothing need be watched."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from cubepath.coordinator.testing.checks import check_name
+from cubepath.coordinator.testing.checks import check_name, check_seconds
 from cubepath.coordinator.testing.commands import Guard
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import What, pattern_of
@@ -22,7 +22,14 @@ from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials
 from cubepath.protocol.wire.sockets import is_private
 
-_OF_RULES = ("times", "after", "probability", "seed", "by", "overtaken")
+_OF_RULES = ("times", "after", "probability", "seed")
+_OF_ACTIONS: dict[Action, tuple[str, ...]] = {
+    "delay": ("seconds", "overtaken"),
+    "double": ("seconds",),
+    "hold": ("seconds",),
+    "reorder": ("by",),
+}
+"""What else each kind of rule is told."""
 _PROCESS_LIKE = ("process_", "keeper_", "module_", COORDINATOR, "router")
 _REGION = re.compile(r"-?\d+(,-?\d+)*")
 
@@ -111,8 +118,15 @@ class Wire:
         """Have messages come twice, the second time so many seconds later. Keys as `drop`."""
         return self._rule("double", what, options | {"seconds": seconds})
 
-    def hold(self, what: What = "", **options: Any) -> Rule:
-        """Hold messages back until the rule is released; others pass them. Keys as `drop`."""
+    def hold(self, what: What = "", *, seconds: float | None = None, **options: Any) -> Rule:
+        """Hold messages back until the rule is released; others pass them. Keys as `drop`.
+
+        With `seconds` it is released by itself, so long after the first message that it holds.
+        """
+        if seconds is not None:
+            if check_seconds("seconds", seconds) == 0:
+                raise InputError("seconds=0: expected more than 0, or rule.release()")
+            options["seconds"] = seconds
         return self._rule("hold", what, options)
 
     def reorder(self, what: What = "", *, by: int = 1, **options: Any) -> Rule:
@@ -120,10 +134,11 @@ class Wire:
         return self._rule("reorder", what, options | {"by": by})
 
     def _rule(self, action: Action, what: What, options: dict[str, Any]) -> Rule:
-        ours = {key: options.pop(key) for key in (*_OF_RULES, "seconds") if key in options}
+        own = (*_OF_RULES, *_OF_ACTIONS.get(action, ()))
+        ours = {key: options.pop(key) for key in own if key in options}
         strange = options.keys() - set(Pattern.__slots__)
         if strange:
-            check_name("", min(strange), (*Pattern.__slots__, *_OF_RULES))
+            check_name("", min(strange), (*Pattern.__slots__, *own))
         for key in options.keys() & {"sender", "to"}:
             options[key] = self._named(options[key])
         pattern = pattern_of(what, **options)

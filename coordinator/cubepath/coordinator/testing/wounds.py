@@ -213,7 +213,8 @@ class Wounds(Wire):
     def _pid(self, name: str) -> int:
         pids = self.pids
         if name not in pids:
-            raise InputError(f"{name}: expected one of {', '.join(pids) or 'none: it has ended'}")
+            left = f"expected one of {', '.join(pids)}" if pids else "the run has ended"
+            raise InputError(f"{name}: has no process any more, {left}")
         return pids[name]
 
     def _signal(self, name: str, number: int) -> None:

@@ -97,6 +97,8 @@ def opened(source: Source) -> Generator[InputFile]:
     if isinstance(source, InputFile):
         yield source
         return
+    if not isinstance(source, str | Path) or source == "":  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"path={source!r}: expected the path of a file")
     source = Path(source)
     path = _NAME if source == STANDARD_INPUT else source
     with contextlib.ExitStack() as stack:

@@ -1,0 +1,101 @@
+"""What a test gives of a wrong type is refused in one line, where it is given."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import pytest
+
+from cubepath.coordinator.testing.commands import Command
+from cubepath.coordinator.testing.joiners import Joiners
+from cubepath.coordinator.testing.link import Link
+from cubepath.coordinator.testing.log import Log
+from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+from cubepath.coordinator.testing.rules import Pattern, Rule
+from cubepath.coordinator.testing.strategies import faults
+from cubepath.coordinator.testing.trials import trial_of
+from cubepath.coordinator.testing.wire import Planned
+from cubepath.protocol.core.errors import InputError
+
+any_of: Any = {"none": None, "five": 5}
+NOTHING, FIVE = any_of["none"], any_of["five"]
+
+
+@cache
+def log() -> Log:
+    return Log.read("logs/golden/hex-5.mcap")
+
+
+def rule(**options: Any) -> Rule:
+    given: dict[str, Any] = {"action": "drop", **options}
+    return Rule(**given)
+
+
+def trial(**options: Any) -> object:
+    given: dict[str, Any] = {"system": "hex:n=3", **options}
+    return trial_of(**given)
+
+
+WRONG: list[tuple[Callable[[], object], str]] = [
+    (lambda: Log(NOTHING), "None: expected a Recording, or Log.read(PATH)"),
+    (lambda: Log.read(NOTHING), "path=None: expected the path of a file"),
+    (lambda: Log.read(""), "path='': expected the path of a file"),
+    (lambda: log().assert_same_run(NOTHING), "None: expected another Log"),
+    (lambda: replay_into(NOTHING, print), "None: expected a Log"),
+    (lambda: replay_into(log(), FIVE), "to=5: expected a function"),
+    (lambda: replay_into_node(log(), NOTHING), "node=None: expected a node"),
+    (lambda: Listener(NOTHING, "true"), "None: expected a Log"),
+    (lambda: Listener(log(), FIVE), "command=5: expected a text, or a program and its arguments"),
+    (lambda: Command(NOTHING), "command=None: expected a text, or a program and its arguments"),
+    (lambda: Command([FIVE]), "command=[5]: expected a text, or a program and its arguments"),
+    (lambda: Command("echo 'a"), "command=echo 'a: No closing quotation"),
+    (lambda: Joiners(FIVE, None, 1.0), "commands=5: expected a list, or names with commands"),
+    (lambda: Joiners([FIVE], None, 1.0), "command=5: expected a text, or a program"),
+    (lambda: Joiners([], FIVE, 1.0), "env=5: expected names with values"),
+    (
+        lambda: rule(action="dorp"),
+        "action=dorp: expected one of drop, delay, double, hold, reorder",
+    ),
+    (lambda: rule(pattern="said"), "pattern='said': expected a Pattern"),
+    (lambda: rule(seed="x"), "seed='x': expected a whole number"),
+    (lambda: rule().wait(FIVE, NOTHING), "timeout_s=None: expected 0 to 3600"),
+    (lambda: rule().wait(NOTHING), "times=None: expected a whole number"),
+    (lambda: Link("process_0", NOTHING), "endpoint=None: expected where the router is"),
+    (lambda: trial(faults=[5]), "fault 5: expected one as fault('loss', 'process_0 up', 3)"),
+    (lambda: trial(faults=5), "faults=5: expected a list of faults"),
+    (lambda: trial(max_rounds="x"), "max_rounds='x': expected 0 or more"),
+    (lambda: trial(keepers="x"), "keepers='x': expected 1 or more"),
+    (lambda: trial(moves="x"), "moves='x': expected 0 or more"),
+    (lambda: trial(system=None), "system=None: expected a name or a file"),
+    (lambda: faults(kinds=FIVE), "kinds=5: expected kinds of faults"),
+]
+
+
+@pytest.mark.parametrize(("act", "told"), WRONG, ids=[told for _, told in WRONG])
+def test_what_is_of_a_wrong_type_is_one_line(act: Callable[[], object], told: str) -> None:
+    """With what was expected."""
+    with pytest.raises(InputError, match=f"^{re.escape(told)}"):
+        act()
+
+
+def test_rules_and_plans_are_told_in_one_line() -> None:
+    """The functions in them by their names."""
+
+    class Odd:
+        def __call__(self, _: object) -> bool:
+            return True
+
+        def __repr__(self) -> str:
+            return "of\nlines"
+
+    def mine(_: object) -> bool:
+        return True
+
+    assert repr(rule(pattern=Pattern(kind="said", where=mine))) == (
+        "<drop kind=said, where=mine: met 0>"
+    )
+    assert repr(rule(pattern=Pattern(where=Odd()))) == "<drop where=Odd: met 0>"
+    assert repr(Planned(mine, lambda: None)) == "<planned: to come>"
