@@ -163,7 +163,7 @@ def test_distances_are_those_of_the_rounds(folder: Path, tmp_path: Path) -> None
     }
     found = distances(folder, asked)
     assert {run: each.tolist() for run, each in found.items()} == expected
-    asked_here = expand(sweep_of(["hex:n=3"], {"seeds": 3, "rules": ["chain"]})).batches
+    asked_here = list(expand(sweep_of(["hex:n=3"], {"seeds": 3, "rules": ["chain"]})).batches)
     known, half, nothing = play_batch(asked_here[0])
     half = replace(half, rounds={**half.rounds, "distance": None})
     nothing = replace(nothing, rounds={**nothing.rounds, "distance": None, "missing": None})

@@ -14,6 +14,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 from importlib import import_module
+from math import inf
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -25,6 +26,7 @@ from cubepath.coordinator.experiments.rows import (
     ROUND_COLUMNS,
     ROUND_MEASURES,
     RUN_COLUMNS,
+    TIMEOUT,
     Finished,
     Row,
     in_canonical_order,
@@ -143,18 +145,22 @@ class SweepFolder:
         with written_whole(self.folder / MARK) as stream:
             stream.write(json.dumps(told, indent=1).encode())
 
-    def begin(self, batches: Iterable[Batch]) -> dict[str, str | None]:
+    def begin(
+        self, batches: Iterable[Batch], timeout_s: float | None = None
+    ) -> dict[str, str | None]:
         """Take note that these are played now; return the recordings of finished runs by their ids.
 
         "" is that of a run that failed and has none, None that of one that may have one yet.
-        One that died or was prevented is none of them: it may have been the machine.
+        One that died or was prevented is none of them: it may have been the machine. Nor is one
+        that was over its limit of time, if the limit is longer now, or there is none.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
         self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
         known: dict[str, str | None] = {}
         for part in parts_of(self.folder):
-            for row in _read(part, ("id", "ended", "recording")):
-                if row["ended"] not in AGAIN:
+            for row in _read(part, ("id", "ended", "recording", "seconds")):
+                late = row["ended"] == TIMEOUT and row["seconds"] >= (timeout_s or inf)
+                if late or row["ended"] not in AGAIN:
                     none = "" if row["ended"] in FAILURES else None
                     known[row["id"]] = row["recording"] or known.get(row["id"]) or none
         return known
