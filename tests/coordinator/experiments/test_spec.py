@@ -254,6 +254,15 @@ def test_a_table_that_is_no_sweep_is_refused(change: dict[str, Any], why: str) -
         sweep_from_table(TABLE | change)
 
 
+@pytest.mark.parametrize("text", ["", 'rules = "chain"\n'])
+def test_a_file_that_is_neither_sweep_nor_system_is_refused(tmp_path: Path, text: str) -> None:
+    """An empty one, and one that has forgotten its systems: the line has both names."""
+    path = tmp_path / "sweep.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"sweep\.toml: expected the systems of a sweep"):
+        sweep_of([str(path)], {})
+
+
 def test_a_sweep_in_a_file_is_named_alone(tmp_path: Path) -> None:
     """Not beside other systems; and errors in it begin with its name."""
     path = tmp_path / "sweep.toml"

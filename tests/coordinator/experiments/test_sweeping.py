@@ -364,6 +364,29 @@ def test_a_part_of_rounds_without_its_runs_does_not_count(tmp_path: Path) -> Non
     assert read_sweep(tmp_path).rounds == found.rounds
 
 
+@pytest.mark.parametrize("dataset", ["runs", "rounds"])
+@pytest.mark.parametrize("damage", ["lost", "cut"])
+def test_a_damaged_part_is_told_and_mended_by_the_same_sweep(
+    tmp_path: Path, dataset: str, damage: str
+) -> None:
+    """Its runs are played again, those of others are not, and the rows are what they were."""
+    first = sweep("hex:n=4", out=tmp_path, seeds=2)
+    (mine,) = (tmp_path / dataset).iterdir()
+    whole = sweep("hex:n=4", out=tmp_path, seeds=3)
+    if damage == "lost":
+        mine.unlink()
+    else:
+        mine.write_bytes(mine.read_bytes()[:-9])
+    if (dataset, damage) != ("runs", "lost"):
+        with pytest.raises(InputError, match=r"cannot be read: .*the same sweep once more plays"):
+            read_sweep(tmp_path).rounds  # noqa: B018 - they are read as they are asked for
+    again = sweep("hex:n=4", out=tmp_path, seeds=3)
+    assert (first.known, again.known) == (0, 1)
+    assert timeless(again.rows) == timeless(whole.rows)
+    assert again.rounds == whole.rounds == read_sweep(tmp_path).rounds
+    assert len(pyarrow.parquet.read_table(tmp_path / "rounds")) == len(whole.rounds)
+
+
 def test_recordings_are_kept_if_asked_for(tmp_path: Path) -> None:
     """Of runs with messages, each by the id of its run."""
     found = sweep("hex:n=3", out=tmp_path, seeds=1, core="simulated", record=True)

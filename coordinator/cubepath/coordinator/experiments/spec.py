@@ -339,6 +339,8 @@ def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
 
     `given` is a table as that of `sweep_from_table`, without systems. InputError as there.
     """
+    for each in systems:
+        _check_file(each)
     files = [each for each in systems if each.endswith(".toml") and is_sweep_file(Path(each))]
     if not files:
         return sweep_from_table({"systems": list(systems), **given})
@@ -347,6 +349,18 @@ def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
     found = read_sweep_file(Path(files[0]))
     changed = sweep_from_table({"systems": list(found.systems), **given})
     return replace(found, **{key: getattr(changed, key) for key in given})
+
+
+def _check_file(name: str) -> None:
+    """Raise InputError for a file that is neither a sweep nor a system, as an empty one."""
+    try:
+        held = parsed_toml(read_text(Path(name))) if name.endswith(".toml") else {"systems": ()}
+    except InputError:  # whoever reads it says so
+        return
+    if "systems" not in held and "format" not in held:
+        raise InputError(
+            f"{name}: expected the systems of a sweep, or the format of a system, found neither"
+        )
 
 
 def is_sweep_file(path: Path) -> bool:
