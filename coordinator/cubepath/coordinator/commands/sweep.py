@@ -22,12 +22,11 @@ from cubepath.coordinator.commands.console import (
 )
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import Lines, progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.coordinator.commands.usage import AddCommand, number, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
-    from cubepath.coordinator.experiments.rows import Row
     from cubepath.coordinator.experiments.spec import Expansion
 
 _TOLD_MAX = 5
@@ -77,7 +76,7 @@ def add_sweep_command(command: AddCommand) -> None:
     )
     sweep.add_argument(
         "--timeout",
-        type=float,
+        type=number("more than 0 seconds", lambda seconds: seconds > 0),
         metavar="SECONDS",
         help="end a run that takes longer (default: none does)",
     )
@@ -221,7 +220,7 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
 
     folder, began = _folder(options), time.monotonic()
     interrupted, known = False, 0
-    ended, failures = Counter[str](), list["Row"]()
+    ended, failures = Counter[str](), list[Mapping[str, Any]]()
     with progress_bar(expansion.runs, "sweep", " runs") as bar:
 
         def begin(before: int) -> None:
