@@ -220,7 +220,7 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
 
     folder, began = _folder(options), time.monotonic()
     interrupted, known = False, 0
-    ended, failures = Counter[str](), list[Mapping[str, Any]]()
+    ended, failures = Counter[str](), list[dict[str, Any]]()
     with progress_bar(expansion.runs, "sweep", " runs") as bar:
 
         def begin(before: int) -> None:
