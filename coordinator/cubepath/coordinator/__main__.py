@@ -2,7 +2,7 @@
 
 import sys
 
-from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.commands.entry import entry
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(entry())

@@ -61,6 +61,8 @@ def test_a_rule_is_found_in_a_file(file: Path) -> None:
         ("own.rules.py:OTHER", "no rule 'OTHER', expected a RuleType, found LAST, NARROW"),
         ("own.rules.py:NARROW", "not for this system: rule '.*NARROW', expected one of"),
         ("nowhere.py:LAST", r"nowhere\.py: no such file, expected FILE\.py:NAME"),
+        ("folder.py:LAST", r"folder\.py: is a folder, expected FILE\.py:NAME"),
+        ("own.rules.py", r"unknown rule '.*own\.rules\.py' \(a rule in a file is FILE\.py:NAME\)"),
         ("bad.py:LAST", r"bad\.py: SyntaxError: "),
         ("leaves.py:LAST", r"leaves\.py: SystemExit: 3"),
     ],
@@ -68,6 +70,7 @@ def test_a_rule_is_found_in_a_file(file: Path) -> None:
 def test_what_is_wrong_is_one_line(file: Path, name: str, why: str) -> None:
     """With the file, what was found and what was expected."""
     file.with_name("bad.py").write_text("def :\n")
+    file.with_name("folder.py").mkdir()
     file.with_name("leaves.py").write_text("raise SystemExit(3)\n")
     with pytest.raises(InputError, match=why) as error:
         rule_named(f"{file.parent}/{name}", scene_from_spec("hex:n=3").system)

@@ -28,6 +28,11 @@ def test_a_local_rule_ends_with_0() -> None:
     assert document["changes"] > 0
 
 
+def test_systems_are_not_asked_for() -> None:
+    """Where the rule is missing it alone is."""
+    assert "required: RULE;" in refused("check-rule")
+
+
 def test_a_finding_is_a_line_and_exit_code_1(tmp_path: Path) -> None:
     """In words below the table; the file is found from the folder of the user."""
     (tmp_path / "clock.py").write_text((CHEATS / "clock.py").read_text())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from math import log
 from pathlib import Path
 
@@ -63,7 +64,10 @@ def test_the_plot_says_which_bar_is_which(rows: list[Row]) -> None:
     plot = price_plot(rows)
     assert plot is not None
     assert plot.title.endswith("hesitate 0.0, then hesitate 0.4")
-    assert b"timing" in plot.svg
+    text = plot.svg.decode()
+    legend = text[text.index('id="legend_1"') :]
+    names = re.findall(r">(rule factor|class|timing)</text>", legend)
+    assert names == ["rule factor", "class", "timing"]  # as the bars stand, from below
     assert price_plot([row | {"goal": False} for row in rows]) is None
 
 

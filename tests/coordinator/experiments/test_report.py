@@ -10,16 +10,17 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import pyarrow.parquet
 import pytest
 
 from command_line import refused
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.experiments.folder import SweepFolder
+from cubepath.coordinator.experiments.folder import SweepFolder, table_of
 from cubepath.coordinator.experiments.outcomes import GAVE_UP, failed
 from cubepath.coordinator.experiments.playing import play_batch
 from cubepath.coordinator.experiments.prices import price_table
 from cubepath.coordinator.experiments.report import distances, write_report
-from cubepath.coordinator.experiments.rows import FAILURES
+from cubepath.coordinator.experiments.rows import FAILURES, RUN_COLUMNS
 from cubepath.coordinator.experiments.spec import expand, sweep_of
 from cubepath.coordinator.experiments.sweeping import read_sweep, sweep
 from cubepath.coordinator.experiments.tables import (
@@ -30,6 +31,7 @@ from cubepath.coordinator.experiments.tables import (
     runs_table,
     short_rules,
 )
+from cubepath.protocol.core.errors import InputError
 
 SLOW_RULE = """
 from dataclasses import replace
@@ -163,7 +165,7 @@ def test_distances_are_those_of_the_rounds(folder: Path, tmp_path: Path) -> None
     }
     found = distances(folder, asked)
     assert {run: each.tolist() for run, each in found.items()} == expected
-    asked_here = expand(sweep_of(["hex:n=3"], {"seeds": 3, "rules": ["chain"]})).batches
+    asked_here = list(expand(sweep_of(["hex:n=3"], {"seeds": 3, "rules": ["chain"]})).batches)
     known, half, nothing = play_batch(asked_here[0])
     half = replace(half, rounds={**half.rounds, "distance": None})
     nothing = replace(nothing, rounds={**nothing.rounds, "distance": None, "missing": None})
@@ -226,6 +228,29 @@ def test_the_files_are_whole_and_the_same_again(folder: Path, tmp_path: Path) ->
     assert page.tags.count("table") == 5
     assert "prefers-color-scheme: dark" in text
     assert not re.search(r"url\(#(?!growth|progress|cubes-over-best|price)", text)
+
+
+def test_slow_modules_are_seen_in_the_time() -> None:
+    """It is a column where it is not that of the rounds, and empty elsewhere."""
+    given: dict[str, Any] = {"rules": "chain", "seeds": 2}
+    rows = sweep("hex:n=3", **given, faults="slow=0,1,slow_factor=20").rows
+    plain, slow = runs_table(rows).document()
+    assert slow["rounds"] == plain["rounds"] == plain["time"]
+    assert slow["time"]["estimate"] == 20 * plain["rounds"]["estimate"]
+    assert runs_table(rows[:2]).document()[0]["time"] is None
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "not JSON", None])
+def test_a_run_without_its_configuration_is_told(tmp_path: Path, text: str | None) -> None:
+    """In a line that names the file and the run."""
+    found = sweep("hex:n=3", out=tmp_path, seeds=1)
+    (part,) = (tmp_path / "runs").iterdir()
+    pyarrow.parquet.write_table(
+        table_of([found.rows[0] | {"configuration": text}], RUN_COLUMNS), part
+    )
+    why = f"run {found.rows[0]['id']}: expected the configuration"
+    with pytest.raises(InputError, match=why):
+        write_report(tmp_path)
 
 
 def test_a_report_mixes_no_versions(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

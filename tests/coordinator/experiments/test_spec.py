@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.coordinator.experiments.ranges import expanded, seeds_of
-from cubepath.coordinator.experiments.setting import FaultRates, run_id
+from cubepath.coordinator.experiments.setting import Batch, FaultRates, Setting, run_id, scene_hash
 from cubepath.coordinator.experiments.spec import Sweep, expand, sweep_from_table, sweep_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -107,8 +111,40 @@ def test_the_same_scene_by_another_name_is_no_other_run(tmp_path: Path) -> None:
     path = tmp_path / "mine.toml"
     path.write_text(scene_to_toml(scene_from_spec("hex:n=4")))
     found = expand(Sweep(("hex:n=4", str(path)), rules=("chain", "random")))
-    assert len(found.batches) == 2
+    assert len(list(found.batches)) == 2
     assert found.left_out == (f"{path}: the same scene as hex:n=4, which is played",)
+
+
+@cache
+def setting_of_two() -> Setting:
+    """Return the setting of a small sweep."""
+    (setting,) = expand(Sweep(("hex:n=2",))).settings
+    return setting
+
+
+@given(st.text(), st.text(), st.integers(0, 10**18))
+def test_an_id_is_that_of_plain_json(rule: str, source: str, seed: int) -> None:
+    """With sorted keys, however it is put together."""
+    setting = replace(setting_of_two(), rule=rule, source=source)
+    told = json.dumps({**setting.deciding(), "seed": seed, "code": "1"}, sort_keys=True)
+    assert Batch(setting, (seed,), "1").ids() == (run_id(setting, seed, "1"),)
+    assert run_id(setting, seed, "1") == hashlib.sha256(told.encode()).hexdigest()[:16]
+
+
+@pytest.mark.parametrize("name", ["hex:n=3", "agv-labelled", "words", 'a"b\n.toml'])
+def test_the_hash_of_a_scene_is_that_of_its_text_without_its_name(name: str) -> None:
+    """Whatever the name is."""
+    scene = scene_from_spec("hex:n=4" if name.endswith("toml") else name)
+    nameless = scene_to_toml(replace(scene, spec=""))
+    assert scene_hash(replace(scene, spec=name)) == scene_hash(replace(scene, spec=""))
+    assert scene_hash(scene) == hashlib.sha256(nameless.encode()).hexdigest()[:16]
+
+
+def test_what_is_planned_is_made_as_it_is_asked_for() -> None:
+    """Of a million runs nothing is made but what is taken."""
+    found = expand(Sweep(("hex:n=4",), seeds=tuple(range(1_000_000)), clocks=("free",)))
+    batches = iter(found.batches)
+    assert (found.runs, next(batches).seeds, next(batches).seeds) == (1_000_000, (0,), (1,))
 
 
 MINE = """
@@ -200,6 +236,9 @@ def test_paths_in_a_file_are_beside_it(tmp_path: Path) -> None:
         ({"seeds": [1, -1]}, "seeds: expected 0 or more, found -1"),
         ({"core": "fast"}, "core: unknown 'fast'"),
         ({"max_rounds": 1.5}, "max_rounds: expected a whole number, found 1.5"),
+        ({"timeout_s": 0}, "timeout_s: 0, expected more than 0"),
+        ({"timeout_s": float("nan")}, "timeout_s: nan, expected more than 0"),
+        ({"timeout_s": "1"}, "timeout_s: expected a number, found '1'"),
         ({"processes": 0}, "processes: 0, expected 1 or more"),
         ({"faults": {"loss": 2}}, "faults: loss=2, expected 0 to 1"),
         ({"faults": {"losses": 1}}, "cannot read 'losses=1'"),
@@ -213,6 +252,15 @@ def test_a_table_that_is_no_sweep_is_refused(change: dict[str, Any], why: str) -
     """In one line that names the key, what was found and what was expected."""
     with pytest.raises(InputError, match=why):
         sweep_from_table(TABLE | change)
+
+
+@pytest.mark.parametrize("text", ["", 'rules = "chain"\n'])
+def test_a_file_that_is_neither_sweep_nor_system_is_refused(tmp_path: Path, text: str) -> None:
+    """An empty one, and one that has forgotten its systems: the line has both names."""
+    path = tmp_path / "sweep.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"sweep\.toml: expected the systems of a sweep"):
+        sweep_of([str(path)], {})
 
 
 def test_a_sweep_in_a_file_is_named_alone(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from cubepath.coordinator.experiments import sweeping, workers
 from cubepath.coordinator.experiments.executors import played_by
 from cubepath.coordinator.experiments.folder import SweepFolder, read_runs
 from cubepath.coordinator.experiments.outcomes import DIED, failed
+from cubepath.coordinator.experiments.playing import late, play_batch
 from cubepath.coordinator.experiments.rows import Finished, Row
 from cubepath.coordinator.experiments.setting import Batch, code_version
 from cubepath.coordinator.experiments.spec import expand, sweep_of
@@ -36,6 +38,14 @@ import os
 from dataclasses import replace
 from pathlib import Path
 from cubepath.agents.rules.uniform import RANDOM
+
+def endless():
+    while True:
+        try:
+            while True:
+                pass
+        except Exception:
+            pass
 
 def make(known):
     {trap}
@@ -122,7 +132,7 @@ def test_a_run_whose_process_died_is_played_again(tmp_path: Path) -> None:
     asked = expand(sweep_of(["hex:n=4"], {"seeds": 2}))
     with SweepFolder(tmp_path) as folder:
         folder.begin(asked.batches)
-        folder.add([failed(asked.batches[0], 1, DIED, "it died")])
+        folder.add([failed(next(iter(asked.batches)), 1, DIED, "it died")])
     found = sweep("hex:n=4", seeds=2, out=tmp_path)
     assert (found.known, [row["ended"] for row in found.rows]) == (0, ["goal", "goal"])
     assert sweep("hex:n=4", seeds=2, out=tmp_path).known == 2
@@ -140,6 +150,67 @@ def test_a_process_that_dies_once_is_forgiven(
     found = sweep("hex:n=4..5", rules=[rule], seeds=3, jobs=2, max_rounds=20)
     assert once.exists()
     assert [row["ended"] for row in found.rows] == ["max-rounds"] * 6
+
+
+ENDLESS = "if known.modules == 4: {}"
+
+
+def test_a_run_over_its_limit_is_a_row_and_no_more(tmp_path: Path) -> None:
+    """Whatever its rule catches; the next one is played, and the limit is none of its id."""
+    (batch, other) = expand(
+        sweep_of(
+            ["hex:n=4..5"],
+            {
+                "rules": [mine(tmp_path, ENDLESS.format("endless()"))],
+                "seeds": 2,
+                "max_rounds": 5,
+                "timeout_s": 0.15,
+            },
+        )
+    ).batches
+    assert batch.ids() == replace(batch, timeout_s=None).ids()
+    rows = [each.run for each in (*play_batch(batch), *play_batch(other))]
+    assert [row["ended"] for row in rows] == ["timeout"] * 2 + ["max-rounds"] * 2
+    assert rows[0]["reason"] == "over its limit of 0.15 s"
+    assert rows[0]["seconds"] >= 0.15
+    assert rows[0]["modules"] == 4
+
+
+def test_a_run_over_its_limit_is_played_again_with_a_longer_one(tmp_path: Path) -> None:
+    """Or with none, and not with the same."""
+    (batch,) = expand(sweep_of(["hex:n=4"], {"seeds": 1})).batches
+    late_run = late(replace(batch, timeout_s=2.0), 1.9, known=True)
+    with SweepFolder(tmp_path) as folder:
+        folder.begin([batch])
+        folder.add([late_run])
+    with SweepFolder(tmp_path) as folder:
+        known = [bool(folder.begin([batch], limit)) for limit in (1.0, 2.0, 2.5, None)]
+    assert known == [True, True, False, False]
+    found = sweep("hex:n=4", seeds=1, out=tmp_path)
+    assert (found.known, [row["ended"] for row in found.rows]) == (0, ["goal"])
+
+
+@pytest.mark.slow
+def test_rules_from_elsewhere_are_played_apart(tmp_path: Path) -> None:
+    """However little there is to play: one that ends its process, or never ends, is a row."""
+    ends = mine(tmp_path, "os._exit(0)")
+    found = sweep("hex:n=4", rules=[ends], seeds=1, max_rounds=5, jobs=2)
+    assert [row["ended"] for row in found.rows] == ["died"]
+    endless = mine(tmp_path, "endless()")
+    found = sweep("hex:n=4", rules=[endless], seeds=1, max_rounds=5, timeout_s=0.2)
+    assert [row["ended"] for row in found.rows] == ["timeout"]
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.thorough
+def test_a_run_that_cannot_be_interrupted_ends_with_its_process(
+    tmp_path: Path,
+) -> None:
+    """As in a loop of compiled code; all others are played."""
+    rule = mine(tmp_path, ENDLESS.format("any(iter(int, 1))"))
+    found = sweep("hex:n=4..5", rules=[rule], seeds=1, max_rounds=5, timeout_s=0.5)
+    assert [row["ended"] for row in found.rows] == ["timeout", "max-rounds"]
+    assert "could not be interrupted" in found.rows[0]["reason"]
 
 
 def test_a_rule_that_fails_is_a_row_and_no_more(tmp_path: Path) -> None:
@@ -291,6 +362,29 @@ def test_a_part_of_rounds_without_its_runs_does_not_count(tmp_path: Path) -> Non
         (tmp_path / "rounds" / part.name).read_bytes()
     )
     assert read_sweep(tmp_path).rounds == found.rounds
+
+
+@pytest.mark.parametrize("dataset", ["runs", "rounds"])
+@pytest.mark.parametrize("damage", ["lost", "cut"])
+def test_a_damaged_part_is_told_and_mended_by_the_same_sweep(
+    tmp_path: Path, dataset: str, damage: str
+) -> None:
+    """Its runs are played again, those of others are not, and the rows are what they were."""
+    first = sweep("hex:n=4", out=tmp_path, seeds=2)
+    (mine,) = (tmp_path / dataset).iterdir()
+    whole = sweep("hex:n=4", out=tmp_path, seeds=3)
+    if damage == "lost":
+        mine.unlink()
+    else:
+        mine.write_bytes(mine.read_bytes()[:-9])
+    if (dataset, damage) != ("runs", "lost"):
+        with pytest.raises(InputError, match=r"cannot be read: .*the same sweep once more plays"):
+            read_sweep(tmp_path).rounds  # noqa: B018 - they are read as they are asked for
+    again = sweep("hex:n=4", out=tmp_path, seeds=3)
+    assert (first.known, again.known) == (0, 1)
+    assert timeless(again.rows) == timeless(whole.rows)
+    assert again.rounds == whole.rounds == read_sweep(tmp_path).rounds
+    assert len(pyarrow.parquet.read_table(tmp_path / "rounds")) == len(whole.rounds)
 
 
 def test_recordings_are_kept_if_asked_for(tmp_path: Path) -> None:

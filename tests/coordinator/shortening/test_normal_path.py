@@ -426,9 +426,10 @@ def test_a_recording_that_makes_no_path_is_refused(tmp_path: Path, case: str) ->
 
 def test_an_empty_file_with_the_name_of_a_recording_is_no_empty_path(tmp_path: Path) -> None:
     """A log that was lost is told; an empty moves file is a path of no moves."""
-    for name in ("lost.mcap", "lost.npz", "lost.json"):
+    named = {"lost.mcap": "an MCAP recording", "lost.npz": "arrays of numpy", "lost.json": "JSON"}
+    for name, held in named.items():
         (tmp_path / name).write_bytes(b"")
-        with pytest.raises(InputError, match=f"{name}: empty file"):
+        with pytest.raises(InputError, match=f"{name}: empty file, expected {held}"):
             shorten(tmp_path / name)
     (tmp_path / "moves.jsonl").write_bytes(b"")
     assert figures(shorten(tmp_path / "moves.jsonl")) == (0, 0, 0, 0)

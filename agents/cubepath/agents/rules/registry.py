@@ -81,8 +81,15 @@ def find_rule(name: str) -> RuleType | None:
 
 def unknown_rule(name: str) -> InputError:
     """Return the error for a name that no rule has."""
-    near = did_you_mean(name, rules())
+    near = _near(name)
     return InputError(f"unknown rule {name!r}{near}, expected one of {', '.join(rules())}")
+
+
+def _near(name: str) -> str:
+    """Return what may be meant by a name that no rule has, in brackets; "" for nothing."""
+    if name.endswith(".py"):
+        return " (a rule in a file is FILE.py:NAME)"
+    return did_you_mean(name, rules())
 
 
 def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
@@ -104,6 +111,6 @@ def rule_named(name: str, system: System, clock: str = "lockstep") -> RuleType:
     if found is None or not found.fits(system):
         fitting = ", ".join(rule.name for rule in rules().values() if rule.fits(system))
         what = "unknown rule" if found is None else "not for this system: rule"
-        near = did_you_mean(name, rules()) if found is None else ""
+        near = _near(name) if found is None else ""
         raise InputError(f"{what} {name!r}{near}, expected one of {fitting}")
     return found

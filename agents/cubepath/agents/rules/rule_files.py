@@ -51,8 +51,11 @@ def rule_in_file(name: str) -> RuleType:
     path = Path(file).resolve()
     try:
         text = path.read_bytes()
-    except OSError:
+    except FileNotFoundError:
         raise InputError(f"{file}: no such file, expected FILE.py:NAME of a rule") from None
+    except OSError as error:
+        why = "is a folder" if path.is_dir() else f"cannot be read: {error.strerror or error}"
+        raise InputError(f"{file}: {why}, expected FILE.py:NAME of a rule") from None
     title = f"{RULE_MODULE}{path.stem}"
     spec = spec_from_file_location(title, path, loader=_AsRead(title, path, text))
     if spec is None or spec.loader is None:

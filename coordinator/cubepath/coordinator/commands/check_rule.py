@@ -27,6 +27,7 @@ def add_check_rule_command(command: AddCommand) -> None:
     check.add_argument(
         "systems",
         nargs="*",
+        default=[],  # or else it is told to be required where RULE is missing
         metavar="SYSTEM",
         help="scenes to play it in, as for 'cubepath run' (default: a small and a larger one of"
         " each family that it is for)",

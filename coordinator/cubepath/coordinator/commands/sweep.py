@@ -22,13 +22,12 @@ from cubepath.coordinator.commands.console import (
 )
 from cubepath.coordinator.commands.files import check_files
 from cubepath.coordinator.commands.progress import Lines, progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, whole
+from cubepath.coordinator.commands.usage import AddCommand, number, whole
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without it
     from cubepath.coordinator.experiments.spec import Expansion
-    from cubepath.coordinator.experiments.sweeping import SweepResults
 
 _TOLD_MAX = 5
 """So many lines are told of a kind; the document has all."""
@@ -74,6 +73,12 @@ def add_sweep_command(command: AddCommand) -> None:
         metavar="CORE",
         help="where runs are played: compiled, simulated or wire (default: compiled, or simulated"
         " if something happens to messages)",
+    )
+    sweep.add_argument(
+        "--timeout",
+        type=number("more than 0 seconds", lambda seconds: seconds > 0),
+        metavar="SECONDS",
+        help="end a run that takes longer (default: none does)",
     )
     _add_bounds(sweep)
     sweep.add_argument(
@@ -156,6 +161,7 @@ def _given(options: argparse.Namespace) -> dict[str, object]:
         "keepers": options.keepers,
         "optimum": options.optimum,
         "improve": options.improve,
+        "timeout_s": options.timeout,
     }
     return {key: value for key, value in named.items() if value is not None}
 
@@ -177,24 +183,23 @@ def _few(lines: Sequence[str]) -> list[str]:
 
 
 def _dry_run(options: argparse.Namespace, expansion: Expansion) -> int:
-    settings: dict[tuple[Any, ...], list[int]] = {}
-    for batch in expansion.batches:
-        told = batch.setting
-        key = (told.label, told.rule, told.clock, told.hesitate, told.faults.text(), told.core)
-        settings.setdefault(key, []).extend(batch.seeds)
+    settings = [
+        (told.label, told.rule, told.clock, told.hesitate, told.faults.text(), told.core)
+        for told in expansion.settings
+    ]
     names = ("system", "rule", "clock", "hesitate", "faults", "core")
     document = {
         "runs": expansion.runs,
         "settings": [
-            {**dict(zip(names, key, strict=True)), "seeds": seeds}
-            for key, seeds in settings.items()
+            {**dict(zip(names, key, strict=True)), "seeds": list(expansion.seeds)}
+            for key in settings
         ],
         "left_out": list(expansion.left_out),
     }
     lines = [
         f"{system}, rule {rule}, {clock}, hesitate {hesitate:g}, faults {faults}, {core}:"
-        f" {len(seeds)} runs"
-        for (system, rule, clock, hesitate, faults, core), seeds in settings.items()
+        f" {len(expansion.seeds)} runs"
+        for system, rule, clock, hesitate, faults, core in settings
     ]
     answer(options, document, "\n".join(map(visible, [*lines, f"{expansion.runs} runs"])))
     return DONE
@@ -210,11 +215,12 @@ def _folder(options: argparse.Namespace) -> Path:
 
 
 def _play(options: argparse.Namespace, expansion: Expansion) -> int:
-    from cubepath.coordinator.experiments.sweeping import play_sweep, results_of  # noqa: PLC0415
+    from cubepath.coordinator.experiments.sweeping import play_sweep  # noqa: PLC0415
     from cubepath.coordinator.experiments.workers import cores  # noqa: PLC0415
 
     folder, began = _folder(options), time.monotonic()
-    interrupted, known, failures = False, 0, 0
+    interrupted, known = False, 0
+    ended, failures = Counter[str](), list[dict[str, Any]]()
     with progress_bar(expansion.runs, "sweep", " runs") as bar:
 
         def begin(before: int) -> None:
@@ -224,9 +230,9 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
             bar.refresh()
 
         def watch(runs: Sequence[Any]) -> None:
-            nonlocal failures
-            failures += sum(each.failed for each in runs)
-            told = [f"{failures} failures"] if failures else []
+            ended.update(each.run["ended"] for each in runs)
+            failures.extend(each.run for each in runs if each.failed)
+            told = [f"{len(failures)} failures"] if failures else []
             done = bar.n + len(runs)
             if isinstance(bar, Lines):  # a bar on a terminal says so itself
                 seconds = (time.monotonic() - began) * (bar.total - done) / done
@@ -237,7 +243,7 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
                 raise KeyboardInterrupt
 
         try:
-            results = play_sweep(
+            found = play_sweep(
                 expansion,
                 folder,
                 jobs=options.jobs or cores(),
@@ -245,30 +251,22 @@ def _play(options: argparse.Namespace, expansion: Expansion) -> int:
                 record=options.record,
                 watch=watch,
                 begin=begin,
+                apart=expansion.foreign,
             )
+            ended, failures = Counter(row["ended"] for row in found.rows), found.failures
         except KeyboardInterrupt:
+            # There may be millions of rows, and whoever interrupts does not wait for them.
             interrupted = True
-            results = results_of(expansion, folder, known)
-    return _told(options, expansion, results, time.monotonic() - began, interrupted=interrupted)
-
-
-def _told(
-    options: argparse.Namespace,
-    expansion: Expansion,
-    results: SweepResults,
-    seconds: float,
-    *,
-    interrupted: bool,
-) -> int:
-    failures, rows = results.failures, results.rows
-    ended = dict(sorted(Counter(row["ended"] for row in rows).items()))
+            ended += Counter({"before": known})
+    seconds = time.monotonic() - began
+    counts = dict(sorted(ended.items()))
     document = {
-        "folder": str(results.folder),
+        "folder": str(folder),
         "runs": expansion.runs,
-        "finished": len(rows),
-        "known": results.known,
+        "finished": ended.total(),
+        "known": known,
         "failures": len(failures),
-        "ended": ended,
+        "ended": counts,
         "left_out": list(expansion.left_out),
         "failed": [
             {key: row[key] for key in ("system", "rule", "seed", "ended", "reason", "id")}
@@ -279,11 +277,11 @@ def _told(
     text = table(
         [
             ("runs", expansion.runs),
-            ("finished", f"{len(rows)}, of which {results.known} before"),
-            ("ended", ", ".join(f"{count} {name}" for name, count in ended.items()) or "none"),
+            ("finished", f"{ended.total()}, of which {known} before"),
+            ("ended", ", ".join(f"{count} {name}" for name, count in counts.items()) or "none"),
             ("failures", len(failures)),
             ("time", f"{seconds:.2f} s"),
-            ("results", results.folder),
+            ("results", folder),
         ]
     )
     answer(options, document, text)

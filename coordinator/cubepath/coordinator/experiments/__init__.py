@@ -19,7 +19,6 @@ if TYPE_CHECKING:
         SweepResults,
         play_sweep,
         read_sweep,
-        results_of,
         sweep,
     )
     from cubepath.coordinator.experiments.tables import Table
@@ -32,7 +31,7 @@ else:
             "report": "Report write_report",
             "setting": "FaultRates",
             "spec": "Expansion Sweep expand sweep_of",
-            "sweeping": "SweepResults play_sweep read_sweep results_of sweep",
+            "sweeping": "SweepResults play_sweep read_sweep sweep",
             "tables": "Table",
             "workers": "cores",
         },
@@ -50,7 +49,6 @@ __all__ = [
     "expand",
     "play_sweep",
     "read_sweep",
-    "results_of",
     "standard",
     "sweep",
     "sweep_of",

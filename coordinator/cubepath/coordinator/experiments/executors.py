@@ -7,6 +7,7 @@ alone, and has a row with the reason if that ends in the same way.
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import (
@@ -23,9 +24,10 @@ from pathlib import Path
 from typing import Protocol
 
 from cubepath.coordinator.experiments.outcomes import DIED, failed
-from cubepath.coordinator.experiments.playing import play_batch
+from cubepath.coordinator.experiments.playing import late, play_batch
 from cubepath.coordinator.experiments.rows import Finished
 from cubepath.coordinator.experiments.setting import Batch
+from cubepath.coordinator.experiments.time_limits import GRACE_S
 from cubepath.coordinator.experiments.warming import warm
 
 _AHEAD = 2
@@ -60,10 +62,13 @@ def played_here(batches: Iterable[Batch], recordings: Path | None) -> Iterator[l
 
 
 def played_by(
-    workers: Workers, batches: Iterable[Batch], recordings: Path | None
+    workers: Workers, batches: Iterable[Batch], recordings: Path | None, *, few: bool = False
 ) -> Generator[list[Finished]]:
-    """Yield the rows of batches as they are finished; whatever happens, no worker is left at it."""
-    playing = _Playing(workers, deque(batches), recordings)
+    """Yield the rows of batches as they are finished; whatever happens, no worker is left at it.
+
+    For `few` runs nothing is compiled beforehand.
+    """
+    playing = _Playing(workers, deque(batches), recordings, few)
     done = False
     try:
         yield from playing.results()
@@ -81,16 +86,19 @@ class _Playing:
     workers: Workers
     left: deque[Batch]
     recordings: Path | None
+    few: bool
     running: dict[Future[list[Finished]], Batch] = field(default_factory=dict)
     _suspects: deque[Batch] = field(default_factory=deque)
     """Runs during which a process died: each has to be played alone."""
     _alone: bool = False
     """Whether one of these is played now."""
+    _began_s: float = 0.0
+    """When something was handed out last."""
 
     def results(self) -> Iterator[list[Finished]]:
         executor = self.workers.start()
         with suppress(Exception):  # whoever plays a run meets it again, and says so in its row
-            warm(executor, self.left)
+            warm(executor, () if self.few else self.left)
         while self.left or self._suspects or self.running:
             self._hand_out(executor)
             # With a timeout, so that an interrupt is noticed wherever it is that one waits.
@@ -103,7 +111,7 @@ class _Playing:
                 if error is None:
                     yield future.result()
                 elif self._alone:
-                    yield [failed(batch, seed, DIED, _why(error)) for seed in batch.seeds]
+                    yield [self._died(batch, error)]
                 else:
                     self._suspects.extend(replace(batch, seeds=(seed,)) for seed in batch.seeds)
             if broken:
@@ -128,6 +136,15 @@ class _Playing:
             future = Future()
             future.set_exception(error)
         self.running[future] = batch
+        self._began_s = time.monotonic()
+
+    def _died(self, batch: Batch, error: BaseException) -> Finished:
+        """Return the row of the one run of a batch, whose process died, or failed, twice."""
+        seconds = time.monotonic() - self._began_s
+        if batch.timeout_s is not None and seconds >= batch.timeout_s + GRACE_S:
+            more = ", and could not be interrupted: its process was ended"
+            return late(batch, seconds, known=False, more=more)
+        return failed(batch, batch.seeds[0], DIED, _why(error))
 
 
 def _error(future: Future[list[Finished]]) -> BaseException | None:

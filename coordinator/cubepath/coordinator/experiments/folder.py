@@ -7,6 +7,8 @@ be cut off at any moment, and what is on disk is right. Parts are written under 
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import fcntl
 import json
 import os
@@ -14,6 +16,7 @@ import time
 from collections.abc import Iterable, Mapping, Sequence
 from hashlib import sha256
 from importlib import import_module
+from math import inf
 from pathlib import Path
 from typing import IO, Any, Self
 
@@ -25,6 +28,7 @@ from cubepath.coordinator.experiments.rows import (
     ROUND_COLUMNS,
     ROUND_MEASURES,
     RUN_COLUMNS,
+    TIMEOUT,
     Finished,
     Row,
     in_canonical_order,
@@ -143,21 +147,41 @@ class SweepFolder:
         with written_whole(self.folder / MARK) as stream:
             stream.write(json.dumps(told, indent=1).encode())
 
-    def begin(self, batches: Iterable[Batch]) -> dict[str, str | None]:
+    def begin(
+        self, batches: Iterable[Batch], timeout_s: float | None = None
+    ) -> dict[str, str | None]:
         """Take note that these are played now; return the recordings of finished runs by their ids.
 
         "" is that of a run that failed and has none, None that of one that may have one yet.
-        One that died or was prevented is none of them: it may have been the machine.
+        One that died or was prevented is none of them: it may have been the machine. Nor is one
+        that was over its limit of time, if the limit is longer now, or there is none.
         """
         now = dict.fromkeys(_version(batch) for batch in batches)
         self._mark([*(each for each in read_mark(self.folder) if each not in now), *now])
         known: dict[str, str | None] = {}
-        for part in parts_of(self.folder):
-            for row in _read(part, ("id", "ended", "recording")):
-                if row["ended"] not in AGAIN:
+        for part in self._whole_parts():
+            for row in _read(part, ("id", "ended", "recording", "seconds")):
+                late = row["ended"] == TIMEOUT and row["seconds"] >= (timeout_s or inf)
+                if late or row["ended"] not in AGAIN:
                     none = "" if row["ended"] in FAILURES else None
                     known[row["id"]] = row["recording"] or known.get(row["id"]) or none
         return known
+
+    def _whole_parts(self) -> list[Path]:
+        """Return the parts of runs that can be read, as those of their rounds.
+
+        Others are put aside, and what was in them is played again, as if it had been cut off.
+        """
+        found = []
+        for part in parts_of(self.folder):
+            both = part, self.folder / "rounds" / part.name
+            if all(map(_is_whole, both)):
+                found.append(part)
+                continue
+            for path in both:  # nobody who reads the dataset looks at hidden files
+                with contextlib.suppress(FileNotFoundError):
+                    path.rename(path.with_name(f".{path.name}.damaged"))
+        return found
 
     def replace(self, rows: Sequence[Row]) -> None:
         """Keep these rows of runs for those that are there; their rounds stay as they are."""
@@ -246,9 +270,15 @@ def read_runs(folder: Path, *, all_versions: bool = False) -> list[Row]:
     found: dict[str, tuple[tuple[object, ...], Row]] = {}
     for part in parts_of(folder):
         for row in _read(part, RUN_COLUMNS):
-            told = json.loads(row["configuration"])
-            version = f"{row['code']} {told.pop('scene')} {told.pop('source')}"
-            searched = [told.pop(name) for name in OF_SCENES][:2]
+            try:
+                told = json.loads(row["configuration"])
+                version = f"{row['code']} {told.pop('scene')} {told.pop('source')}"
+                searched = [told.pop(name) for name in OF_SCENES][:2]
+            except (ValueError, KeyError, TypeError, AttributeError):
+                raise InputError(
+                    f"{part}: run {row['id']}: expected the configuration of a run, found"
+                    f" {row['configuration']!r}"
+                ) from None
             key = row["id"] if all_versions else json.dumps(told, sort_keys=True)
             rank = (
                 places.get(version, -1),
@@ -273,11 +303,34 @@ def read_rounds(folder: Path, ids: Iterable[str] | None = None) -> list[Row]:
     return [rows[key] for key in sorted(rows)]
 
 
+def _is_whole(path: Path) -> bool:
+    """Return whether a part is there, and undamaged; InputError if it cannot be looked at."""
+    pa = arrow()
+    try:
+        pa.parquet.read_table(path)
+    except (OSError, pa.ArrowException) as error:
+        if not _is_damage(error):
+            raise unreadable(path, error) from None
+        return False
+    return True
+
+
+def _is_damage(error: Exception) -> bool:
+    """Return whether a file is missing or holds something else, and is not kept from us."""
+    return getattr(error, "errno", None) in (None, errno.ENOENT)
+
+
+def unreadable(path: Path, error: Exception) -> InputError:
+    """Return the error for a part that cannot be read, which says how it is mended."""
+    why = "no such file" if isinstance(error, FileNotFoundError) else str(error)
+    more = "; the same sweep once more plays its runs again" if _is_damage(error) else ""
+    return InputError(f"{path}: cannot be read: {' '.join(why.split())}{more}")
+
+
 def _read(path: Path, columns: Iterable[str]) -> list[Row]:
     pa = arrow()
     try:
         found: list[Row] = pa.parquet.read_table(path, columns=list(columns)).to_pylist()
     except (OSError, pa.ArrowException) as error:
-        text = " ".join(str(error).split())
-        raise InputError(f"{path}: cannot be read: {text}") from None
+        raise unreadable(path, error) from None
     return found

@@ -117,11 +117,16 @@ def _after_rounds(
     return total[played.ends]
 
 
-def failed(batch: Batch, seed: int, ended: str, reason: str, seconds: float = 0.0) -> Finished:
-    """Return the row of a run of which nothing came but a reason."""
+def failed(
+    batch: Batch, seed: int, ended: str, reason: str, seconds: float = 0.0, *, known: bool = True
+) -> Finished:
+    """Return the row of a run of which nothing came but a reason.
+
+    `known` tells whether it is known how the scene is: to find that out may take for ever.
+    """
     try:
         setting = batch.setting
-        facts = facts_of(setting.system, setting.optimum, setting.improve)
+        facts = facts_of(setting.system, setting.optimum, setting.improve) if known else None
         row = _row(batch, seed, facts)
     except Exception:  # noqa: BLE001 - whatever ended the run may be asked for here again
         row = _row(batch, seed, None)

@@ -19,11 +19,12 @@ from pathlib import Path
 from cubepath.agents.rules.rule_files import forget_rule_files
 from cubepath.coordinator.experiments.compiled_core import play_compiled
 from cubepath.coordinator.experiments.outcomes import ERROR, PlayedRun, failed, finished
-from cubepath.coordinator.experiments.rows import PREVENTED, Finished
+from cubepath.coordinator.experiments.rows import PREVENTED, TIMEOUT, Finished
 from cubepath.coordinator.experiments.scene_facts import SceneFacts, facts_of
 from cubepath.coordinator.experiments.setting import Batch, Setting, code_version, scene_hash
 from cubepath.coordinator.experiments.simulated_core import play_simulated
 from cubepath.coordinator.experiments.sources import source_hash
+from cubepath.coordinator.experiments.time_limits import OverTimeError, TimeLimit, over_limit
 from cubepath.coordinator.experiments.wire_core import play_on_wire
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -50,26 +51,54 @@ def play_batch(batch: Batch, recordings: Path | None = None) -> list[Finished]:
     that fails by an error of code, of the rule for one, has a row with the reason. So has one that
     is prevented: cubepath, the scene or the rule are not here what they are to be, or the machine
     has no more memory or space. What was loaded of files that have changed since is loaded again.
+
+    With a limit of time this is the main thread of a worker, which may end with a run that is over
+    it; seeds that are played side by side have it together first, and then each by itself.
     """
+    if len(batch.seeds) > 1 and batch.timeout_s is not None and batch.setting.core != "compiled":
+        return _each_alone(batch, recordings)
+    limit = TimeLimit(batch.timeout_s, processes=batch.setting.core == "wire")
+    checked = False
     # A rule that prints would print into the answer of a command.
     with _alone, contextlib.redirect_stdout(sys.stderr):
         began = time.monotonic()
         try:
+            limit.begin()
             _check(batch)
+            checked = True
             return [
                 _ended(finished(batch, seed, played))
                 for seed, played in zip(batch.seeds, _played(batch, recordings), strict=True)
             ]
         except _PreventedError as error:
             return [_prevented(batch, seed, str(error)) for seed in batch.seeds]
-        except Exception as error:  # noqa: BLE001 - a rule, or a system, may raise anything
+        except (Exception, OverTimeError, KeyboardInterrupt) as error:
+            # A rule, or a system, may raise anything, and what is over its time may, too.
+            if isinstance(error, KeyboardInterrupt) and not limit.over:
+                raise
+            if len(batch.seeds) == 1 and limit.over:
+                return [late(batch, time.monotonic() - began, known=checked)]
             if len(batch.seeds) == 1:
                 ended = PREVENTED if _of_the_machine(error) else ERROR
                 seconds = time.monotonic() - began
                 return [failed(batch, batch.seeds[0], ended, _told(error), seconds)]
+        finally:
+            limit.end()
     # One of them has failed, and which one is found by playing each alone.
+    return _each_alone(batch, recordings)
+
+
+def _each_alone(batch: Batch, recordings: Path | None) -> list[Finished]:
     each = [play_batch(replace(batch, seeds=(seed,)), recordings) for seed in batch.seeds]
     return [row for rows in each for row in rows]
+
+
+def late(batch: Batch, seconds: float, *, known: bool, more: str = "") -> Finished:
+    """Return the row of the one run of a batch, which was over its limit of time."""
+    timeout_s = batch.timeout_s or 0.0
+    reason = over_limit(timeout_s) + more
+    took = max(seconds, timeout_s)
+    return failed(batch, batch.seeds[0], TIMEOUT, reason, took, known=known)
 
 
 def _told(error: BaseException) -> str:

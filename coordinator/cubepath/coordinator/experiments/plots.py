@@ -37,15 +37,20 @@ INK, PALE = "#1b1f24", "#8a8f98"
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00")
 """Those of Okabe and Ito that can be told apart by all, on white and on black."""
 _MARKERS, _DASHES = "os^Dv<>p*X", ("-", "--", "-.", ":")
-_PANELS_MAX, _ACROSS = 9, 3
-_WIDE, _HIGH = 3.6, 2.9
+_PANELS_MAX, _ACROSS = 8, 2
+_WIDE, _HIGH = 3.1, 2.7
+"""Of a panel, in inches: so that letters can still be read where a page is narrow."""
 _DOTS = 144
+_TITLE = 36
+"""So many letters are as wide as a panel."""
+_LONG = 16
+"""Labels of a legend with more letters stand two in a line."""
 _DECADE = 10
 _OVER = "cubes over best"
 _NUMBERS = FuncFormatter(lambda number, _: f"{number:g}")
 _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
-    "font.size": 9,
+    "font.size": 10,
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
     "axes.spines.top": False,
@@ -84,6 +89,10 @@ class Looks:
         self._keys = varying(rows, ("rule", *WORLD[1:]))
         labels = sorted({self.label(row) for row in rows}, key=natural)
         self._places = {label: place for place, label in enumerate(labels)}
+
+    def in_order(self, labels: Iterable[str]) -> list[str]:
+        """Return the labels of a legend as they are drawn: others than variants as they come."""
+        return sorted(labels, key=lambda label: self._places.get(label, 0))
 
     def label(self, row: Row) -> str:
         """Return how the variant of a run is called: its rule, and what else differs."""
@@ -212,6 +221,9 @@ def _progress(curves: Mapping[str, NDArray[np.float64]]) -> Draw:
             every = max(1, len(shown) // 6)
             axes.plot(shown + 1, middle, linewidth=1.4, markersize=4, markevery=every, **look)
         axes.set_xscale("log")
+        if longest < _DECADE:  # there a logarithmic axis has powers of ten between its numbers
+            axes.set_xticks(range(1, longest + 1))
+            axes.minorticks_off()
         axes.xaxis.set_major_formatter(_NUMBERS)
         axes.set_ylim(bottom=0)
         axes.set_xlabel("round")
@@ -223,7 +235,7 @@ def _progress(curves: Mapping[str, NDArray[np.float64]]) -> Draw:
 def _figure(  # noqa: PLR0917 - a figure is all of these
     name: str, title: str, rows: Sequence[Row], panel: str, looks: Looks, draw: Draw
 ) -> Plot | None:
-    """Draw a panel for each value of a column; of many, nine that lie evenly in their order."""
+    """Draw a panel for each value of a column; of many, eight that lie evenly in their order."""
     if not rows:
         return None
     panels = groups(rows, [panel])
@@ -252,17 +264,18 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
                 for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
             }
         figure.suptitle(title + more, fontsize=11, color=INK)
+        labels = looks.in_order(handles)
         figure.legend(
-            [handles[label] for label in sorted(handles, key=natural)],
-            sorted(handles, key=natural),
+            [handles[label] for label in labels],
+            labels,
             loc="outside lower center",
-            ncols=min(4, len(handles)),
+            ncols=min(2 if max(map(len, labels)) > _LONG else 4, len(labels)),
         )
         return Plot(name, title + more, _svg(figure), _png(figure))
 
 
 def _short(title: str) -> str:
-    return title if len(title) <= 42 else "…" + title[-41:]
+    return title if len(title) <= _TITLE else "…" + title[1 - _TITLE :]
 
 
 def _svg(figure: Figure) -> bytes:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.experiments.folder import arrow, parts_of, read_mark
+from cubepath.coordinator.experiments.folder import arrow, parts_of, read_mark, unreadable
 from cubepath.coordinator.experiments.page import page_of
 from cubepath.coordinator.experiments.plots import plots_of
 from cubepath.coordinator.experiments.prices import price_table
@@ -109,8 +109,7 @@ def distances(folder: Path, ids: Collection[str]) -> dict[str, NDArray[np.int64]
         try:
             table = pa.parquet.read_table(path, columns=["id", "round", "missing", "distance"])
         except (OSError, pa.ArrowException) as error:
-            text = " ".join(str(error).split())
-            raise InputError(f"{path}: cannot be read: {text}") from None
+            raise unreadable(path, error) from None
         left = compute.coalesce(table["distance"], table["missing"])
         known = compute.is_valid(left)
         names = table["id"].filter(known).combine_chunks().dictionary_encode()

@@ -69,10 +69,15 @@ ROUND_COLUMNS: Mapping[str, str] = {
 """The columns of a round; `id` is that of its run, and rounds count from 1."""
 PREVENTED = "prevented"
 """How a run ends that could not be played, or kept, where it was to be, by no fault of its own."""
-AGAIN = ("died", PREVENTED)
-"""How runs end that are played again the next time: it may have been the machine."""
+TIMEOUT = "timeout"
+"""How a run ends that was over its limit of time."""
+AGAIN = ("died", PREVENTED, TIMEOUT)
+"""How runs end that are played again the next time: it may have been the machine.
+
+One that was over its limit is played again with a longer one, or with none."""
 FAILURES = ("error", *AGAIN)
-"""How a run ends that failed by an error of code, whose process died twice, or was prevented."""
+"""How a run ends that failed by an error of code, whose process died twice, that was over its limit
+of time, or that was prevented."""
 ROUND_MEASURES = tuple(ROUND_COLUMNS)[2:]
 _ORDER = ("system", "rule", "clock", "core", "hesitate", "faults", "max_rounds", "seed", "id")
 _NUMBERS = re.compile(r"(\d+)")
@@ -90,7 +95,7 @@ class Finished:
 
     @property
     def failed(self) -> bool:
-        """Return whether it failed by an error of code, its process died, or it was prevented."""
+        """Return whether it ended as one of `FAILURES`."""
         return self.run["ended"] in FAILURES
 
     def round_rows(self) -> list[Row]:

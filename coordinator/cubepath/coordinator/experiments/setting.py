@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
-from functools import cache
+from dataclasses import asdict, dataclass
+from functools import cache, lru_cache
 from hashlib import sha256
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -133,21 +133,46 @@ class Batch:
     seeds: tuple[int, ...]
     code: str
     """The version of the code that the runs are to be of."""
+    timeout_s: float | None = None
+    """How long a run may take, in seconds of the machine; None for as long as it does."""
 
     def ids(self) -> tuple[str, ...]:
         """Return the id of each run."""
-        return tuple(run_id(self.setting, seed, self.code) for seed in self.seeds)
+        begun, rest = _around_seed(self.setting, self.code)
+        return tuple(_completed(begun, seed, rest) for seed in self.seeds)
 
 
 def run_id(setting: Setting, seed: int, code: str) -> str:
-    """Return the id of a run: 16 hexadecimal digits of a hash of all that decides about it."""
-    told = {**setting.deciding(), "seed": seed, "code": code}
-    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:_ID]
+    """Return the id of a run: 16 hexadecimal digits of a hash of all that decides about it.
+
+    It is that of a JSON object with sorted keys, which is put together here: there may be millions.
+    """
+    begun, rest = _around_seed(setting, code)
+    return _completed(begun, seed, rest)
+
+
+def _completed(begun: Any, seed: int, rest: bytes) -> str:
+    told = begun.copy()
+    told.update(b"%d%s" % (seed, rest))
+    digits: str = told.hexdigest()[:_ID]
+    return digits
+
+
+@lru_cache(maxsize=256)
+def _around_seed(setting: Setting, code: str) -> tuple[Any, bytes]:
+    """Return the hash of what is before the seed in a run's JSON, and what comes after it."""
+    told = {**setting.deciding(), "code": code}
+    before, after = (
+        json.dumps({key: told[key] for key in told if (key < "seed") == first}, sort_keys=True)
+        for first in (True, False)
+    )
+    return sha256(f'{before[:-1]}, "seed": '.encode()), f", {after[1:]}".encode()
 
 
 def scene_hash(scene: Scene) -> str:
     """Return a hash of what a scene holds, whatever name or file it came by."""
-    return sha256(scene_to_toml(replace(scene, spec="")).encode()).hexdigest()[:_ID]
+    first, _, rest = scene_to_toml(scene).split("\n", 2)  # the second line has its name
+    return sha256(f'{first}\nname = ""\n{rest}'.encode()).hexdigest()[:_ID]
 
 
 @cache

@@ -33,6 +33,7 @@ from cubepath.coordinator.experiments.setting import (
     scene_hash,
 )
 from cubepath.coordinator.experiments.sources import source_hash
+from cubepath.coordinator.experiments.time_limits import TIMEOUT_S_MAX
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import read_text
 from cubepath.protocol.core.keyed_values import given_values
@@ -62,7 +63,8 @@ class Sweep:
     rounds so many turns of each module in one process, and so many levels of moves over the wire.
     `processes` and `keepers` are those of a run with messages. `optimum` asks for the least number
     of cubes between start and goal, by a search that keeps so many states at most, and `improve`
-    for the best path that a search of so many steps finds, in any class.
+    for the best path that a search of so many steps finds, in any class. A run that takes longer
+    than `timeout_s` seconds of the machine is ended; None lets it take what it takes.
 
     >>> from cubepath.coordinator import sweep
     >>> plan = Sweep(systems=("hex:n=4..5",), rules=("chain",), seeds=(0, 1))
@@ -82,6 +84,7 @@ class Sweep:
     keepers: int = 4
     optimum: int = 0
     improve: int = 0
+    timeout_s: float | None = None
 
     def __post_init__(self) -> None:
         """Check what is wrong whatever the systems are; InputError names it."""
@@ -100,10 +103,18 @@ class Sweep:
                 raise InputError(f"{key}: {getattr(self, key)}, expected {least} or more")
             if getattr(self, key) > LARGEST:
                 raise InputError(f"{key}: {getattr(self, key)}, expected at most {LARGEST}")
+        _check_timeout(self.timeout_s)
         checked_seeds(list(self.seeds), "seeds")
         for rates in self.faults:
             _check_rates(rates)
         _check_rules(self.rules)
+
+
+def _check_timeout(timeout_s: float | None) -> None:
+    if timeout_s is not None and not 0.0 < timeout_s <= TIMEOUT_S_MAX:
+        raise InputError(
+            f"timeout_s: {timeout_s:g}, expected more than 0 and at most {TIMEOUT_S_MAX}"
+        )
 
 
 def _check_rules(rules: Iterable[str]) -> None:
@@ -135,15 +146,32 @@ def _check_rates(rates: FaultRates) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Expansion:
-    """The runs of a sweep, in batches and in order, and why other combinations are left out."""
+    """The runs of a sweep, settings by seeds in order, and why other combinations are left out."""
 
-    batches: tuple[Batch, ...]
+    settings: tuple[Setting, ...]
+    seeds: tuple[int, ...]
+    code: str
+    timeout_s: float | None
     left_out: tuple[str, ...]
 
     @property
     def runs(self) -> int:
         """Return how many runs there are."""
-        return sum(len(batch.seeds) for batch in self.batches)
+        return len(self.settings) * len(self.seeds)
+
+    @property
+    def batches(self) -> Iterator[Batch]:
+        """Yield the runs that are played together, made as they are asked for."""
+        for setting in self.settings:
+            together = _TOGETHER[setting.core] if setting.clock == "lockstep" else 1
+            for first in range(0, len(self.seeds), together):
+                seeds = self.seeds[first : first + together]
+                yield Batch(setting, seeds, self.code, self.timeout_s)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether rules are from elsewhere, which may end their process."""
+        return any(setting.source for setting in self.settings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,20 +198,15 @@ def expand(sweep: Sweep) -> Expansion:
             left_out.append(_said(instance.label, error))
             continue
         for setting in _of_scene(sweep, instance, scene, left_out):
-            found = settings.setdefault(run_id(setting, 0, code), setting)
-            if found.label != setting.label:
-                line = f"{setting.label}: the same scene as {found.label}, which is played"
+            first = settings.setdefault(run_id(setting, 0, code), setting)
+            if first.label != setting.label:
+                line = f"{setting.label}: the same scene as {first.label}, which is played"
                 left_out += [line] if line not in left_out else []
     if not settings:
         more = f" (and {len(left_out) - 1} more)" if len(left_out) > 1 else ""
         raise InputError(f"nothing to run: {left_out[0]}{more}")
-    batches = [
-        Batch(setting, sweep.seeds[first : first + together], code)
-        for setting in settings.values()
-        for together in [_TOGETHER[setting.core] if setting.clock == "lockstep" else 1]
-        for first in range(0, len(sweep.seeds), together)
-    ]
-    return Expansion(tuple(batches), tuple(left_out))
+    found = tuple(settings.values())
+    return Expansion(found, sweep.seeds, code, sweep.timeout_s, tuple(left_out))
 
 
 def _said(label: str, error: InputError) -> str:
@@ -202,9 +225,8 @@ def _instances(systems: Iterable[str]) -> Iterator[_Instance]:
             yield _Instance(name, name)
 
 
-def _known_of(scene: Scene) -> tuple[int | None, int | None]:
+def _known_of(scene: Scene, hashed: str) -> tuple[int | None, int | None]:
     """Return the best known and the proved number of cubes, by whatever name a scene goes."""
-    hashed = scene_hash(scene)
     for each in standard():
         family, _, _ = each.system.partition(":")
         if family == scene.family and hashed == _hash_of(each.system):
@@ -246,14 +268,16 @@ def is_small(batches: Iterable[Batch]) -> bool:
         if batch.setting.core != "compiled":
             return False
         modules += len(batch.seeds) * len(_scene(batch.setting.system).start)
-    return modules < _SMALL
+        if modules >= _SMALL:
+            return False
+    return True
 
 
 def _of_scene(
     sweep: Sweep, instance: _Instance, scene: Scene, left_out: list[str]
 ) -> Iterator[Setting]:
     hashed = scene_hash(scene)
-    best_known, proved = _known_of(scene)
+    best_known, proved = _known_of(scene, hashed)
     axes = (sweep.rules or (own_rule(scene),), sweep.clocks, sweep.hesitate, sweep.faults)
     for rule, clock, hesitate, rates in product(*axes):
         core = sweep.core or ("simulated" if rates.of_messages else "compiled")
@@ -315,6 +339,8 @@ def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
 
     `given` is a table as that of `sweep_from_table`, without systems. InputError as there.
     """
+    for each in systems:
+        _check_file(each)
     files = [each for each in systems if each.endswith(".toml") and is_sweep_file(Path(each))]
     if not files:
         return sweep_from_table({"systems": list(systems), **given})
@@ -323,6 +349,18 @@ def sweep_of(systems: Sequence[str], given: Mapping[str, Any]) -> Sweep:
     found = read_sweep_file(Path(files[0]))
     changed = sweep_from_table({"systems": list(found.systems), **given})
     return replace(found, **{key: getattr(changed, key) for key in given})
+
+
+def _check_file(name: str) -> None:
+    """Raise InputError for a file that is neither a sweep nor a system, as an empty one."""
+    try:
+        held = parsed_toml(read_text(Path(name))) if name.endswith(".toml") else {"systems": ()}
+    except InputError:  # whoever reads it says so
+        return
+    if "systems" not in held and "format" not in held:
+        raise InputError(
+            f"{name}: expected the systems of a sweep, or the format of a system, found neither"
+        )
 
 
 def is_sweep_file(path: Path) -> bool:
@@ -366,6 +404,7 @@ def sweep_from_table(table: Mapping[str, Any], folder: Path | None = None) -> Sw
         ),
         "seeds": _seeds,
         "core": lambda value: _text("core", value),
+        "timeout_s": lambda value: _number("timeout_s", value),
     }
     found = {
         key: readers.get(key, lambda value, key=key: _whole(key, value))(value)

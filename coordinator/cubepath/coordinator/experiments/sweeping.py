@@ -22,7 +22,7 @@ from cubepath.coordinator.experiments.rows import (
     in_canonical_order,
 )
 from cubepath.coordinator.experiments.searches import searched_again, searching
-from cubepath.coordinator.experiments.setting import Batch, FaultRates
+from cubepath.coordinator.experiments.setting import Batch, FaultRates, run_id
 from cubepath.coordinator.experiments.spec import (
     Expansion,
     Sweep,
@@ -104,6 +104,7 @@ def sweep(
     keepers: int | None = None,
     optimum: int | None = None,
     improve: int | None = None,
+    timeout_s: float | None = None,
     out: Path | str | None = None,
     jobs: int = 1,
     cluster: str | None = None,
@@ -113,14 +114,17 @@ def sweep(
     """Play all systems with all rules, clocks, hesitations, faults and seeds; return the rows.
 
     `systems` are names with ranges and lists, the path of a TOML file, or a `Sweep`. Each argument
-    up to `improve` is one value or several, as in such a file (see `Sweep`), and replaces what the
-    file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds.
+    up to `timeout_s` is one value or several, as in such a file (see `Sweep`), and replaces what
+    the file says; `seeds` is a number of seeds, a text such as "5..9", or the seeds.
 
     With `out`, rows are written to that folder as Parquet as they come, and runs that are finished
     there are not played again; `record` keeps a recording of each run with messages there. `jobs`
     is the number of processes, 1 for this one alone (more need a program whose work is under
     ``if __name__ == "__main__":``); `cluster` is the address of a dask scheduler instead. `watch`
     is called with the runs that were just finished.
+
+    A rule that ends its process ends this one, if it is played here; with `jobs` above 1, or a
+    `timeout_s`, rules from elsewhere are played in other processes whatever there is to play.
 
     A run that fails is a row with its reason. InputError if something is unknown or nothing fits.
 
@@ -144,6 +148,7 @@ def sweep(
         "keepers": keepers,
         "optimum": optimum,
         "improve": improve,
+        "timeout_s": timeout_s,
     }
     table = {key: _plain(value) for key, value in given.items() if value is not None}
     if isinstance(systems, Sweep):
@@ -158,7 +163,13 @@ def sweep(
     folder = None if out is None else Path(out)
     expansion = expand(asked)
     return play_sweep(
-        expansion, folder, jobs=jobs, cluster=cluster, record=record, watch=watch or _ignore
+        expansion,
+        folder,
+        jobs=jobs,
+        cluster=cluster,
+        record=record,
+        watch=watch or _ignore,
+        apart=jobs > 1 and expansion.foreign,
     )
 
 
@@ -183,9 +194,16 @@ def play_sweep(
     cluster: str | None,
     record: bool,
     watch: Watch,
+    apart: bool = False,
     begin: Callable[[int], object] = lambda _: None,
 ) -> SweepResults:
-    """Play what is not finished yet; `begin` is told how many runs were finished before."""
+    """Play what is not finished yet; `begin` is told how many runs were finished before.
+
+    Runs with a limit of time, and with `apart` all of them, are played in other processes.
+    """
+    timeout_s = expansion.timeout_s
+    if cluster is not None and timeout_s is not None:
+        raise InputError("timeout_s: not on a cluster, expected processes of this machine")
     if record and folder is None:
         raise InputError("record: without a folder for the recordings, expected one")
     if record and any(_unrecorded(batch) for batch in expansion.batches):
@@ -195,12 +213,14 @@ def play_sweep(
         )
     with ExitStack() as stack:
         writing = None if folder is None else stack.enter_context(SweepFolder(folder))
-        known = dict[str, str | None]() if writing is None else writing.begin(expansion.batches)
+        known = dict[str, str | None]()
+        if writing is not None:
+            known = writing.begin(expansion.batches, timeout_s)
         recordings = folder.absolute() / "recordings" if record and folder is not None else None
         left = [
             rest
             for batch in expansion.batches
-            if (rest := _without(batch, known, recordings)).seeds
+            if (rest := _without(batch, known, recordings) if known else batch).seeds
         ]
         before = expansion.runs - sum(len(batch.seeds) for batch in left)
         begin(before)
@@ -208,7 +228,8 @@ def play_sweep(
             earlier = results_of(expansion, writing.folder, before).rows
             writing.replace([*searched_again(expansion.batches, earlier)])
         kept: list[Finished] = []
-        with closing(_played(left, recordings, jobs, cluster)) as played:
+        apart = apart or timeout_s is not None
+        with closing(_played(left, recordings, jobs, cluster, apart=apart)) as played:
             for found in played:
                 if writing is None:
                     kept += found
@@ -227,14 +248,15 @@ def results_of(expansion: Expansion, folder: Path, known: int) -> SweepResults:
 
     Another one may have played the same scene or rule by another name, or from another folder.
     """
+    found = read_runs(folder, all_versions=True)
+    # What is planned may be much more than what is there.
+    seeds = {row["seed"] for row in found}.intersection(expansion.seeds)
     names = {
-        each: {"system": batch.setting.label, "rule": batch.setting.rule}
-        for batch in expansion.batches
-        for each in batch.ids()
+        run_id(setting, seed, expansion.code): {"system": setting.label, "rule": setting.rule}
+        for setting in expansion.settings
+        for seed in seeds
     }
-    rows = (
-        row | names[row["id"]] for row in read_runs(folder, all_versions=True) if row["id"] in names
-    )
+    rows = (row | names[row["id"]] for row in found if row["id"] in names)
     return SweepResults(tuple(in_canonical_order(rows)), expansion.left_out, known, folder)
 
 
@@ -268,14 +290,22 @@ def _without(batch: Batch, known: Mapping[str, str | None], recordings: Path | N
 
 
 def _played(
-    batches: Sequence[Batch], recordings: Path | None, jobs: int, cluster: str | None
+    batches: Sequence[Batch],
+    recordings: Path | None,
+    jobs: int,
+    cluster: str | None,
+    *,
+    apart: bool,
 ) -> Generator[list[Finished]]:
     workers: Workers | None = None
+    few = is_small(batches)
     if cluster is not None:
         workers = Cluster(cluster)
-    elif min(jobs, len(batches)) > 1 and not is_small(batches):
+    elif apart:
+        workers = Pool(max(1, min(jobs, len(batches))), "jobs=1 and no timeout_s")
+    elif min(jobs, len(batches)) > 1 and not few:
         workers = Pool(min(jobs, len(batches)))
     if workers is None or not batches:
         yield from played_here(batches, recordings)
     else:
-        yield from played_by(workers, batches, recordings)
+        yield from played_by(workers, batches, recordings, few=few)

@@ -127,6 +127,8 @@ def runs_table(rows: Sequence[Row]) -> Table:
     keys = varying(rows, ("system", "rule", *WORLD[1:]))
     keys = ["system", "rule", *(key for key in keys if key not in {"system", "rule"})]
     best = best_by_system(rows)
+    # With rounds it may say the same again.
+    timed = any(row["time"] not in {None, row["rounds"]} for row in rows)
     found = []
     for key, several in groups(rows, keys).items():
         reached = [row for row in several if row["goal"]]
@@ -136,6 +138,7 @@ def runs_table(rows: Sequence[Row]) -> Table:
                 len(several),
                 share_interval(len(reached), len(several)),
                 _mean(reached, lambda row: row["rounds"]),
+                _mean(reached if timed else (), lambda row: row["time"]),
                 _mean(reached, lambda row: row["moves"]),
                 _mean(reached, lambda row: row["cubes"]),
                 max((row["bound"] for row in several if row["bound"] is not None), default=None),
@@ -148,15 +151,17 @@ def runs_table(rows: Sequence[Row]) -> Table:
         )
     return Table(
         "Runs",
-        "Rounds, moves and cubes are means over the runs that reached their goal, with the 95%"
-        " interval of 2,000 seeded bootstrap resamples; the share of these runs has its exact"
+        "Rounds, time, moves and cubes are means over the runs that reached their goal, with the"
+        " 95% interval of 2,000 seeded bootstrap resamples; the share of these runs has its exact"
         " interval (Clopper and Pearson). Best is the fewest cubes known in the system, those of"
-        " all runs here included.",
+        " all runs here included. Time is in turns of a module that is not slow, under the"
+        " simulator in virtual seconds; it is told if it differs from the rounds.",
         (
             *keys,
             "runs",
             "goal",
             "rounds",
+            "time",
             "moves",
             "cubes",
             "bound",

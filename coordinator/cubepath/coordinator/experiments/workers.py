@@ -65,9 +65,10 @@ class Pool:
 
     play = staticmethod(play_or_end)
 
-    def __init__(self, count: int) -> None:
-        """Have so many."""
+    def __init__(self, count: int, instead: str = "jobs=1") -> None:
+        """Have so many; `instead` says how one does without, if none can be started."""
         self.count = count
+        self._instead = instead
         self._executor: ProcessPoolExecutor | None = None
         self._context = _Spawning()
         self._works = False
@@ -85,7 +86,7 @@ class Pool:
                 self.end(at_once=True)
                 raise InputError(
                     "jobs: no process can be started from here, expected a program whose work is"
-                    ' under if __name__ == "__main__":, or jobs=1'
+                    f' under if __name__ == "__main__":, or {self._instead}'
                 ) from None
             self._works = True
         return executor
@@ -96,7 +97,6 @@ class Pool:
             return
         executor, self._executor = self._executor, None
         if at_once:
-            executor.shutdown(wait=False, cancel_futures=True)
             for process in self._context.started:
                 with contextlib.suppress(ValueError, AttributeError):  # closed, or never started
                     process.terminate()
@@ -105,7 +105,8 @@ class Pool:
                 if process.is_alive():
                     process.kill()
                     process.join()
-        executor.shutdown(wait=True)
+        # It waits for the thread that reaps them, too: until then one may look alive that is not.
+        executor.shutdown(wait=True, cancel_futures=at_once)
 
     def _alive(self) -> list[SpawnProcess]:
         found = []
