@@ -146,7 +146,7 @@ def shorten(
         raise InputError("path='': expected the path of a file")
     if isinstance(path, str | Path):
         return shortened(read_input(Path(path), system, hints, progress))
-    if not (hasattr(path, "scene") and hasattr(path, "placed")):
+    if not isinstance(path, HasPath):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(f"path={path!r}: expected a file, or what `run` or `play` returned")
     if system is not None or hints != NO_HINTS:
         raise InputError(f"{path.scene.spec}: a path that was played, which needs no other input")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -41,6 +41,7 @@ Form = Literal["recording", "moves", "binary moves", "scenario", "plan", "path"]
 """The kinds of file; a path is in memory, and in none."""
 
 
+@runtime_checkable
 class HasPath(Protocol):
     """What has played a path: an `Outcome`, or what `play` returns."""
 
