@@ -6,6 +6,7 @@ same data gives the same bytes.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -41,8 +42,8 @@ _PANELS_MAX, _ACROSS = 8, 2
 _WIDE, _HIGH = 3.1, 2.7
 """Of a panel, in inches: so that letters can still be read where a page is narrow."""
 _DOTS = 144
-_TITLE = 36
-"""So many letters are as wide as a panel."""
+_TITLE = 32
+"""So many letters are as wide as a panel; a longer title goes on in the next line."""
 _LONG = 16
 """Labels of a legend with more letters stand two in a line."""
 _DECADE = 10
@@ -258,7 +259,7 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
                 axes.set_axis_off()
                 continue
             draw(axes, panels[keys[place]], looks)
-            axes.set_title(_short(str(keys[place][0])))
+            axes.set_title(_in_lines(str(keys[place][0])))
             handles |= {
                 label: handle
                 for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
@@ -274,8 +275,14 @@ def _figure(  # noqa: PLR0917 - a figure is all of these
         return Plot(name, title + more, _svg(figure), _png(figure))
 
 
-def _short(title: str) -> str:
-    return title if len(title) <= _TITLE else "…" + title[1 - _TITLE :]
+def _in_lines(title: str) -> str:
+    """Return a title that is no wider than a panel, broken after commas."""
+    lines = [""]
+    for part in re.findall(r"[^,]*(?:, ?|$)", title):
+        if len(lines[-1]) + len(part.rstrip()) > _TITLE:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.strip() for line in lines if line)
 
 
 def _svg(figure: Figure) -> bytes:
