@@ -113,7 +113,7 @@ def test_memory_does_not_grow_with_junk(case: tuple[str, str]) -> None:
 
 @pytest.mark.thorough
 @pytest.mark.timeout(400)
-def test_hundreds_of_thousands_of_messages() -> None:
+def test_two_hundred_thousand_messages() -> None:
     """As above, of many seeds; each tells some hundreds of messages."""
     told = 0
     for seed in range(1 << 20):
@@ -128,7 +128,7 @@ def test_hundreds_of_thousands_of_messages() -> None:
             return found
 
         assert "\n" not in fate(driven, 2, counted)
-        if told >= 400_000:
+        if told >= 200_000:
             return
 
 
