@@ -16,7 +16,7 @@ from collections import Counter
 from importlib.util import find_spec
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 # These need what no other test does; .ci/run installs it, names them, and fails if none was found.
 collect_ignore = [] if find_spec("sb3_contrib") else ["agents/environments/test_sb3.py"]
@@ -32,6 +32,7 @@ settings.register_profile(
     "cubepath",
     max_examples=50,  # half of the default; what needs more says so
     deadline=None,
+    phases=set(Phase) - {Phase.explain},  # which takes seconds wherever something is to be found
     suppress_health_check=[HealthCheck.too_slow],
     print_blob=True,
 )

@@ -186,6 +186,7 @@ def test_all_contracts_are_kept() -> None:
     assert [contract.name for contract, _ in contracts()] == list(BREAKS)
 
 
+@pytest.mark.few(15)
 @pytest.mark.parametrize("contract", BREAKS)
 def test_each_contract_alone_is_broken(contract: str) -> None:
     """One import that the contract forbids breaks this contract, and no other."""
@@ -195,6 +196,7 @@ def test_each_contract_alone_is_broken(contract: str) -> None:
 VERIFICATION = "verification reaches nothing that runs, shortens or searches"
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize(
     "link",
     [

@@ -100,6 +100,7 @@ def moves(commands: Commands) -> str:
     return "moves.jsonl"
 
 
+@pytest.mark.thorough
 def test_it_is_listed(commands: Commands) -> None:
     """It stands among the systems, behind those of the project, and the rule that fits it fits."""
     systems = json.loads(commands("systems", "--json"))

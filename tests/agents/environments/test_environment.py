@@ -87,7 +87,7 @@ def test_the_package_itself_has_both_constructors() -> None:
     max_cycles_test(cubepath.agents)
 
 
-@pytest.mark.few(5)
+@pytest.mark.few(3)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", [*LOCAL_FAMILIES, "agv:graph=K5,n=3"])
 def test_render(spec: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -245,7 +245,7 @@ def test_stepping_after_the_end_changes_nothing() -> None:
     assert one.world.round == 1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_interrupted_step_does_not_reach_into_the_next_episode(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -106,7 +106,7 @@ def free(spec: str, observation: Showing, lag: int) -> FreeEnv:
     return made
 
 
-@pytest.mark.few(12)
+@pytest.mark.few(6)
 @pytest.mark.parametrize("lag", [0, 3])
 @pytest.mark.parametrize("spec", SPECS)
 def test_without_rounds_a_module_sees_what_it_was_shown(spec: str, lag: int) -> None:

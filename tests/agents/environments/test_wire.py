@@ -177,6 +177,7 @@ def told(request: pytest.FixtureRequest) -> tuple[Scene, list[Report]]:
     return scene, reports_of(scene, "random", seed=5, hesitate=0.0, processes=2, rounds=20)
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 def test_nothing_is_delivered_from_beyond_the_radius(told: tuple[Scene, list[Report]]) -> None:
     """Every delivery is from a place that the hearer senses, or within reach of its claims."""
@@ -194,7 +195,7 @@ def test_nothing_is_delivered_from_beyond_the_radius(told: tuple[Scene, list[Rep
     assert heard > 100
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.slow
 def test_everyone_sensed_is_heard(told: tuple[Scene, list[Report]]) -> None:
     """Each round every module hears of exactly the modules at the places that it senses."""
@@ -229,7 +230,7 @@ def eavesdropper(fleet: Fleet) -> Generator[SimpleQueue[bytes]]:
         subscriber.undeclare()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_coordinator_that_hears_nothing_changes_nothing() -> None:
     """The barrier carries no state: fed nothing but `ready`, modules choose as ever."""
     scene = scene_from_spec("hex:n=6")

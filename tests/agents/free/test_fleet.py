@@ -127,6 +127,7 @@ def test_the_living_do_not_notice_the_dead(cubepath_run: StartRun) -> None:
     assert [(each.name, each.restarted) for each in run.outcome.crashes] == [("process_1", False)]
 
 
+@pytest.mark.thorough
 def test_a_death_ends_the_run_unless_told_otherwise(cubepath_run: StartRun) -> None:
     options: dict[str, Any] = {**FREE, "on_crash": "stop", "max_rounds": 10**6}
     run = cubepath_run(CHAIN, "random", **options)

@@ -161,7 +161,7 @@ ESSENTIAL = (
 """By rule in `cheats` the kinds of what is found, and how each line begins."""
 
 
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "cheat",

@@ -71,7 +71,7 @@ def test_nothing_is_raised_whatever_is_told(case: tuple[str, str], seed: int) ->
     assert "\n" not in line
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @given(case=st.sampled_from(CASES), seed=st.integers(0, 1 << 32))
 def test_an_honest_run_comes_to_the_same_path(case: tuple[str, str], seed: int) -> None:
     """Whatever strangers say, and whatever is said again or damaged on its way."""

@@ -58,7 +58,7 @@ def group(leader: int) -> list[int]:
     return found
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.parametrize("options", [LOCKSTEP, FREE], ids=["lockstep", "free"])
 @pytest.mark.parametrize("end", ["told", "killed"])
 def test_what_a_rule_forks_ends_with_the_run(

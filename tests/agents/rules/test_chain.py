@@ -239,6 +239,7 @@ def test_rounds_commute_and_every_choice_is_legal(spec: str, hesitate: float) ->
         assert all(commute(one, other) for one, other in combinations(done, 2))
 
 
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("task", ["bend=120", "bend=60", "bend=0,shift={n}"])
 def test_cubes_grow_with_the_chain(task: str) -> None:

@@ -118,6 +118,7 @@ def test_a_row_is_pushed_back_from_its_end() -> None:
     assert played.moves[0].motion[0][0] == 3
 
 
+@pytest.mark.thorough
 def test_who_is_full_gives_up_in_the_end() -> None:
     """Two that want to pass on a path cannot: somebody says so in one line."""
     row = [(0, 1), (1, 2)]

@@ -67,6 +67,7 @@ def test_a_closed_standard_output_is_told_before_work_begins(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.thorough
 def test_standard_error_that_takes_nothing_loses_no_answer(tmp_path: Path) -> None:
     """Full or closed, whatever the command has to complain of."""
     for where in ("2>/dev/full", "2>&-"):
@@ -140,6 +141,7 @@ sys.exit(main(sys.argv[1:]))
         assert [path.name for path in tmp_path.iterdir()] == ["large.mcap"]
 
 
+@pytest.mark.thorough
 def test_too_few_open_files_are_told_in_one_line(tmp_path: Path) -> None:
     """Also where they do not suffice to load what a command needs."""
     shutil.copy(RECORDING, tmp_path / "run.mcap")

@@ -196,6 +196,7 @@ def test_converting_reads_once(folder: Path) -> None:
     assert {(carried.fallen, carried.fallen_plainly) for carried in found} == {(0, 0)}
 
 
+@pytest.mark.thorough
 def test_verifying_reads_once(folder: Path) -> None:
     """A recording; and certificates of every form, with the cubes beside them."""
     opened_once(folder, ("verify", "run.mcap"))

@@ -54,6 +54,7 @@ def with_path(extra: dict[str, str]) -> dict[str, str]:
     return {**os.environ, **extra}
 
 
+@pytest.mark.thorough
 def test_the_answer_is_a_document(tmp_path: Path) -> None:
     """Seeds, failures, steps and faults by kind, and nothing is left behind."""
     done = cubepath("simulate", "--seeds", "0..7", "--json", "--out", tmp_path / "logs")

@@ -232,6 +232,7 @@ def test_no_cube_path_of_the_class_is_shorter(data: st.DataObject) -> None:
     assert not search.reaches(word, frozenset(), frozenset(), length - 1)
 
 
+@pytest.mark.few(5)
 @pytest.mark.slow
 @pytest.mark.parametrize("spec", SCENES)
 @given(data=st.data())
@@ -383,7 +384,7 @@ print([[action.label for action in cube] for cube in fast.cube_path()])
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_processes_agree_on_the_order_in_each_cube() -> None:
     """Hashes of strings differ from process to process; what is returned does not."""
     shown = {

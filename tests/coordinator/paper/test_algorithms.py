@@ -143,6 +143,7 @@ def test_on_genuine_paths_shrinking_fixes_exactly_the_normal_ones(
     assert (ShrinkCubePath(genuine, reading) == genuine) == is_normal(genuine)
 
 
+@pytest.mark.few(2)
 @pytest.mark.slow
 @all_readings
 @given(cube_paths())

@@ -155,7 +155,7 @@ def test_a_folder_that_is_not_there(tmp_path: Path) -> None:
         animate(scene, [], path.with_suffix(".gif"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_without_a_home_nothing_is_said_but_the_answer(tmp_path: Path) -> None:
     """Where matplotlib can keep nothing, a picture is drawn all the same, and silently."""
     golden = Path(__file__).parents[3] / "logs" / "golden" / "arm-6.mcap"

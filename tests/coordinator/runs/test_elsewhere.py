@@ -134,6 +134,7 @@ def test_two_runs_at_one_router_do_not_meet(commands: Commands, digest: str) -> 
     assert [each.end()[0] for each in joined] == [0, 0]
 
 
+@pytest.mark.thorough
 def test_a_run_that_waits_can_be_interrupted(commands: Commands) -> None:
     """Exit code 130 there; who waited for it to begin is told that it has ended."""
     runs = commands.start("run", *ENDLESS, f"--listen={LOOPBACK}", "--wait-for=2")

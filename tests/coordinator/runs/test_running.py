@@ -114,7 +114,7 @@ def test_a_process_that_is_killed_ends_the_run(tmp_path: Path) -> None:
     assert running.outcome.ended == "failed"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_without_rounds_is_listened_to(tmp_path: Path) -> None:
     """Steps are moves, a keeper is killed and started again, and the goal is reached."""
     plan = Plan("hex:n=5", clock="free", keepers=2, processes=2, on_crash="continue")

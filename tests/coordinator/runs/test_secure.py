@@ -158,6 +158,7 @@ def test_a_secure_run_with_a_process_elsewhere_takes_the_same_path(
         assert joined.end()[0] == 0
 
 
+@pytest.mark.thorough
 def test_a_secure_run_alone_is_over_tls_too(folder: Path, tmp_path: Path) -> None:
     """On a free loopback port; its own processes have their certificates."""
     told: list[str] = []

@@ -53,6 +53,7 @@ def figures(result: Shortened) -> tuple[int, int, int, int]:
 # Scenarios
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("name", "expected"),
     [

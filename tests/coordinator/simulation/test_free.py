@@ -129,7 +129,7 @@ def test_a_hundred_seeds_hold() -> None:
     assert {"random", "chain", "word", "tswap", "pibt"} <= set(rules)
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "bug",

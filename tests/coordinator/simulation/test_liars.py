@@ -42,6 +42,7 @@ def refused(found: Simulated) -> set[tuple[str, str]]:
     return {(each.who, each.reason) for each in messages if isinstance(each, Refused)}
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize(
     ("kind", "reasons"),
     [

@@ -276,30 +276,23 @@ def test_leaves(cubepath_run, request):
     {ending}
 """
 OWN = str(Path(__file__).parents[2] / "own_module.py")
-THOROUGH = pytest.mark.thorough
 ENDINGS = [
-    pytest.param("raise KeyError('x')", (), 0, id="exception", marks=THOROUGH),
-    pytest.param("pass", (), 0, id="none", marks=THOROUGH),
+    pytest.param("raise KeyError('x')", (), 0, id="exception"),
+    pytest.param("pass", (), 0, id="none"),
     pytest.param("time.sleep(100)", ("-n1",), signal.SIGKILL, id="killed worker"),
-    pytest.param("time.sleep(100)", (), signal.SIGINT, id="interrupt", marks=THOROUGH),
-    pytest.param("time.sleep(100)", (), signal.SIGTERM, id="terminated", marks=THOROUGH),
-    pytest.param("os._exit(3)", (), 0, id="exit", marks=THOROUGH),
-    pytest.param("pytest.exit('no more')", (), 0, id="pytest.exit", marks=THOROUGH),
+    pytest.param("time.sleep(100)", (), signal.SIGINT, id="interrupt"),
+    pytest.param("time.sleep(100)", (), signal.SIGTERM, id="terminated"),
+    pytest.param("os._exit(3)", (), 0, id="exit"),
+    pytest.param("pytest.exit('no more')", (), 0, id="pytest.exit"),
+    pytest.param("time.sleep(100)", ("--timeout=30", "--timeout-method=signal"), 0, id="timeout"),
     pytest.param(
-        "time.sleep(100)", ("--timeout=30", "--timeout-method=signal"), 0, id="timeout",
-        marks=THOROUGH,
+        "time.sleep(100)", ("--timeout=30", "--timeout-method=thread"), 0, id="timeout thread"
     ),
-    pytest.param(
-        "time.sleep(100)", ("--timeout=30", "--timeout-method=thread"), 0, id="timeout thread",
-        marks=THOROUGH,
-    ),
-    pytest.param(
-        "other.until('act', timeout_s=100)", ("-x",), signal.SIGINT, id="while waiting",
-        marks=THOROUGH,
-    ),
-]  # fmt: skip
+    pytest.param("other.until('act', timeout_s=100)", ("-x",), signal.SIGINT, id="while waiting"),
+]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("ending", "options", "number"), ENDINGS)
 def test_nothing_is_left_running_however_a_test_ends(
     ending: str, options: tuple[str, ...], number: int, tmp_path: Path

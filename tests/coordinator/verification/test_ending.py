@@ -30,6 +30,7 @@ def at_its_goal() -> Recording:
     return recorded("agv:graph=grid4x4,n=7", "tswap", rounds=1000)
 
 
+@pytest.mark.few(4)
 @pytest.mark.parametrize(
     "make",
     [

@@ -62,7 +62,7 @@ def said(kind: str) -> int:
     return sum(1 for _ in free_recorded(SPEC, moves=MOVES, restarts=1).of_kind(kind))
 
 
-@pytest.mark.few(2)
+@pytest.mark.few(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ask", "turns", "pass", "tell", "shows"])
 def test_any_message_may_be_missing(kind: str) -> None:

@@ -95,7 +95,7 @@ def test_a_count_that_no_memory_holds_is_only_a_wrong_number(number: int) -> Non
     assert f"of {number} is missing" in detail_of(found, "complete")
 
 
-@pytest.mark.few(50)
+@pytest.mark.few(25)
 @pytest.mark.parametrize(("make", "checks"), TAMPERINGS)
 def test_what_is_tampered_with_fails_its_check(make: Tampering, checks: tuple[str, ...]) -> None:
     """The check that a tampering is about fails, in one line that says where; others as known."""

@@ -147,7 +147,7 @@ def moves_near(system: System, start: Site) -> list[tuple[Site, Move]]:
     ]
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(4)
 @pytest.mark.parametrize("spec", [*SPECS, "hex-connected", "hex-tunnel"])
 def test_equal_actions_are_one_object(spec: str) -> None:
     """The moves from either end and the action by its name hold the same object, pickled too."""
