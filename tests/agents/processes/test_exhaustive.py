@@ -150,14 +150,6 @@ def test_three_processes_bear_a_message_lost_late_or_doubled() -> None:
     explored(replace(RUNS["notes"], rounds=1), "loss", "late", "double")
 
 
-@pytest.mark.slow
-@THOROUGH
-@pytest.mark.timeout(900)
-def test_three_processes_bear_an_early_tick() -> None:
-    """Any one timer runs out at any moment of a round, whatever is under way."""
-    explored(ShortRun(scene_from_spec("agv:graph=P4,n=3"), "random", 1, 3, rounds=1), "tick")
-
-
 class _Forgetful(HostNode):
     """Says nothing again."""
 

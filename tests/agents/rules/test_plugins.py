@@ -88,7 +88,7 @@ def test_a_rule_of_another_distribution_runs_and_may_print(
 
 FAILING = [
     ("boom", "rule 'boom', module_0: ValueError: first line second line"),
-    ("none", "rule 'none', module_0: TypeError"),
+    ("none", "rule 'none', module_0: returned None, expected one integer, or a Choice"),
     ("illegal", "rule 'illegal', module_0: chose action 99, legal were [0"),
     ("leave", "rule 'leave', module_0: SystemExit: 7"),
     ("long", "rule 'long', module_0: a note of 3 numbers, expected 2"),
@@ -98,11 +98,10 @@ FAILING = [
 """Each with the line that is told of it. All that a rule raises takes one way through processes."""
 
 
-SHORT = {("illegal", "0"), ("leave", "0"), ("long", "0"), ("boom", "2"), ("give-up", "2")}
-"""One of each kind; the others are thorough."""
+SHORT = {("illegal", "0"), ("boom", "2")}
+"""The others are thorough."""
 
 
-@pytest.mark.few(2)
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("rule", "message", "processes"),
