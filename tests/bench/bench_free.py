@@ -155,23 +155,25 @@ def main() -> None:
                 found.append(measured(folder, number, seed=seed, **plan))
             _row(title, found)
 
-        for spec, rule in SCENES:
+        for spec, rule in SCENES[:1] if options.quick else SCENES:
             for clock in ("lockstep", "free"):
                 rows(f"{spec} {clock}", system=spec, rule=rule, clock=clock)
-        spec, every = "hex:n=8", dict.fromkeys(range(8), 1.0)
+        size = 4 if options.quick else 8
+        spec, every = f"hex:n={size}", dict.fromkeys(range(size), 1.0)
         thinking = _slow_rule(folder, "chain", 0.01)
-        rows(f"{spec} lockstep, one 100 times slower", system=spec, rule=thinking, processes=8)
+        rows(f"{spec} lockstep, one 100 times slower", system=spec, rule=thinking, processes=size)
         rows(
             f"{spec} free, one 100 times slower",
             system=spec,
             clock="free",
-            processes=8,
+            processes=size,
             speeds={**every, _SLOW: 100.0},
         )
-        rows(f"{spec} free, all think", system=spec, clock="free", processes=8, speeds=every)
-        big = "agv:graph=grid24x24,n=256"
+        rows(f"{spec} free, all think", system=spec, clock="free", processes=size, speeds=every)
+        big = "agv:graph=grid12x12,n=64" if options.quick else "agv:graph=grid24x24,n=256"
+        most = 5 if options.quick else 30
         for clock in ("lockstep", "free"):
-            rows(f"{big} {clock}, random", system=big, rule="random", clock=clock, max_rounds=30)
+            rows(f"{big} {clock}, random", system=big, rule="random", clock=clock, max_rounds=most)
         if options.cubes:
             _cubes(folder, options.cubes)
 

@@ -225,7 +225,7 @@ def main() -> None:
         before: tuple[int, float] | None = None
         for size in sizes:
             before = kernel_row(name, make(size), 3, before)
-    word = random_walk(SPEC, sizes[2] if len(sizes) > 2 else sizes[-1])
+    word = random_walk(SPEC, sizes[0 if given.quick else 2])
     numbering = Numbering()
     numbers = np.array([numbering.number(action) for action in word], dtype=np.int32)
     table = numbering.table()
@@ -234,7 +234,7 @@ def main() -> None:
     print()
     stream_row(1_000 if given.quick else 100_000)
     print()
-    lines = 10_000 if given.quick else LINES
+    lines = 2_000 if given.quick else LINES
     print(f"{lines} moves of {SPEC} in files")
     with tempfile.TemporaryDirectory() as folder:
         file_rows(lines, Path(folder))

@@ -89,7 +89,7 @@ SOME = some(SPECS, ("agv:graph=grid4x4,n=8",))
     ("spec", "seeds"),
     [
         ("agv:graph=grid4x4,n=8", 4),
-        *(pytest.param(spec, 8, marks=pytest.mark.thorough) for spec in SPECS),
+        *(pytest.param(spec, 8, marks=pytest.mark.thorough) for spec in SPECS[1::2]),
     ],
 )
 def test_same_seed_same_path_over_many_seeds(spec: str, seeds: int) -> None:
