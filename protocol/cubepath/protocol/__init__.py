@@ -78,7 +78,15 @@ if TYPE_CHECKING:
         write_timetable,
     )
     from cubepath.protocol.plans import PlanHints, read_plan
-    from cubepath.protocol.recordings import Record, Recording, RecordingWriter, read_recording
+    from cubepath.protocol.recordings import (
+        Record,
+        Recording,
+        RecordingWriter,
+        filter_recording,
+        merge_recordings,
+        read_recording,
+        split_recording,
+    )
     from cubepath.protocol.scenes import (
         Family,
         all_families,
@@ -106,7 +114,10 @@ else:
                 "timetable_schema write_certificate write_cubes write_moves write_timetable"
             ),
             "plans": "PlanHints read_plan",
-            "recordings": "Record Recording RecordingWriter read_recording",
+            "recordings": (
+                "Record Recording RecordingWriter filter_recording merge_recordings "
+                "read_recording split_recording"
+            ),
             "scenes": (
                 "Family all_families hex_catalogue read_scene scene_from_spec scene_from_toml "
                 "scene_to_toml"
@@ -165,8 +176,10 @@ __all__ = [
     "commute",
     "cube_schema",
     "decode",
+    "filter_recording",
     "hex_catalogue",
     "in_order",
+    "merge_recordings",
     "move_schemas",
     "open_client",
     "read_certificate",
@@ -182,6 +195,7 @@ __all__ = [
     "scene_to_toml",
     "schema_of",
     "site_from_json",
+    "split_recording",
     "timetable_schema",
     "why_inadmissible",
     "write_certificate",

@@ -19,8 +19,8 @@ from mcap.writer import Writer
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.description import FORMAT, FORMATS, SCENE
+from cubepath.protocol.recordings.framing import MAGIC
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.salvaging import MAGIC
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Report, decode
 from cubepath.protocol.wire.on_record import schema_of
@@ -68,8 +68,10 @@ def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         found = list(reader.iter_messages())
-        (scene,) = reader.iter_attachments()
-        metadata, counts = reader.iter_metadata()
+        scene, again = reader.iter_attachments()
+        assert again == scene  # once more at the end
+        metadata, repeated, counts = reader.iter_metadata()
+        assert repeated == metadata
     assert [message.data for _, _, message in found] == [each.data for each in originals()]
     for schema, channel, _ in found:
         assert channel.message_encoding == "json"

@@ -16,8 +16,8 @@ from mcap.reader import make_reader
 from mcap.records import Footer
 from mcap.writer import IndexType, Writer
 
+from cubepath.protocol.recordings.framing import MAGIC
 from cubepath.protocol.recordings.recording import read_recording
-from cubepath.protocol.recordings.salvaging import MAGIC
 from cubepath.protocol.recordings.writing import RecordingWriter
 from damaged import (
     FLUSH_EVERY,
@@ -140,8 +140,8 @@ def test_a_damaged_length_before_the_parameters_does_not_cost_them() -> None:
     assert found.problems == [
         f"corrupt at byte {header}: a record is damaged, reading goes on at byte {following}"
     ]
-    assert found.metadata == ["cubepath", "cubepath-counts"]
-    assert len(found.attachments) == 1
+    assert found.metadata == ["cubepath", "cubepath", "cubepath-counts"]
+    assert len(found.attachments) == 2
     assert len(found.messages) == len(originals())
 
 
@@ -162,23 +162,32 @@ def test_topics_that_a_damaged_chunk_named_are_known_from_the_summary() -> None:
     assert found.topics == {channel: "here/module_0"}
 
 
-def test_a_damaged_scene_is_refused_by_name() -> None:
-    """Without the scene nothing can be checked, so the recording is refused."""
+def test_a_scene_is_read_where_it_stands_once_more() -> None:
+    """Damage to either costs nothing; without both nothing can be checked, and it is refused."""
     whole = files()[0]
-    place = whole.index(b"cubepath-system-1")
-    assert reading(flipped(whole, place)) is None
+    one, other = (find(b"cubepath-system-1") for find in (whole.index, whole.rindex))
+    assert one < other
+    for place in (one, other):
+        found = reading(flipped(whole, place))
+        assert found is not None
+        assert_honest(found)
+        assert found.scene.start == SCENE_OF_ALL.start
+        assert found.records == originals()
+    assert reading(flipped(flipped(whole, one), other)) is None
+    assert reading(flipped(files()[1], one)) is None  # where it stands once
 
 
 @pytest.mark.parametrize("closed", [True, False])
 def test_damaged_parameters_are_named(closed: bool) -> None:
-    """A seed with a flipped bit is noticed, even where the file has no end."""
+    """A seed with a flipped bit is noticed, even where the file has no end; there it is once."""
     whole = files()[0] if closed else files()[1]
     place = whole.index(b"seed") + 8
     assert whole[place : place + 1] == b"7"
     found = reading(flipped(whole, place))
     assert found is not None
-    assert found.parameters["seed"] == "6"
-    assert any("parameters" in problem for problem in found.problems)
+    assert found.parameters["seed"] == ("7" if closed else "6")
+    told = "the CRC of the data" if closed else "the parameters"
+    assert any(told in problem for problem in found.problems)
 
 
 def damages() -> dict[str, tuple[bytes, str]]:
@@ -237,8 +246,9 @@ def test_what_is_wrong_is_said_once_and_where(name: str) -> None:
         count = 200 if "200 messages" in problem else 240
         assert [message.sequence for message in found.messages] == list(range(count))
         assert len(found.topics) == 6
-        assert found.metadata == ["cubepath", "cubepath-counts"][: 1 + (count == 240)]
-        assert len(found.attachments) == 1
+        closed = count == 240
+        assert found.metadata == (["cubepath"] * 2 + ["cubepath-counts"])[: 1 + 2 * closed]
+        assert len(found.attachments) == 1 + closed
 
 
 def test_a_chunk_must_have_a_checksum_and_a_size_that_can_be() -> None:

@@ -9,8 +9,27 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.protocol.recordings.appending import McapAppender
     from cubepath.protocol.recordings.counts import Counts
-    from cubepath.protocol.recordings.description import FORMATS
+    from cubepath.protocol.recordings.cuts import (
+        FILTERED,
+        SPLIT,
+        Selection,
+        is_beginning,
+        left_out,
+        whole_of,
+    )
+    from cubepath.protocol.recordings.cutting import filter_recording, split_recording
+    from cubepath.protocol.recordings.description import (
+        ATTACHED,
+        FORMATS,
+        FREE_FORMAT,
+        LEFT_OUT,
+        PART,
+        format_of,
+    )
+    from cubepath.protocol.recordings.logged import kinds_of
+    from cubepath.protocol.recordings.merging import merge_recordings
     from cubepath.protocol.recordings.recording import (
         Record,
         Recording,
@@ -19,30 +38,62 @@ if TYPE_CHECKING:
         read_undamaged,
         recording_of,
     )
-    from cubepath.protocol.recordings.writing import TOPICS_MAX, RecordingWriter, copy_recording
+    from cubepath.protocol.recordings.remains import Remains, remains_of
+    from cubepath.protocol.recordings.whole_rounds import rounds_in_turn
+    from cubepath.protocol.recordings.writing import (
+        CHUNK_BYTES,
+        TOPICS_MAX,
+        RecordingWriter,
+        copy_recording,
+    )
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "appending": "McapAppender",
             "counts": "Counts",
-            "description": "FORMATS",
-            "recording": (
-                "Record Recording is_recording read_recording read_undamaged recording_of"
-            ),
-            "writing": "RecordingWriter TOPICS_MAX copy_recording",
+            "cuts": "FILTERED SPLIT Selection is_beginning left_out whole_of",
+            "cutting": "filter_recording split_recording",
+            "description": "ATTACHED FORMATS FREE_FORMAT LEFT_OUT PART format_of",
+            "logged": "kinds_of",
+            "merging": "merge_recordings",
+            "recording": "Record Recording is_recording read_recording read_undamaged recording_of",
+            "remains": "Remains remains_of",
+            "whole_rounds": "rounds_in_turn",
+            "writing": "CHUNK_BYTES RecordingWriter TOPICS_MAX copy_recording",
         },
     )
 
 __all__ = [
+    "ATTACHED",
+    "CHUNK_BYTES",
+    "FILTERED",
     "FORMATS",
+    "FREE_FORMAT",
+    "LEFT_OUT",
+    "PART",
+    "SPLIT",
     "TOPICS_MAX",
     "Counts",
+    "McapAppender",
     "Record",
     "Recording",
     "RecordingWriter",
+    "Remains",
+    "Selection",
     "copy_recording",
+    "filter_recording",
+    "format_of",
+    "is_beginning",
     "is_recording",
+    "kinds_of",
+    "left_out",
+    "merge_recordings",
     "read_recording",
     "read_undamaged",
     "recording_of",
+    "remains_of",
+    "rounds_in_turn",
+    "split_recording",
+    "whole_of",
 ]

@@ -36,7 +36,7 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from cubepath.protocol.recordings.salvaging import MAGIC
+from cubepath.protocol.recordings.framing import MAGIC
 
 _COMPRESSION = b"zstd"
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -81,6 +81,27 @@ class McapAppender:
     def size(self) -> int:
         """Return the bytes of the open chunk."""
         return self._size
+
+    @property
+    def written(self) -> int:
+        """Return the bytes that were written, without those of the open chunk."""
+        return self._offset
+
+    def size_with(self, more: int) -> int:
+        """Return the most bytes of the file if it ends after one more message of this size."""
+        open_chunk = self._size + more + _MESSAGE.size
+        entries = sum(map(len, self._indices.values())) // 2 + 1
+        known = sum(map(len, self._schemas)) + sum(map(len, self._channels))
+        return (
+            self._offset
+            + open_chunk
+            + open_chunk // 128  # what cannot be compressed grows by less
+            + 16 * entries
+            + (_INDEX.size + 30) * (len(self._channels) + 1)
+            + known
+            + len(self._chunk_indices)
+            + 256 * (len(self._attachments) + len(self._metadata) + 4)
+        )
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema; return its number."""

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from hashlib import sha256
 from typing import TypeAlias
 
 import msgspec
 
-from cubepath.protocol.recordings.salvaging import Salvage, kind_in
+from cubepath.protocol.recordings.ending import kind_in
+from cubepath.protocol.recordings.framing import checksum
+from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.wire.on_record import SHOWN
 
 METADATA = "cubepath-counts"
@@ -144,11 +145,3 @@ def _counts_in(values: Mapping[str, str]) -> Counts | None:
 
 def _number(text: str) -> int | None:
     return int(text) if text else None
-
-
-def checksum(values: Mapping[str, str]) -> str:
-    """Return the checksum of the values of a metadata record.
-
-    Such a record has no CRC, and the CRC of the data section comes at the end of the file.
-    """
-    return sha256(msgspec.json.encode(sorted(values.items()))).hexdigest()

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.counts import checksum
+from cubepath.protocol.recordings.framing import checksum
 from cubepath.protocol.recordings.salvaging import Salvage
 from cubepath.protocol.scenes.toml import scene_from_toml
 
@@ -24,6 +24,12 @@ FORMATS = ("cubepath-recording-1", FORMAT, FREE_FORMAT)
 Clock: TypeAlias = Literal["lockstep", "free"]
 METADATA = "cubepath"
 """The name of the metadata record with the parameters."""
+ATTACHED = "attached"
+"""The parameter of a recording from outside: the first round, or level, that is whole in it."""
+PART = "part"
+"""The parameter that numbers the files of one recorder from 0."""
+LEFT_OUT = ("topics", "exclude")
+"""The parameters that tell which topics were recorded, and which were not."""
 SCENE = "scene.toml"
 SCHEDULE = "schedule.jsonl"
 
@@ -36,6 +42,20 @@ def format_of(parameters: Mapping[str, str]) -> str:
 def clock_of(written_as: str) -> Clock:
     """Return the clock of the runs that a format is for."""
     return "free" if written_as == FREE_FORMAT else "lockstep"
+
+
+def has_wall_times(written_as: str, parameters: Mapping[str, str]) -> bool:
+    """Return whether log times are the wall clock, though the run has rounds.
+
+    Then the round of a message is the one that it tells itself.
+    """
+    return clock_of(written_as) == "lockstep" and parameters.get("log_time") == "wall"
+
+
+def wall_times_in(found: Salvage) -> bool:
+    """Return whether a file says of itself that it `has_wall_times`, whatever else it says."""
+    told = (record.metadata for record in found.metadata if record.name == METADATA)
+    return any(has_wall_times(each.get("format", ""), each) for each in told)
 
 
 def metadata_of(parameters: Mapping[str, str], written_as: str) -> dict[str, str]:
@@ -54,10 +74,17 @@ def parameters_in(path: Path, found: Salvage, problems: list[str]) -> tuple[str,
         raise InputError(
             f"{path}: no cubepath recording: format {shown}, expected {expected}{detail}"
         )
-    values = {key: value for key, value in ours[0].items() if key not in ("format", "checksum")}
-    if ours[0].get("checksum") != checksum(values):
+    read = [(told, without_format(told)) for told in ours]
+    right = [each for each in read if each[0].get("checksum") == checksum(each[1])]
+    if not right:
         problems.append("corrupt: the parameters are not those of their checksum")
-    return ours[0]["format"], values
+    told, values = (right or read)[0]
+    return told["format"], values
+
+
+def without_format(told: Mapping[str, str]) -> dict[str, str]:
+    """Return the parameters that a metadata record tells."""
+    return {key: value for key, value in told.items() if key not in ("format", "checksum")}
 
 
 def scene_in(path: Path, found: Salvage) -> Scene:

@@ -28,6 +28,7 @@ from cubepath.protocol.wire.messages import KINDS, Message, decode, parts_of
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.description import Clock
     from cubepath.protocol.recordings.recording import Recording
+    from cubepath.protocol.recordings.salvaging import Message as Stored
 
 _BOTH = ("go", "refused", "edges", "cube", "certificate", "summary")
 """Kinds of messages that runs with rounds and runs without have."""
@@ -39,13 +40,38 @@ class LoggedMessage(NamedTuple):
     message: Any
     """The message itself, or a part of a batch: docs/recordings.md has the kinds and fields."""
     round: int
-    """The log time: the round, or without rounds the level or the wall clock in nanoseconds."""
+    """The round; without rounds the log time, the level or the wall clock in nanoseconds."""
     wall_ns: int
     """The publish time: the wall clock in nanoseconds."""
     topic: str
     """The topic under which it was recorded; of a part that of its batch."""
     sequence: int
     """The number of the message in the order of writing; of a part that of its batch."""
+
+
+class _Rounded(msgspec.Struct, gc=False):
+    round: int
+
+
+_rounded = msgspec.json.Decoder(_Rounded).decode
+
+
+def round_in(stored: Stored) -> int:
+    """Return the round that a message tells, if its log time is the wall clock.
+
+    If that is neither so, nor the message one with a round, its log time stands for the round:
+    verifying names it.
+    """
+    told = told_round(stored.data) if stored.round == stored.wall_ns else None
+    return stored.round if told is None else told
+
+
+def told_round(data: bytes) -> int | None:
+    """Return the round that a message tells, None if it tells none."""
+    try:
+        return _rounded(data).round
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
 
 
 @cache

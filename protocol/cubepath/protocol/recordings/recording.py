@@ -1,19 +1,21 @@
 """Recordings: one MCAP file per run, written during the run and checked when read back.
 
 A recording holds every message as the exact bytes that were on the wire, on the topic KIND/SENDER,
-with its JSON Schema. Log time is the logical round, or without rounds the level or the wall clock;
-publish time is the wall clock in nanoseconds, and sequence the order of writing. The parameters and
-versions of the run are a metadata record, the scene is the attachment `scene.toml`, and an executed
-schedule is `schedule.jsonl`. Chunks carry CRCs and are written when they are full, when half a
-second has passed, and when the caller says so, which a run does after each round: so a killed
-process loses less than a second, and no finished round.
+with its JSON Schema. Log time is the logical round, or the wall clock if that was asked for, or
+without rounds the level or the wall clock; publish time is the wall clock in nanoseconds, and
+sequence the order of writing. The parameters and versions of the run are a metadata record, the
+scene is the attachment `scene.toml`, and an executed schedule is `schedule.jsonl`. Chunks carry
+CRCs and are written when they are full, when half a second has passed, and when the caller says so,
+which a run does after each round: so a killed process loses less than a second, and no finished
+round.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from math import inf
 from pathlib import Path
@@ -30,10 +32,12 @@ from cubepath.protocol.recordings.description import (
     clock_of,
     parameters_in,
     scene_in,
+    wall_times_in,
 )
-from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
+from cubepath.protocol.recordings.ending import Block
+from cubepath.protocol.recordings.framing import MAGIC
+from cubepath.protocol.recordings.logged import LoggedMessage, messages_of, round_in
 from cubepath.protocol.recordings.salvaging import (
-    MAGIC,
     Message,
     Salvage,
     messages_in,
@@ -46,6 +50,9 @@ from cubepath.protocol.wire.on_record import parts_said, topic_said
 
 if TYPE_CHECKING:
     import pandas as pd
+
+_UNSTORED = 1000
+"""Messages in a chunk of a recording that is in no file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +67,7 @@ class Record:
     topic: str
     data: bytes
     round: int
-    """The log time: a round, or without rounds a level or a wall time in nanoseconds."""
+    """The round; without rounds the log time, which is a level or a wall time in nanoseconds."""
     wall_ns: int
     sequence: int
 
@@ -87,14 +94,39 @@ class Record:
             yield replace(self, topic=topic, data=data)
 
 
+@dataclass(frozen=True, slots=True)
+class RecordChunk:
+    """Some messages that follow one another, and stay in the file until they are asked for."""
+
+    first_round: int
+    last_round: int
+    """The least and the greatest log time of them."""
+    kinds: frozenset[str]
+    """The kinds of the messages, "" for those whose topic is lost."""
+    read: Callable[[], Sequence[Record]]
+    """Returns the messages, in the order of writing; none may be left of a damaged chunk."""
+
+
+def _chunk_of(records: Sequence[Record]) -> RecordChunk:
+    rounds = [record.round for record in records]
+    kinds = frozenset(record.kind for record in records)
+    return RecordChunk(min(rounds), max(rounds), kinds, lambda: records)
+
+
 class _StoredRecords(Sequence[Record]):
     """The messages of a file, read a chunk at a time whenever they are asked for."""
 
-    def __init__(self, stored: Stored, found: Salvage, counts: Counts | None) -> None:
+    def __init__(
+        self, stored: Stored, found: Salvage, counts: Counts | None, *, by_wall: bool
+    ) -> None:
         self.counts = counts
         self._stored = stored
-        self._blocks = found.blocks
+        self._by_wall = by_wall
+        """Whether log times are the wall clock, in a run with rounds."""
+        self._chunks = found.blocks
         self._loose = found.loose
+        if by_wall:
+            self._loose = [each._replace(round=round_in(each)) for each in found.loose]
         self._topics = found.topics
         self.lost = 0
         """The number of messages whose topic is lost."""
@@ -126,6 +158,20 @@ class _StoredRecords(Sequence[Record]):
 
     __hash__ = None  # type: ignore[assignment]  # as a list
 
+    @cached_property
+    def _blocks(self) -> list[Block]:
+        """The chunks with their rounds, for which all are read if log times are the wall clock."""
+        if not self._by_wall:
+            return self._chunks
+        found: list[Block] = []
+        for block in self._chunks:
+            rounds = [round_in(message) for message in messages_in(self._stored, block)]
+            found.append(block._replace(first_round=min(rounds), last_round=max(rounds)))
+        return found
+
+    def sha256(self) -> str:
+        return self._stored.sha256()
+
     def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
         rounds = [message.round for message in self._loose]
         least = [min(rounds, default=inf)]
@@ -133,12 +179,20 @@ class _StoredRecords(Sequence[Record]):
             least.append(min(block.first_round, least[-1]))
         for block, ahead in zip(self._blocks, reversed(least[:-1]), strict=True):
             yield self._records(messages_in(self._stored, block)), ahead
-        yield self._records(self._loose), inf
+        yield self._named(self._loose), inf
+
+    def chunks(self) -> list[RecordChunk]:
+        def reader(block: Block) -> Callable[[], Sequence[Record]]:
+            return lambda: tuple(self._records(messages_in(self._stored, block)))
+
+        found = [RecordChunk(*block[2:], reader(block)) for block in self._blocks]
+        loose = tuple(self._named(self._loose))
+        return [*found, _chunk_of(loose)] if loose else found
 
     def near(self, kinds: AbstractSet[str] | None, rounds: range | None) -> Iterator[Record]:
         """Yield the messages of all chunks that may hold some of these kinds and rounds."""
         ends = None if rounds is None else sorted([*rounds[:1], *rounds[-1:]])
-        for block in self._blocks:
+        for block in self._chunks if ends is None else self._blocks:
             if kinds is not None and "" not in block.kinds and kinds.isdisjoint(block.kinds):
                 continue
             if ends is not None and (
@@ -146,9 +200,14 @@ class _StoredRecords(Sequence[Record]):
             ):
                 continue
             yield from self._records(messages_in(self._stored, block))
-        yield from self._records(self._loose)
+        yield from self._named(self._loose)
 
     def _records(self, messages: Iterable[Message]) -> Iterator[Record]:
+        if self._by_wall:
+            messages = (each._replace(round=round_in(each)) for each in messages)
+        return self._named(messages)
+
+    def _named(self, messages: Iterable[Message]) -> Iterator[Record]:
         topics = self._topics
         # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
         for channel, sequence, number, wall_ns, data in messages:
@@ -292,6 +351,25 @@ class Recording:
             return self.records.blocks()
         return iter([(self.records, inf)])
 
+    def chunks(self) -> Sequence[RecordChunk]:
+        """Return the chunks of the file in order; the messages of one are read when asked for.
+
+        So a message in the middle of a long recording costs the reading of one chunk.
+        """
+        records = self.records
+        if isinstance(records, _StoredRecords):
+            return records.chunks()
+        some = range(0, len(records), _UNSTORED)
+        return [_chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
+
+    def sha256(self) -> str | None:
+        """Return the SHA-256 of the file in hexadecimal, as ``sha256sum`` prints it.
+
+        None for a recording that was not read from a file. The whole file is read.
+        """
+        records = self.records
+        return records.sha256() if isinstance(records, _StoredRecords) else None
+
     def counts(self) -> Counts:
         """Return how much is in the recording; it is read only if the file does not say so."""
         records = self.records
@@ -321,27 +399,61 @@ def read_recording(source: Source) -> Recording:
     >>> recording.parameters["rule"], len(recording.records), recording.problems
     ('chain', 630, ())
     """
+    found = read(source)
+    problems = list(found.problems)
+    written_as, parameters = parameters_in(found.path, found.salvage, problems)
+    scene = scene_in(found.path, found.salvage)
+    return Recording(
+        found.path,
+        parameters,
+        scene,
+        found.records,
+        (*problems, *found.behind(problems)),
+        found.schedule,
+        found.size,
+        written_as,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What was found in a file, before anyone asks whether that is a recording."""
+
+    path: Path
+    size: int
+    salvage: Salvage
+    records: _StoredRecords
+
+    @property
+    def problems(self) -> tuple[str, ...]:
+        """Return what is wrong with the file."""
+        return tuple(self.salvage.problems)
+
+    def behind(self, problems: Sequence[str]) -> Iterator[str]:
+        """Yield what else is wrong, where so much is known to be."""
+        if self.records.lost:
+            yield f"{self.records.lost} messages belong to channels that are lost"
+        elif self.salvage.gap is not None and not problems:
+            yield self.salvage.gap
+
+    @property
+    def schedule(self) -> bytes | None:
+        """Return the text of the schedule, if there is one."""
+        schedules = (each.data for each in self.salvage.attachments if each.name == SCHEDULE)
+        return next(schedules, None)
+
+
+def read(source: Source) -> Found:
+    """Read whatever can be read of a file; InputError if it is empty, or cannot be read."""
     with opened(source) as file:
         stored = Stored(file)
-    path = stored.path
     if not stored.size:
-        raise InputError(f"{path}: empty file, expected an MCAP recording")
+        raise InputError(f"{stored.path}: empty file, expected an MCAP recording")
     whole = outline(stored)
     counts = None if whole is None else counts_of(whole)
     found = salvage(stored) if whole is None or counts is None else whole
-    problems = list(found.problems)
-    written_as, parameters = parameters_in(path, found, problems)
-    scene = scene_in(path, found)
-    records = _StoredRecords(stored, found, counts)
-    if records.lost:
-        problems.append(f"{records.lost} messages belong to channels that are lost")
-    if found.gap is not None and not problems:
-        problems.append(found.gap)
-    schedules = (each.data for each in found.attachments if each.name == SCHEDULE)
-    schedule = next(schedules, None)
-    return Recording(
-        path, parameters, scene, records, tuple(problems), schedule, stored.size, written_as
-    )
+    records = _StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
+    return Found(stored.path, stored.size, found, records)
 
 
 def recording_of(recording: Recording | Source) -> Recording:
@@ -349,9 +461,9 @@ def recording_of(recording: Recording | Source) -> Recording:
     return recording if isinstance(recording, Recording) else read_recording(recording)
 
 
-def read_undamaged(source: Source) -> Recording:
+def read_undamaged(source: Recording | Source) -> Recording:
     """Read an undamaged recording; InputError names the damage and how to recover the rest."""
-    recording = read_recording(source)
+    recording = recording_of(source)
     if recording.problems:
         path = recording.path
         raise InputError(

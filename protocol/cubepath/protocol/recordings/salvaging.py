@@ -4,7 +4,8 @@ Room: protocol. The readers of the mcap package stop at the first damaged record
 their parsers happen to raise. Here records are split one by one, so only a damaged record itself is
 left out: each chunk and attachment has a CRC, and so do the data section and the summary. If a
 length is damaged and the records after it cannot be found, the index in the summary tells where to
-continue. Messages and attachments are returned only if a CRC covers them.
+continue; if that is lost as well, the bytes that follow are searched for a record whose CRC holds.
+Messages and attachments are returned only if a CRC covers them.
 
 What is found says where the chunks are, not what is in them: messages are unpacked when they are
 asked for, a chunk at a time, so that memory does not grow with the file. If the CRCs of a finished
@@ -14,38 +15,32 @@ file hold, `outline` finds the same from its end, without going through the reco
 from __future__ import annotations
 
 import struct
-import zlib
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from io import BytesIO
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    AttachmentIndex,
-    Channel,
-    Chunk,
-    Footer,
-    Metadata,
-    MetadataIndex,
-    Statistics,
-)
+from mcap.records import Attachment, Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.ending import Block, End, Sets, end_of, kind_in, shared
+from cubepath.protocol.recordings.framing import (
+    CRC,
+    HEAD,
+    MAGIC,
+    checksum,
+    expect_crc,
+    fits,
+    found_after,
+    plausible,
+)
 from cubepath.protocol.recordings.stored import Stored
 
-MAGIC = b"\x89MCAP0\r\n"
 _CHUNK_BYTES_MAX = 1 << 30
-_HEAD = struct.Struct("<BQ")
-_CRC = struct.Struct("<I")
 _MESSAGE = struct.Struct("<HIQQ")
-_CHUNK_INDEX = struct.Struct("<QQQQI")
-_CHANNEL_OFFSET = struct.Struct("<HQ")
-_FOOTER_BYTES = 20
 
 
 class Message(NamedTuple):
@@ -56,19 +51,6 @@ class Message(NamedTuple):
     round: int
     wall_ns: int
     data: bytes
-
-
-class Block(NamedTuple):
-    """A chunk: where its content stands, and the rounds and kinds of its messages.
-
-    The kind of a message is the first part of its topic, "" where the topic is not known yet.
-    """
-
-    offset: int
-    length: int
-    first_round: int
-    last_round: int
-    kinds: frozenset[str]
 
 
 @dataclass(slots=True)
@@ -105,7 +87,7 @@ def outline(stored: Stored) -> Salvage | None:
     The CRC of the data section covers every byte before it, so no chunk has to be unpacked. What
     the writer itself got wrong, such as a gap, is not seen.
     """
-    end = _end_of(stored)
+    end = end_of(stored)
     if end is None or end.statistics is None:
         return None
     try:
@@ -114,21 +96,21 @@ def outline(stored: Stored) -> Salvage | None:
         return None
 
 
-def _outlined(stored: Stored, end: _End, statistics: Statistics) -> Salvage | None:
-    data_end = end.summary_start - _HEAD.size - _CRC.size
-    told = stored.read(data_end, _HEAD.size + _CRC.size)
-    crc = _CRC.unpack(told[_HEAD.size :])[0]
-    if _HEAD.unpack_from(told) != (Opcode.DATA_END, _CRC.size) or not crc:
+def _outlined(stored: Stored, end: End, statistics: Statistics) -> Salvage | None:
+    data_end = end.summary_start - HEAD.size - CRC.size
+    told = stored.read(data_end, HEAD.size + CRC.size)
+    crc = CRC.unpack(told[HEAD.size :])[0]
+    if HEAD.unpack_from(told) != (Opcode.DATA_END, CRC.size) or not crc:
         return None
-    header = _HEAD.unpack(stored.read(len(MAGIC), _HEAD.size))[1]
-    if len(MAGIC) + _HEAD.size + header + end.covered != data_end:
+    header = HEAD.unpack(stored.read(len(MAGIC), HEAD.size))[1]
+    if len(MAGIC) + HEAD.size + header + end.covered != data_end:
         return None  # something stands outside of what the summary tells of
     if stored.crc(data_end) != crc:
         return None
     found = Salvage(topics=end.topics, blocks=end.blocks, messages=statistics.message_count)
     for offset in end.others:
-        opcode, length = _HEAD.unpack(stored.read(offset, _HEAD.size))
-        body = stored.read(offset + _HEAD.size, length)
+        opcode, length = HEAD.unpack(stored.read(offset, HEAD.size))
+        body = stored.read(offset + HEAD.size, length)
         stream = ReadDataStream(BytesIO(body))
         if opcode == Opcode.ATTACHMENT:
             found.attachments.append(_attachment(body))
@@ -154,50 +136,31 @@ def messages_in(stored: Stored, block: Block) -> list[Message]:
     return messages
 
 
-@dataclass(frozen=True, slots=True)
-class _End:
-    """The summary of a finished file, if its CRC holds: where records begin."""
-
-    summary_start: int
-    offsets: list[int]
-    topics: dict[int, str]
-    blocks: list[Block]
-    others: list[int]
-    """Where attachments and metadata begin, in the order of the file."""
-    covered: int
-    """The bytes of chunks, with the indices of their messages, attachments and metadata."""
-    statistics: Statistics | None
-
-
 class _Scan:
     """One pass over the bytes."""
 
     def __init__(self, stored: Stored) -> None:
         self.found = Salvage()
         self._stored = stored
+        self._end = end_of(stored)
         self._chunks = 0
         self._span = ""
         self._loose: list[Channel | Message] = []
         self._ended = False
-        self._sets: _Sets = {}
+        self._sets: Sets = {}
 
     def run(self) -> None:
-        stored, found = self._stored, self.found
-        magic = stored.read(0, len(MAGIC))
-        if magic != MAGIC:
-            short = MAGIC.startswith(magic)
-            what = "truncated within its first bytes" if short else "not an MCAP file"
-            found.problems.append(f"{what}: expected it to begin with the magic of MCAP")
-            return
-        end = _end_of(stored)
+        found, end = self.found, self._end
         if end is not None:
             found.topics.update(end.topics)
-        offset = len(MAGIC)
+        offset = self._first()
+        if offset is None:
+            return
         while not self._ended:
             if end is not None and offset >= end.summary_start:
                 found.problems.append(f"corrupt before byte {offset}: no mark ends the data")
                 return
-            after = self._record(offset, end)
+            after = self._record(offset)
             if after is None:
                 found.problems.append(self._stop(offset))
                 return
@@ -205,22 +168,37 @@ class _Scan:
         if end is None:
             found.problems.append(self._tail(offset))
 
-    def _record(self, offset: int, end: _End | None) -> int | None:
+    def _first(self) -> int | None:
+        """Return where the first record begins; None if the file is none, as far as one can see."""
+        stored, first = self._stored, len(MAGIC)
+        magic = stored.read(0, first)
+        if magic == MAGIC:
+            return first
+        short = MAGIC.startswith(magic)
+        what = "truncated within its first bytes" if short else "not an MCAP file"
+        self.found.problems.append(f"{what}: expected it to begin with the magic of MCAP")
+        if self._end is not None or fits(stored, first):
+            return first
+        return found_after(stored, 0, self._holds)
+
+    def _record(self, offset: int) -> int | None:
         """Read the record at `offset`; return where the next one begins, None if nowhere."""
-        stored = self._stored
-        start = offset + _HEAD.size
-        if start > stored.size:
-            return None
-        opcode, length = _HEAD.unpack(stored.read(offset, _HEAD.size))
-        after: int = start + length
-        known = _next(end, offset)
-        if after > stored.size or (known is not None and after > known) or not _plausible(opcode):
-            if known is None:
-                return None
-            self.found.problems.append(
-                f"corrupt at byte {offset}: a record is damaged, reading goes on at byte {known}"
-            )
-            return known
+        stored, end = self._stored, self._end
+        start = offset + HEAD.size
+        told = None if end is None else end.heads.get(offset)
+        if told is not None:
+            if told != HEAD.unpack(stored.read(offset, HEAD.size)):
+                self.found.problems.append(
+                    f"corrupt at byte {offset}: the head of a record is damaged"
+                )
+        elif not fits(stored, offset) or self._is_no_end(offset):
+            return self._lost(offset)
+        else:
+            told = HEAD.unpack(stored.read(offset, HEAD.size))
+        opcode, length = told
+        after = start + length
+        if end is not None and after > end.after(offset):
+            return self._lost(offset)
         if opcode not in _TAKEN:
             return after
         body = stored.read(start, length)
@@ -229,6 +207,43 @@ class _Scan:
         except Exception as error:  # noqa: BLE001 - parsers and decompressors raise many kinds
             self.found.problems.append(f"corrupt at byte {offset}: {self._what(opcode, error)}")
         return after
+
+    def _is_no_end(self, offset: int) -> bool:
+        """Return whether a mark that ends the data stands where the data does not end."""
+        end, size = self._end, HEAD.size + CRC.size
+        is_mark = self._stored.read(offset, 1)[0] == Opcode.DATA_END
+        return is_mark and end is not None and offset + size != end.summary_start
+
+    def _lost(self, offset: int) -> int | None:
+        """Return where to go on after a record that is damaged; None if nowhere."""
+        if self._end is not None:
+            found = self._end.after(offset)
+        else:
+            searched = found_after(self._stored, offset, self._holds)
+            if searched is None:
+                return None
+            found = searched
+        self.found.problems.append(
+            f"corrupt at byte {offset}: a record is damaged, reading goes on at byte {found}"
+        )
+        return found
+
+    def _holds(self, offset: int) -> bool:
+        """Return whether a record that was searched for is one, by its CRC or its checksum."""
+        opcode, length = HEAD.unpack(self._stored.read(offset, HEAD.size))
+        body = self._stored.read(offset + HEAD.size, length)
+        try:
+            if opcode == Opcode.CHUNK:
+                return bool(_unpacked(Chunk.read(ReadDataStream(BytesIO(body))))[1])
+            if opcode == Opcode.ATTACHMENT:
+                return bool(_attachment(body).name)
+            values = Metadata.read(ReadDataStream(BytesIO(body))).metadata
+        except Exception:  # noqa: BLE001 - parsers and decompressors raise many kinds
+            return False
+        told = values.pop("checksum", None)
+        # That of parameters does not cover the format beside them.
+        without = {key: value for key, value in values.items() if key != "format"}
+        return told in (checksum(values), checksum(without))
 
     def _what(self, opcode: int, error: Exception) -> str:
         if opcode == Opcode.CHUNK:
@@ -241,7 +256,7 @@ class _Scan:
             case Opcode.CHUNK:
                 self._chunks += 1
                 self._span = ""
-                self._take_chunk(Chunk.read(stream), offset + _HEAD.size, len(body))
+                self._take_chunk(Chunk.read(stream), offset + HEAD.size, len(body))
             case Opcode.ATTACHMENT:
                 self.found.attachments.append(_attachment(body))
             case Opcode.METADATA:
@@ -251,7 +266,7 @@ class _Scan:
             case Opcode.MESSAGE:
                 self._loose.append(_message(body))
             case _:
-                crc = _CRC.unpack(body)[0]
+                crc = CRC.unpack(body)[0]
                 self._ended = True
                 self._take_end(crc, offset)
 
@@ -264,7 +279,7 @@ class _Scan:
         if messages:
             rounds = [message.round for message in messages]
             topics = {self.found.topics.get(message.channel, "") for message in messages}
-            kinds = _shared(self._sets, map(kind_in, topics))
+            kinds = shared(self._sets, map(kind_in, topics))
             self.found.blocks.append(Block(offset, length, min(rounds), max(rounds), kinds))
 
     def _name(self, channels: Iterable[Channel]) -> None:
@@ -310,7 +325,7 @@ class _Scan:
         stored = self._stored
         # A file that ends properly, or continues with something that is no record, was not cut off.
         cut = stored.read(stored.size - len(MAGIC), len(MAGIC)) != MAGIC and (
-            offset + _HEAD.size > stored.size or _plausible(stored.read(offset, 1)[0])
+            offset + HEAD.size > stored.size or plausible(stored.read(offset, 1)[0])
         )
         return (
             f"{'truncated' if cut else 'corrupt'} at byte {offset} of {stored.size}: {self._chunks}"
@@ -341,8 +356,8 @@ def _unpacked(chunk: Chunk) -> tuple[list[Channel], list[Message]]:
     messages: list[Message] = []
     offset = 0
     while offset < size:
-        opcode, length = _HEAD.unpack_from(data, offset)
-        start = offset + _HEAD.size
+        opcode, length = HEAD.unpack_from(data, offset)
+        start = offset + HEAD.size
         offset = start + length
         if offset > size:
             raise ValueError("a record in it is longer than the chunk")
@@ -360,130 +375,10 @@ def _message(body: bytes) -> Message:
 
 def _attachment(body: bytes) -> Attachment:
     # mcap's own reader does not check this CRC.
-    _expect_crc(body[: -_CRC.size], _CRC.unpack(body[-_CRC.size :])[0])
+    expect_crc(body[: -CRC.size], CRC.unpack(body[-CRC.size :])[0])
     found: Attachment = Attachment.read(ReadDataStream(BytesIO(body)))
     return found
 
 
-_Sets: TypeAlias = dict[frozenset[str], frozenset[str]]
-
-
-def _shared(known: _Sets, kinds: Iterable[str]) -> frozenset[str]:
-    """Return the kinds as a set; equal ones are one object, since there are few of them."""
-    found = frozenset(kinds)
-    return known.setdefault(found, found)
-
-
-def kind_in(topic: str) -> str:
-    """Return the kind of messages on a topic, its first part."""
-    return topic.partition("/")[0]
-
-
 def _said(error: Exception) -> str:
     return str(error) or type(error).__name__
-
-
-def _plausible(opcode: int) -> bool:
-    return Opcode.HEADER <= opcode <= Opcode.DATA_END
-
-
-def _next(end: _End | None, offset: int) -> int | None:
-    """Return where the next record after `offset` begins, according to the index."""
-    if end is None:
-        return None
-    place = bisect_right(end.offsets, offset)
-    return end.offsets[place] if place < len(end.offsets) else end.summary_start
-
-
-def _expect_crc(data: bytes, expected: int) -> None:
-    found = zlib.crc32(data)
-    if found != expected:
-        raise ValueError(f"its CRC is {found:08x}, expected {expected:08x}")
-
-
-def _end_of(stored: Stored) -> _End | None:
-    """Return the end of a finished file; None if it is missing or its CRC does not hold."""
-    closing = _HEAD.size + _FOOTER_BYTES + len(MAGIC)
-    footer_at = stored.size - closing
-    if footer_at < len(MAGIC):
-        return None
-    last = stored.read(footer_at, closing)
-    if not last.endswith(MAGIC) or _HEAD.unpack_from(last) != (Opcode.FOOTER, _FOOTER_BYTES):
-        return None
-    try:
-        footer = Footer.read(ReadDataStream(BytesIO(last[_HEAD.size :])))
-        start = footer.summary_start or footer_at
-        if not len(MAGIC) <= start <= footer_at:
-            return None
-        summary = stored.read(start, stored.size - start)
-        if footer.summary_crc:
-            _expect_crc(summary[: -len(MAGIC) - _CRC.size], footer.summary_crc)
-        return _summary(summary, start, footer_at)
-    except InputError:
-        raise
-    except Exception:  # noqa: BLE001 - whatever is wrong, there is no usable summary
-        return None
-
-
-def _summary(data: bytes, start: int, footer_at: int) -> _End:
-    others: list[int] = []
-    topics: dict[int, str] = {}
-    chunks: list[bytes] = []
-    covered = 0
-    statistics: Statistics | None = None
-    for opcode, body in _records(data[: footer_at - start]):
-        stream = ReadDataStream(BytesIO(body))
-        match opcode:
-            case Opcode.CHUNK_INDEX:
-                chunks.append(body)
-            case Opcode.ATTACHMENT_INDEX:
-                attachment = AttachmentIndex.read(stream)
-                others.append(attachment.offset)
-                covered += attachment.length
-            case Opcode.METADATA_INDEX:
-                metadata = MetadataIndex.read(stream)
-                others.append(metadata.offset)
-                covered += metadata.length
-            case Opcode.CHANNEL:
-                channel = Channel.read(stream)
-                topics[channel.id] = channel.topic
-            case Opcode.STATISTICS:
-                statistics = Statistics.read(stream)
-            case _:
-                pass
-    blocks = sorted(_indexed(chunks, topics), key=lambda block: block.offset)
-    covered += sum(_HEAD.size + block.length for block in blocks)
-    covered += sum(_index_length(body) for body in chunks)
-    offsets = sorted([block.offset - _HEAD.size for block in blocks] + others)
-    return _End(start, offsets, topics, blocks, sorted(others), covered, statistics)
-
-
-def _records(data: bytes) -> Iterator[tuple[int, bytes]]:
-    offset = 0
-    while offset < len(data):
-        opcode, length = _HEAD.unpack_from(data, offset)
-        offset += _HEAD.size
-        yield opcode, data[offset : offset + length]
-        offset += length
-
-
-def _indexed(chunks: Iterable[bytes], topics: Mapping[int, str]) -> Iterator[Block]:
-    """Yield the chunks of these indices.
-
-    mcap's own reader takes seconds for the channels of a long recording.
-    """
-    named = {channel: kind_in(topic) for channel, topic in topics.items()}
-    sets: _Sets = {}
-    for body in chunks:
-        first, last, offset, length, size = _CHUNK_INDEX.unpack_from(body)
-        used = body[_CHUNK_INDEX.size : _CHUNK_INDEX.size + size]
-        kinds = {named.get(channel, "") for channel, _ in _CHANNEL_OFFSET.iter_unpack(used)}
-        yield Block(
-            offset + _HEAD.size, length - _HEAD.size, first, last, _shared(sets, kinds or {""})
-        )
-
-
-def _index_length(body: bytes) -> int:
-    """Return the bytes of the indices of messages that follow a chunk."""
-    size = _CHUNK_INDEX.unpack_from(body)[4]
-    return int.from_bytes(body[_CHUNK_INDEX.size + size :][:8], "little")

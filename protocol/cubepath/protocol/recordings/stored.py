@@ -10,6 +10,7 @@ import os
 import stat
 import weakref
 import zlib
+from hashlib import sha256
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, readable
@@ -51,6 +52,13 @@ class Stored:
         for offset in range(0, end, _WINDOW):
             found = zlib.crc32(self._fetch(offset, min(_WINDOW, end - offset)), found)
         return found
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of all bytes in hexadecimal, as ``sha256sum`` prints it."""
+        found = sha256()
+        for offset in range(0, self.size, _WINDOW):
+            found.update(self._fetch(offset, min(_WINDOW, self.size - offset)))
+        return found.hexdigest()
 
     def _fetch(self, offset: int, size: int) -> bytes:
         size = min(size, self.size - offset)

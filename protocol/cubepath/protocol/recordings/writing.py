@@ -27,9 +27,11 @@ from cubepath.protocol.recordings.description import (
     SCENE,
     SCHEDULE,
     format_of,
+    has_wall_times,
     metadata_of,
 )
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.remains import Remains
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.on_record import schema_of
 
@@ -37,6 +39,10 @@ FLUSH_S = 0.5
 """Seconds after which a message is written, with those that came meanwhile."""
 CHUNK_BYTES = 1 << 18
 """And so many bytes, if they come first; four times as many save 2%, and damage costs more."""
+_CHANNEL_BYTES = 64
+"""More than a channel or schema takes beside its texts; both stand in the summary once more."""
+_COUNTS_BYTES = 1 << 13
+"""More than the counts at the end take."""
 TOPICS_MAX = (1 << 16) - 1
 """Channels of an MCAP file have numbers of 16 bits, and none has the number 0."""
 
@@ -60,7 +66,7 @@ class RecordingWriter:
     def __init__(
         self,
         path: Path | str,
-        scene: Scene,
+        scene: Scene | None,
         parameters: Mapping[str, str],
         schedule: bytes | None = None,
         *,
@@ -70,6 +76,8 @@ class RecordingWriter:
     ) -> None:
         """Create the file with the scene and the parameters; InputError if it cannot be created.
 
+        Both are written once more at the end of the file. A scene that is lost is None: then the
+        messages can be read by other tools, and as a recording once the scene is told again.
         `schedule` is the text of the schedule that the run executes. A `stream` is written in place
         of a new file, in full chunks: it stays open, and its errors propagate. `written_as` is the
         format that its messages are in, told and not looked at; if it is left out, it follows from
@@ -83,25 +91,33 @@ class RecordingWriter:
         self._due: float | None = None
         """When what waits to be written must be; None if nothing waits."""
         self._owns = stream is None
-        text = scene_to_toml(scene)  # before the file is created: not every scene can be written
+        # Before the file is created: not every scene can be written.
+        self._scene = None if scene is None else scene_to_toml(scene).encode()
+        self._parameters = metadata_of(parameters, self._format)
         self._stream = _new_file(path) if stream is None else stream
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
         self._broken = False
         self._size = 0
+        self._by_wall = has_wall_times(self._format, parameters)
         try:
-            self._guard(lambda: self._begin(text, parameters, schedule))
+            self._guard(lambda: self._begin(schedule))
         except RecordingFull:
             self.close()
             raise
 
-    def _begin(self, scene: str, parameters: Mapping[str, str], schedule: bytes | None) -> None:
+    def _begin(self, schedule: bytes | None) -> None:
         self._writer = McapAppender(self._stream, "cubepath")
-        self._writer.add_metadata(METADATA, metadata_of(parameters, self._format))
-        self._writer.add_attachment(SCENE, "application/toml", scene.encode())
+        self._describe()
         if schedule is not None:
             self._writer.add_attachment(SCHEDULE, "application/jsonl", schedule)
         self._flush()
+
+    def _describe(self) -> None:
+        """Write what the recording is of."""
+        self._writer.add_metadata(METADATA, self._parameters)
+        if self._scene is not None:
+            self._writer.add_attachment(SCENE, "application/toml", self._scene)
 
     def _guard(self, write: Callable[[], object]) -> None:
         if self._broken:
@@ -117,10 +133,21 @@ class RecordingWriter:
                 f" {error.strerror or error}"
             ) from None
 
-    def write(self, topic: str, data: bytes, *, round_number: int, wall_ns: int) -> None:
+    def write(
+        self,
+        topic: str,
+        data: bytes,
+        *,
+        round_number: int,
+        wall_ns: int,
+        sequence: int | None = None,
+    ) -> None:
         """Append a message with the bytes that were on the wire, at its log time.
 
-        Raises RecordingFull if the disk is full, or the file was removed, moved or cut.
+        That is `round_number` (without rounds the level, or the wall clock), or `wall_ns` if the
+        parameter `log_time` of a run with rounds is "wall". `sequence` is its number in the
+        recording that it is taken from; by default messages are numbered as they come. Raises
+        RecordingFull if the disk is full, or the file was removed, moved or cut.
         """
         if self._broken:
             self._guard(self._flush)
@@ -131,7 +158,9 @@ class RecordingWriter:
             )
         channel = self._channels.get(topic) or self._channel(topic)
         writer = self._writer
-        writer.add_message(channel, self.messages, round_number, wall_ns, data)
+        number = self.messages if sequence is None else sequence
+        log_time = wall_ns if self._by_wall else round_number
+        writer.add_message(channel, number, log_time, wall_ns, data)
         self.messages += 1
         self._counts.add(topic, data, wall_ns)
         if writer.size > CHUNK_BYTES or self._is_due():
@@ -147,6 +176,14 @@ class RecordingWriter:
         found = self._channels[topic] = self._writer.add_channel(topic, "json", schema)
         return found
 
+    def size_with(self, topic: str, size: int) -> int:
+        """Return the most bytes of the file if it ends after one more message of this size."""
+        new = 0 if topic in self._channels else len(topic) + _CHANNEL_BYTES
+        kind = topic.partition("/")[0]
+        if kind not in self._schemas:
+            new += len(msgspec.json.encode(schema_of(kind))) + _CHANNEL_BYTES
+        return self._writer.size_with(size + 2 * new) + _COUNTS_BYTES
+
     def _is_due(self) -> bool:
         """Return whether a message has waited for long, with the one that was just appended."""
         if not self._owns:
@@ -154,6 +191,17 @@ class RecordingWriter:
         now = self._clock()
         self._due = now + FLUSH_S if self._due is None else self._due
         return now >= self._due
+
+    def has(self, size: int) -> bool:
+        """Return whether the file has so many bytes; what waits is written if it may decide."""
+        if self._writer.written + self._writer.size >= size:
+            self.flush()
+        return self._writer.written >= size
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record of another name than the recording's own."""
+        self.flush()
+        self._guard(lambda: self._writer.add_metadata(name, values))
 
     def flush_if_due(self) -> None:
         """Write what was appended if it has waited for long; who waits calls it time and again."""
@@ -202,6 +250,7 @@ class RecordingWriter:
     def _finish(self) -> None:
         self._check_size()
         self._writer.close_chunk()
+        self._describe()  # once more, far from the first: damage to one of them costs nothing
         self._counts.messages = self.messages  # by which they are numbered, so a gap does not fit
         self._writer.add_metadata(COUNTS, self._counts.to_metadata())
         self._writer.finish()
@@ -247,17 +296,25 @@ def _exists(path: Path) -> InputError:
     return InputError(f"{path}: exists already, expected a new file")
 
 
-def copy_recording(recording: Recording, out: Path, notes: Mapping[str, str] | None = None) -> int:
+def refuse_existing(path: Path) -> None:
+    """Raise InputError if there is a file already: recordings are never overwritten."""
+    if path.is_file():
+        raise _exists(path)
+
+
+def copy_recording(
+    recording: Recording | Remains, out: Path, notes: Mapping[str, str] | None = None
+) -> int:
     """Write what could be read as a complete recording, in its format; return the message count.
 
-    `notes` are parameters to add. Raises InputError if `out` is the recording itself, exists
-    already or cannot be written, and CheckError if the disk is full; then nothing is left of it.
+    `notes` are parameters to add. Of what remains of a recording without its scene the messages are
+    written alone. Raises InputError if `out` is the recording itself, exists already or cannot be
+    written, and CheckError if the disk is full; then nothing is left of it.
     """
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     parameters = {**recording.parameters, **(notes or {})}
-    if out.is_file():
-        raise _exists(out)
+    refuse_existing(out)
     with (
         written_whole(out) as stream,
         RecordingWriter(

@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         read_free,
     )
     from cubepath.protocol.wire.keys import (
+        ROOT,
         addressees,
         belongs,
         everything,
@@ -146,7 +147,8 @@ else:
                 "heard_of_tile level_of read_free"
             ),
             "keys": (
-                "addressees belongs everything key_of to_region topic_in_key topic_key topic_of"
+                "ROOT addressees belongs everything key_of to_region topic_in_key topic_key "
+                "topic_of"
             ),
             "messages": (
                 "KINDS Act Acts Again Certified Claim Count Cube Edges Executed Go Here "
@@ -177,6 +179,7 @@ __all__ = [
     "KINDS",
     "MESSAGE_BYTES_MAX",
     "PROCESSES_MAX",
+    "ROOT",
     "ROUTER",
     "SHOWN",
     "TOLD",

@@ -2,8 +2,8 @@
 
 It guards speaking, not listening: everyone who is let in may subscribe to everything. The
 coordinator may say anything, a process may put on its own keys, and nobody else says a word;
-everyone may ask how a run stands. A
-denial is silent to who speaks. The names are those of `credentials`.
+everyone may ask how a run stands and what it is, control a replay, and ask those who record a run
+for a snapshot. A denial is silent to who speaks. The names are those of `credentials`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,12 @@ _OWN_KEYS = ("to/*", "ask/*")
 """Of a module process: what it says to a region, and what it asks of a keeper."""
 _KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")
 """Of a keeper, in runs without rounds."""
+_SUBSCRIBERS = "@/*/router/subscriber/**"
+"""Where a router tells who listens to what; ``**`` alone does not match such keys."""
+_ASKABLE = ("state", "about", "player/*")
+"""What everyone may ask."""
 _LISTENING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
+_ASKED = ("query", "reply", "declare_queryable")
 _TOLD = ("put", "delete", "query", "reply", "declare_queryable", "liveliness_token")
 
 
@@ -39,13 +44,15 @@ def access_list(
     rules = [
         _rule("listen", _LISTENING, ("ingress", "egress"), ["**"]),
         _rule("hear", _TOLD, ("egress",), ["**"]),
-        _rule("ask", ("query",), ("ingress",), ["cubepath/*/state"]),
+        _rule("ask", ("query",), ("ingress",), [f"cubepath/*/{what}" for what in _ASKABLE]),
+        _rule("recorders", _ASKED, ("ingress",), ["cubepath/*/recorder/**"]),
         _rule("lead", _TOLD, ("ingress",), ["cubepath/**"]),
+        _rule("look", ("query", "reply"), ("ingress", "egress"), [_SUBSCRIBERS]),
     ]
     subjects: list[dict[str, Any]] = [{"id": "all"}, {"id": COORDINATOR, by: [COORDINATOR]}]
     policies = [
-        {"rules": ["listen", "hear", "ask"], "subjects": ["all"]},
-        {"rules": ["lead"], "subjects": [COORDINATOR]},
+        {"rules": ["listen", "hear", "ask", "recorders"], "subjects": ["all"]},
+        {"rules": ["lead", "look"], "subjects": [COORDINATOR]},
     ]
     for process in range(processes):
         name = process_name(process)

@@ -1,0 +1,123 @@
+"""What remains of a recording that may have lost its scene or its parameters.
+
+Room: protocol. The messages of every whole chunk are there. What the file no longer says of itself
+is told by who recovers it, or stays lost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.counts import BATCHES
+from cubepath.protocol.recordings.description import (
+    FORMAT,
+    FORMATS,
+    FREE_FORMAT,
+    METADATA,
+    parameters_in,
+    scene_in,
+    without_format,
+)
+from cubepath.protocol.recordings.framing import checksum
+from cubepath.protocol.recordings.recording import Found, Record, Recording, read
+from cubepath.protocol.wire.free_messages import FREE_KINDS
+from cubepath.protocol.wire.messages import KINDS
+
+
+@dataclass(frozen=True, slots=True)
+class Remains:
+    """What is left of a recording; `problems` is empty if that is everything."""
+
+    path: Path
+    parameters: Mapping[str, str]
+    """Empty if they are lost."""
+    scene: Scene | None
+    """None if it is lost."""
+    records: Sequence[Record]
+    problems: tuple[str, ...]
+    schedule: bytes | None
+    size: int
+    format: str
+    """As far as one can tell by the messages, if it is not told."""
+
+    def with_scene(self, scene: Scene) -> Remains:
+        """Return the same with a scene, unless it has its own."""
+        return self if self.scene is not None else replace(self, scene=scene)
+
+    def recording(self) -> Recording | None:
+        """Return it as a recording; None if the scene is lost."""
+        if self.scene is None:
+            return None
+        return Recording(
+            self.path,
+            self.parameters,
+            self.scene,
+            self.records,
+            self.problems,
+            self.schedule,
+            self.size,
+            self.format,
+        )
+
+
+def remains_of(source: Source) -> Remains:
+    """Return what is left of a recording, be it damaged or not.
+
+    InputError if there is no message in any chunk that is whole, or if the file is none of ours.
+
+    >>> found = remains_of("logs/golden/hex-5.mcap")
+    >>> len(found.records), found.problems
+    (630, ())
+    """
+    found = read(source)
+    problems = list(found.problems)
+    written_as, parameters = _described(found, problems)
+    if not len(found.records):
+        why = f" ({problems[0]})" if problems else ""
+        raise InputError(f"{found.path}: nothing to recover: no chunk with messages is whole{why}")
+    scene = None
+    try:
+        scene = scene_in(found.path, found.salvage)
+    except InputError:
+        problems.append("its scene is lost")
+    return Remains(
+        found.path,
+        parameters,
+        scene,
+        found.records,
+        (*problems, *found.behind(problems)),
+        found.schedule,
+        found.size,
+        written_as,
+    )
+
+
+def _described(found: Found, problems: list[str]) -> tuple[str, dict[str, str]]:
+    """Return the format and the parameters, as far as both are left."""
+    try:
+        return parameters_in(found.path, found.salvage, problems)
+    except InputError:
+        written_as = _format_of(found) if found.problems and len(found.records) else None
+        if written_as is None:
+            raise
+    for each in found.salvage.metadata:
+        values = without_format(each.metadata)
+        if each.name == METADATA and each.metadata.get("checksum") == checksum(values):
+            problems.append(f"its format is lost, and by its messages it is {written_as}")
+            return written_as, values
+    problems.append("its parameters are lost")
+    return written_as, {}
+
+
+def _format_of(found: Found) -> str | None:
+    """Return the format that the messages are in; None if they are not those of a run."""
+    kinds = {record.kind for record in found.records}
+    if kinds <= KINDS.keys():
+        alone = {kind for batch, held in BATCHES.items() if batch in KINDS for kind in held}
+        return FORMATS[0] if kinds & alone else FORMAT
+    return FREE_FORMAT if kinds <= KINDS.keys() | FREE_KINDS.keys() else None
