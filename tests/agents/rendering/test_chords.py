@@ -11,7 +11,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pictures import draw_on, frame, palette
+from cubepath.agents.rendering import chords
+from cubepath.agents.rendering.pen import palette
+from cubepath.agents.rendering.pictures import draw_on, frame
 from cubepath.agents.rendering.text import draw_text
 from cubepath.protocol.core.actions import apply
 from cubepath.protocol.core.sites import Site
@@ -110,3 +112,20 @@ def test_a_flip_tints_its_quadrilateral() -> None:
     assert rows.min() >= min(y for _, y in corners) - 8
     assert rows.max() <= max(y for _, y in corners) + 8
     assert len(rows) > 10_000
+
+
+@pytest.mark.parametrize("spec", ["triangulation:n=40", "triangulation:n=20", "triangulation:n=9"])
+def test_numbers_are_beside_points_that_lie_close(spec: str) -> None:
+    """Each is nearer to its point than to any other, in the frame, and none lies on another."""
+    scene = scene_from_spec(spec)
+    spots = chords._spots(scene.system)
+    left, right, low, high = box = frame(scene)
+    found = chords._beside(spots, box)
+    assert found.keys() == spots.keys()
+    points, names = np.array(list(spots.values())), np.array(list(found.values()))
+    apart = np.hypot(*(names[:, None] - points).T)
+    assert (apart.argmin(axis=0) == np.arange(len(points))).mean() > 0.9
+    between = np.hypot(*(names[:, None] - names).T)[~np.eye(len(names), dtype=bool)]
+    assert between.min() > 0.3
+    assert (names.min(axis=0) >= (left, low)).all()
+    assert (names.max(axis=0) <= (right, high)).all()

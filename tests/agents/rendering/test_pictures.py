@@ -15,17 +15,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from cubepath.agents.environments.world import World
-from cubepath.agents.rendering.pictures import (
-    INK,
-    WALL,
-    colours,
-    draw_on,
-    draw_pixels,
-    extent,
-    frame,
-    palette,
-)
+from cubepath.agents.rendering.pen import palette
+from cubepath.agents.rendering.pictures import colours, draw_on, draw_pixels, extent, frame
 from cubepath.agents.rendering.text import draw_text
+from cubepath.agents.rendering.themes import INK, WALL
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
         contest,
         outcome,
         priority,
+        seed_in,
         site_after,
         verdict,
         waiting_for,
@@ -48,7 +49,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "arbitration": "contest outcome priority site_after verdict waiting_for",
+            "arbitration": "contest outcome priority seed_in site_after verdict waiting_for",
             "module": "ModuleCore ProtocolError",
             "notes": "LastNote nothing_said",
             "observation": (
@@ -89,6 +90,7 @@ __all__ = [
     "priority",
     "relative_layout",
     "relative_observer",
+    "seed_in",
     "site_after",
     "verdict",
     "view_of",

@@ -9,7 +9,7 @@ order of rank: executed actions commute pairwise, and no claim could be added.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from hashlib import blake2b
@@ -45,6 +45,18 @@ def priority(seed: int, round_number: int, module: int) -> tuple[int, int]:
     """
     digest = blake2b(f"{seed}/{round_number}/{module}".encode(), digest_size=8).digest()
     return int.from_bytes(digest), module
+
+
+def seed_in(round_number: int, seed: int, later: Sequence[tuple[int, int]]) -> int:
+    """Return the seed of the ranks in a round: `seed`, or the last in `later` that began by then.
+
+    `later` has seeds with the rounds from which on they hold, by increasing rounds.
+    """
+    for begins, each in later:
+        if round_number < begins:
+            break
+        seed = each
+    return seed
 
 
 def contest(

@@ -8,12 +8,13 @@ functions of `observation`, `arbitration` and `notes`. In each round it is calle
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from cubepath.agents.local.arbitration import (
     UNCONTESTED,
     contest,
     outcome,
+    seed_in,
     site_after,
     taking_along,
     verdict,
@@ -64,11 +65,13 @@ class ModuleCore:
         seed: int,
         note_length: int,
         rounds_before: int = 0,
+        later_seeds: Sequence[tuple[int, int]] = (),
     ) -> None:
         """Put the module at its start, before the first round.
 
         `rounds_before` is the number of the last round before that, if rounds do not begin with 1;
-        ranks count from there.
+        ranks count from there. `later_seeds` has other seeds, each with the first round whose ranks
+        follow it.
         """
         self.module = module
         self.site = site
@@ -76,14 +79,19 @@ class ModuleCore:
         self._system = system
         self._goals = frozenset(goals)
         self._seed = seed
+        self._later_seeds = later_seeds
         self.follow(note_length)
         self._phase = "report"
         self._clear()
 
-    def follow(self, note_length: int) -> None:
-        """Follow another rule, with notes of this length, from the next round on."""
+    def follow(self, note_length: int, *, heard: bool = False) -> None:
+        """Follow another rule, with notes of this length, from the next round on.
+
+        What the rule before noted last, of the same length, is still said if it is to be `heard`.
+        """
         self._note_length = note_length
-        self._last_note = nothing_said(note_length, first_choice=self.round + 1)
+        if not heard:
+            self._last_note = nothing_said(note_length, first_choice=self.round + 1)
 
     def _clear(self) -> None:
         self._heard: dict[str, list[int]] = {}
@@ -194,7 +202,7 @@ class ModuleCore:
                 self.module,
                 self._claim,
                 self._claims,
-                seed=self._seed,
+                seed=seed_in(self.round, self._seed, self._later_seeds),
                 round_number=self.round - self._rounds_before,
             )
             outranked = [self._claims[other] for other in self._contest.after]

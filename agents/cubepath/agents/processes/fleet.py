@@ -22,6 +22,7 @@ from cubepath.agents.processes.network import Network, Way, straight
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.pacer import PATIENCE_S, Check, Pacer, ProcessDied
 from cubepath.agents.processes.recruits import Recruits
+from cubepath.agents.rules.recorded import Recorded
 from cubepath.agents.rules.registry import rule_named
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -29,8 +30,9 @@ from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.schedules import OwnMoves
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
-from cubepath.protocol.wire.messages import Act, Message
-from cubepath.protocol.wire.nodes import Effect, Keep
+from cubepath.protocol.wire.keys import key_of, topic_key
+from cubepath.protocol.wire.messages import Act, Go, Message, encode
+from cubepath.protocol.wire.nodes import Effect, Keep, Put
 from cubepath.protocol.wire.router import Router, without_tls
 from cubepath.protocol.wire.shell import Shell
 
@@ -42,6 +44,8 @@ _POLL_S = 0.05
 _LOOK_S = 0.5
 _END_S_MAX = 5.0
 _HURRY_S_MAX = 0.5
+_STILL_S = 0.2
+_REST_S = 0.02
 _RESTARTS_MAX = 10
 
 
@@ -61,6 +65,7 @@ class Fleet:
         processes: int = 2,
         note_length: int = 0,
         schedule: Mapping[int, OwnMoves] | None = None,
+        recorded: Recorded | None = None,
         patience_s: float = PATIENCE_S,
         network: Network = _PRIVATE,
         sink: Sink | None = None,
@@ -68,17 +73,22 @@ class Fleet:
         plausible: Check | None = None,
         say: Callable[[str], None] | None = None,
         way: Way = straight,
+        opened: Callable[[], None] | None = None,
     ) -> None:
         """Plan the fleet; `processes` 0 keeps the modules in a thread here, still on a session.
 
         With a `schedule`, each module makes its own moves in their rounds, and follows the rule
-        after `end_schedule`. A phase in which nothing comes of anyone for `patience_s` ends the
-        run. What modules the processes from elsewhere leave is dealt to so many own `processes`.
+        after `end_schedule`. With what was `recorded`, modules that it has choices of choose them
+        again, and follow the rule after `end_schedule`, the others from the first round on.
+
+        A phase in which nothing comes of anyone for `patience_s` ends the run. What modules the
+        processes from elsewhere leave is dealt to so many own `processes`.
 
         With `sink` None the fleet listens only to the answers of processes. `check` is called while
         waiting and may raise to end the run between two messages. `plausible` may refuse what
         modules say or report. `say` is told in a line where others can join, and who is waited for.
-        Own processes take the `way` to the router.
+        Own processes take the `way` to the router. `opened` is called when the router is there,
+        before anyone joins.
         """
         if processes < 0:
             raise InputError(f"processes={processes}: expected 0 or more")
@@ -91,6 +101,7 @@ class Fleet:
         self._hesitate = hesitate
         self._note_length = note_length
         self._schedule = schedule
+        self._recorded = recorded
         self._patience_s = patience_s
         self._network = network
         self._sink = sink
@@ -98,6 +109,7 @@ class Fleet:
         self._plausible = plausible
         self._say = say
         self._way = way
+        self._opened = opened
         self._joined = False
         self.endpoint = ""
         """Where the router listens; other sessions can join there."""
@@ -115,8 +127,7 @@ class Fleet:
         self.modules_of = [*joined, *dealt(self.scene, max(1, self.processes), left)]
         """The modules of each process; first come the processes from elsewhere."""
         self._judge = Judge(self.run, self.modules_of, self.scene.system)
-        scheduled = self._schedule is not None
-        self._judge.note_length = 0 if scheduled else self._rule_note_length()
+        self._judge.note_length = self._first_note_length()
         self._pacer = Pacer(
             self.run,
             self.modules_of,
@@ -141,6 +152,8 @@ class Fleet:
 
     def _start(self) -> None:
         self._open_network()
+        if self._opened is not None:
+            self._opened()
         joined = self._network.wait_for
         if joined:
             self._deal(self._recruit(joined))
@@ -223,12 +236,18 @@ class Fleet:
             hesitate=self._hesitate,
             note_length=self._note_length,
             schedule=self._own(modules),
+            recorded=None if self._recorded is None else self._recorded.of(modules),
         )
         if not endpoint:
             return orders
         name = process_name(process)
         endpoint, credentials = self._way(name, endpoint, self.credentials(name))
         return replace(orders, endpoint=endpoint, credentials=credentials)
+
+    def _first_note_length(self) -> int:
+        if self._recorded is not None:
+            return self._recorded.note_length
+        return 0 if self._schedule is not None else self._rule_note_length()
 
     def _rule_note_length(self) -> int:
         if self._rule == OUTSIDE:
@@ -263,6 +282,35 @@ class Fleet:
         self._do(self._pacer.begin_round())
         return self.round
 
+    def rest(self, left: Callable[[], float]) -> None:
+        """Wait between two rounds until `left`, the seconds to wait yet, returns 0.
+
+        Nobody's patience runs out meanwhile: processes from elsewhere, which end when they hear
+        nothing for long, are told a phase that is over, which they do not answer.
+        """
+        told = looked = time.monotonic()
+        while (wait_s := left()) > 0.0:
+            if self._shell is None:
+                raise CubepathError("the fleet has ended: start another")
+            if self._check is not None:
+                self._check()
+            # Not in `step`: a queue that waits may wait on for ever when a signal comes (CPython
+            # 3.11), and here nobody says anything that would end that.
+            if not self._shell.step(0.0):
+                time.sleep(min(wait_s, _REST_S))
+            now = time.monotonic()
+            if now - looked > _LOOK_S:
+                looked = now
+                self._look_for_the_dead()
+            if now - told > _STILL_S:
+                told = now
+                data = encode(Go(self.round, "sense"))
+                keys = (
+                    topic_key(self.run, "go", process_name(process))
+                    for process in range(self._network.wait_for)
+                )
+                self._shell.carry_out([Put(key, data) for key in keys])
+
     def end_schedule(self) -> None:
         """Let all modules follow their rule from the next round on; call it between two rounds."""
         self._judge.note_length = self._rule_note_length()
@@ -275,6 +323,11 @@ class Fleet:
     def act(self, acts: list[Act]) -> None:
         """Send the actions of modules driven from outside, and finish the round."""
         self._do(self._pacer.act(acts))
+
+    def tell(self, message: Message) -> None:
+        """Put a message of the coordinator, for whoever listens."""
+        if self._shell is not None:
+            self._shell.carry_out([Put(key_of(self.run, message), encode(message))])
 
     def _do(self, effects: list[Effect]) -> None:
         """Carry out what the pacing node asks for, and wait until it is idle."""

@@ -9,7 +9,7 @@ difference; what is missing it asks for again. What is refused (`judge`) has no 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Literal
 
 from cubepath.agents.local.module import ModuleCore
@@ -18,10 +18,10 @@ from cubepath.agents.processes.judge import Heard, Judge, RefusedError
 from cubepath.agents.processes.mailbox import Inbox, Outbox
 from cubepath.agents.processes.orders import OUTSIDE, Orders
 from cubepath.agents.processes.phases import ASK_S_MAX, ASK_S_MIN, BEFORE, ORDER, Spoken
-from cubepath.agents.rules.actor import Actor, actors_for
+from cubepath.agents.processes.roles import afterwards, at_birth
+from cubepath.agents.rules.actor import Actor
 from cubepath.agents.rules.registry import rule_named
 from cubepath.agents.rules.rule import RuleType
-from cubepath.agents.rules.schedule import scheduled
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.toml import scene_from_toml
@@ -80,12 +80,11 @@ class HostNode:
         self._delivered = False
         self._repeats: dict[int, int] = {}
         self._wait_s: float | None = None
-        rule, note_length = self._rule, orders.note_length
-        if orders.schedule is not None:
-            rule = scheduled(orders.schedule)
-        if rule is not None:
-            note_length = self._assign(rule)
+        note_length = orders.note_length
+        if self._rule is not None:
+            self._actors, note_length = at_birth(orders, scene, self._rule, seed)
         self._judge.note_length = note_length
+        later_seeds = () if orders.recorded is None else orders.recorded.seeds
         goals = goal_sets(scene)
         self._cores = {
             module: ModuleCore(
@@ -94,25 +93,13 @@ class HostNode:
                 site=scene.start[module],
                 goals=goals[module],
                 seed=seed,
-                note_length=note_length,
+                note_length=self._actors[module].note_length if self._actors else note_length,
                 rounds_before=round_number,
+                later_seeds=later_seeds,
             )
             for module in orders.modules
         }
         self._look_around()
-
-    def _assign(self, rule: RuleType, sites: Mapping[int, Site] | None = None) -> int:
-        """Give every module an actor with this rule; return the length of its notes."""
-        orders, scene = self._orders, self._scene
-        self._actors = actors_for(
-            scene,
-            rule,
-            seed=self._seed,
-            hesitate=orders.hesitate,
-            modules=orders.modules,
-            sites=sites,
-        )
-        return rule.length(len(scene.start))
 
     def _look_around(self) -> None:
         """Note where the modules are now."""
@@ -427,14 +414,17 @@ class HostNode:
         return [*self._go_on(), *found, *self._answer(reports, self._ready("settle"))]
 
     def _end_schedule(self) -> list[Effect]:
-        """Let every module follow its rule from where it stands."""
-        if self._rule is not None and self._orders.schedule is not None:
-            note_length = self._assign(
-                self._rule, {module: core.site for module, core in self._cores.items()}
+        """Let every module follow its rule from where it stands, with no memory."""
+        orders = self._orders
+        if self._rule is not None and (orders.schedule, orders.recorded) != (None, None):
+            sites = {module: core.site for module, core in self._cores.items()}
+            self._actors, note_length = afterwards(
+                orders, self._scene, self._rule, self._seed, sites
             )
             self._judge.note_length = note_length
+            heard = orders.recorded is not None and orders.recorded.heard
             for core in self._cores.values():
-                core.follow(note_length)
+                core.follow(note_length, heard=heard)
         return [*self._answer(self._ready("over"))]
 
     # Driven from outside.

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
+from cubepath.agents.rules.recorded import Recorded
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 
@@ -31,5 +32,7 @@ class Orders(msgspec.Struct, frozen=True):
     note_length: int
     schedule: dict[int, dict[int, GeneratorPlacement]] | None = None
     """By module its own moves of a schedule, by round; the rule follows when that is over."""
+    recorded: Recorded | None = None
+    """What its modules chose in a run on record, and choose again until that is over."""
     credentials: Credentials = GUEST
     """By what it shows who it is; a process elsewhere has its own."""

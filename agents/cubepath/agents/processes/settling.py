@@ -6,12 +6,13 @@ that go before it; the rest follows. Whoever hears all of it can say who has not
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from cubepath.agents.local.arbitration import (
     contest,
     outcome,
     priority,
+    seed_in,
     site_after,
     verdict,
     waiting_for,
@@ -24,8 +25,19 @@ from cubepath.protocol.wire.messages import Report
 class Settling:
     """The contests of a round, from all claims of it."""
 
-    def __init__(self, claims: Mapping[int, Move], *, seed: int, round_number: int) -> None:
-        """Find for each claim those that go before it, and the sites that wait for its verdict."""
+    def __init__(
+        self,
+        claims: Mapping[int, Move],
+        *,
+        seed: int,
+        round_number: int,
+        later_seeds: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        """Find for each claim those that go before it, and the sites that wait for its verdict.
+
+        `later_seeds` are as for `seed_in`.
+        """
+        seed = seed_in(round_number, seed, later_seeds)
         over: dict[Site, dict[int, Move]] = {}
         for module, claim in claims.items():
             for site in claim.action.support:

@@ -15,19 +15,25 @@ import numpy as np
 
 from cubepath.agents.rendering.layout import cell_of, known_places, marks_of
 from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Pen, Points, Spot, arcs
+from cubepath.agents.rendering.pen import Box, Pen, Points, Spot, arcs
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     Look,
     PlacePen,
     disc,
+    draw_goals,
     draw_places,
     extent_of,
     frame_of,
+    place_body,
     place_marks,
     place_pen,
 )
-from cubepath.agents.rendering.style import Style
+from cubepath.agents.rendering.solids import disc_solid, hexagon_solid, square_solid
+from cubepath.agents.rendering.style import Moving, Style
+from cubepath.agents.rendering.themes import LINE, TILE, WALL
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.catalogue import HEX_DIRECTIONS
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, EMPTY, FILLED, Scene, System
 
@@ -44,6 +50,9 @@ class _Rows:
     up: int
 
     def middle(self, _system: System, place: Site) -> Spot:
+        return self.spot(place)
+
+    def spot(self, place: Site) -> Spot:
         x, y = cell_of(place)
         return x + self.slant * y, self.up * y * self.stretch
 
@@ -126,6 +135,42 @@ def _draw_cells(
     draw_places(places, scene, sites, moved, words)
 
 
+def _behind(pen: Pen, scene: Scene, *, look: Look, rows: _Rows, on_map: bool) -> None:
+    (_map_ground if on_map else _lattice_ground)(rows, place_pen(pen, scene.system, look))
+
+
+def _before(pen: Pen, scene: Scene, *, look: Look) -> None:
+    draw_goals(place_pen(pen, scene.system, look), scene, scene.start)
+
+
+def _pivot(action: Action, source: Site, target: Site) -> Spot | None:
+    """Return the corner that two hexagons share with the one module that the move needs beside it.
+
+    Two neighbouring hexagons have two common neighbours. If just one of them is on throughout the
+    action, the module rolls along it: it turns about the corner where the three meet.
+    """
+    if not (isinstance(source, tuple) and isinstance(target, tuple) and source != target):
+        return None
+    beside = _neighbours(source) & _neighbours(target)
+    if target not in _neighbours(source):
+        return None
+    still = [cell for cell in beside if cell in action.ends[0] and cell in action.ends[1]]
+    if len(still) != 1:
+        return None
+    spots = np.array([_HEXAGON_ROWS.spot(cell) for cell in (source, target, still[0])])
+    x, y = spots.mean(axis=0).tolist()
+    return x, y
+
+
+def _straight(_action: Action, _source: Site, _target: Site) -> None:
+    """Squares slide, and vehicles drive."""
+
+
+def _neighbours(cell: Site) -> frozenset[Site]:
+    x, y = cell_of(cell)
+    return frozenset((x + dx, y + dy) for dx, dy in HEX_DIRECTIONS)
+
+
 def _marks(
     scene: Scene, shots: Sequence[Shot], box: Box, *, rows: _Rows, on_map: bool
 ) -> Iterator[Mark]:
@@ -184,6 +229,14 @@ def _style(look: Look, rows: _Rows, *, hexagons: bool = False, on_map: bool = Fa
         extent=partial(extent_of, look),
         draw=partial(_draw_cells, look=look, rows=rows, on_map=on_map),
         marks=partial(_marks, rows=rows, on_map=on_map),
+        moving=Moving(
+            behind=partial(_behind, look=look, rows=rows, on_map=on_map),
+            before=partial(_before, look=look),
+            body=partial(place_body, look),
+            outline=look.outline("module", None),
+            corner=_pivot if hexagons else _straight,
+        ),
+        solid=partial(disc_solid if on_map else hexagon_solid if hexagons else square_solid, look),
     )
 
 

@@ -12,25 +12,24 @@ import numpy as np
 
 from cubepath.agents.rendering.layout import spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import (
-    GHOST,
-    INK,
-    PALE_GOAL,
-    WALL,
-    Box,
-    Pen,
-    Points,
-    Spot,
-    palette,
-)
-from cubepath.agents.rendering.style import Style, readable
+from cubepath.agents.rendering.pen import Box, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.solids import Solid, bar
+from cubepath.agents.rendering.style import Body, Moving, Style, readable
+from cubepath.agents.rendering.themes import GHOST, INK, PALE_GOAL, WALL
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import CLOSED, Scene, System
 
-_MARGIN = 0.6
-_APART = 1.6
-"""The distance between points, in cells, if they are spread evenly."""
+_MARGIN, _THICK = 0.6, 0.13
+_APART, _WIDER = 1.6, 2.5
+"""The distance between points, in cells, if they are spread evenly; and if there are many."""
+_DISC, _DOT = 0.28, 0.11
+"""In cells: the radius of a point with its number in it, and of one without."""
+_INSIDE, _OUTSIDE, _NAME, _AWAY = 0.62, 1.0, 0.3, 0.46
+"""The size of a number in its point and beside it; in cells its room there, and how far off."""
+_SIDES = 16
+_FEW = 24
+"""More points than this are many."""
 _TABLE_MAX = 40
 """With more points than this, text lists the chords instead of a table."""
 
@@ -78,7 +77,8 @@ def _spots(system: System) -> dict[Site, Spot]:
     known = np.array([spot_of(system, point) for point in system.positions])
     spread = known.max(axis=0) - known.min(axis=0)
     area = max(float(spread[0] * spread[1]), 1e-3 * float(spread.max()) ** 2)
-    unit = sqrt(area / len(known)) / _APART or 1.0
+    apart = _APART if len(known) <= _FEW else _WIDER
+    unit = sqrt(area / len(known)) / apart or 1.0
     cells = (known - known.min(axis=0)) / unit
     return {point: (x, y) for point, (x, y) in zip(system.positions, cells.tolist(), strict=True)}
 
@@ -106,30 +106,89 @@ def _draw(
     spots = _spots(system)
 
     def line(chord: Site) -> Points:
-        return np.array([spots[end] for end in _ends(chord)])
+        return _line(spots, chord)
 
     colours = palette(len(sites))
     hues = [colours[number] for number in moved]
-    thick = min(max(0.13 * pen.scale, 1.2), 6.0)
+    thick = _thickness(pen)
     for number, hue in zip(moved, hues, strict=True):
         (a, b), (c, d) = line(moved[number]), line(sites[number])
         pen.shapes([np.array([a, c, b, d])], facecolors=[hue], alpha=0.3, linewidths=0)
-    pen.strokes(
-        [line(chord) for chord in scene.goal or ()],
-        colors=PALE_GOAL,
-        linewidths=2.6 * thick,
-        capstyle="round",
-    )
-    fixed = [line(chord) for chord in system.filled]
-    pen.strokes(fixed, colors=WALL, linewidths=0.6 * thick, capstyle="round")
+    _behind(pen, scene)
     stirred = [line(sites[number]) for number in moved]
     pen.strokes(stirred, colors=INK, linewidths=thick + 2 * pen.line(0.05))
     pen.strokes([line(site) for site in sites], colors=colours, linewidths=thick)
-    size = 0.28 if written else 0.1
-    pen.discs(spots.values(), size, facecolors="white")
-    if written:
-        for point, spot in spots.items():
-            pen.write(spot, str(point), (1.0, 1.0, 1.0), size=0.62)
+    _points(pen, scene, written=written)
+
+
+def _line(spots: Mapping[Site, Spot], chord: Site) -> Points:
+    return np.array([spots[end] for end in _ends(chord)])
+
+
+def _thickness(pen: Pen) -> float:
+    return pen.line(_THICK, 1.0, 6.0)
+
+
+def _behind(pen: Pen, scene: Scene) -> None:
+    """Draw the goal as bands, and the edges that stay."""
+    spots, thick = _spots(scene.system), _thickness(pen)
+    pen.strokes(
+        [_line(spots, chord) for chord in scene.goal or ()],
+        colors=PALE_GOAL,
+        linewidths=(2.6 if len(spots) <= _FEW else 1.9) * thick,
+        capstyle="round",
+    )
+    fixed = [_line(spots, chord) for chord in scene.system.filled]
+    pen.strokes(fixed, colors=WALL, linewidths=0.6 * thick, capstyle="round")
+
+
+def _closest(spots: Iterable[Spot]) -> float:
+    """Return the least distance of two points, in cells."""
+    known = np.array(list(spots))
+    return min(
+        float(np.hypot(*(known[number + 1 :] - known[number]).T).min())
+        for number in range(len(known) - 1)
+    )
+
+
+def _beside(spots: Mapping[Site, Spot], box: Box) -> dict[Site, Spot]:
+    """Return where the numbers of points are written that have no room for them inside.
+
+    One after another they are put to the side where other points and numbers are farthest off.
+    """
+    left, right, low, high = box
+    taken = [np.array(spot) for spot in spots.values()]
+    found: dict[Site, Spot] = {}
+    for own, (point, spot) in enumerate(spots.items()):
+        sides = np.array(spot) + arcs([(0.0, 0.0)], _AWAY, corners=_SIDES)
+        others = np.array([other for number, other in enumerate(taken) if number != own])
+        room = np.hypot(*(sides[:, None] - others).T).min(axis=0)
+        edges = np.stack(
+            [sides[:, 0] - left, right - sides[:, 0], sides[:, 1] - low, high - sides[:, 1]]
+        ).min(axis=0)
+        # Rounded, so that the last bits of a distance do not decide.
+        room = np.minimum(room, 2 * edges).round(6)
+        x, y = sides[int(np.argmax(room))].tolist()
+        found[point] = (x, y)
+        taken.append(np.array((x, y)))
+    return found
+
+
+def _points(pen: Pen, scene: Scene, *, written: bool = True) -> None:
+    """Draw the points, and their numbers where they are written: in them, or else beside them."""
+    spots = _spots(scene.system)
+    inside = written and _closest(spots.values()) >= 2 * _DISC
+    pen.discs(spots.values(), _DISC if inside else _DOT, facecolors="white")
+    names = spots if inside else _beside(spots, pen.box)
+    for point, spot in names.items() if written else ():
+        if not inside:
+            pen.shapes([arcs([spot], _NAME)], facecolors="white", alpha=0.75, linewidths=0)
+        pen.write(spot, str(point), None, size=_INSIDE if inside else _OUTSIDE)
+
+
+def _body(scene: Scene, site: Site) -> Body:
+    one, other = _line(_spots(scene.system), site).tolist()
+    return Body("bar", (one[0], one[1]), (other[0], other[1]))
 
 
 def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
@@ -148,4 +207,18 @@ def _ends(chord: Site) -> tuple[Site, Site]:
     raise InputError(f"a chord is a pair of points, found {chord!r}")
 
 
-CHORDS = Style(text=_text, frame=_frame, extent=_frame, draw=_draw, marks=_marks)
+def _solid(system: System, site: Site) -> Solid:
+    one, other = _ends(site)
+    spots = _spots(system)
+    return bar(spots[one], spots[other])
+
+
+CHORDS = Style(
+    text=_text,
+    frame=_frame,
+    extent=_frame,
+    draw=_draw,
+    marks=_marks,
+    solid=_solid,
+    moving=Moving(_behind, _points, _body, thick=_THICK),
+)

@@ -19,19 +19,7 @@ from cubepath.agents.rendering.layout import (
     tips_of,
 )
 from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
-from cubepath.agents.rendering.pen import (
-    INK,
-    LINE,
-    PALE_GOAL,
-    WALL,
-    Box,
-    Colour,
-    Pen,
-    Points,
-    Spot,
-    arcs,
-    palette,
-)
+from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, arcs, palette
 from cubepath.agents.rendering.places import (
     FREE_MAX,
     Look,
@@ -41,7 +29,9 @@ from cubepath.agents.rendering.places import (
     frame_of,
     place_pen,
 )
-from cubepath.agents.rendering.style import Style
+from cubepath.agents.rendering.solids import Solid, bar, disc_at
+from cubepath.agents.rendering.style import Body, Moving, Style
+from cubepath.agents.rendering.themes import INK, LINE, PALE_GOAL, WALL
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
@@ -63,6 +53,8 @@ def _outline(kind: str, place: Site) -> Points:
 
 
 _LOOK = Look(_middle, _outline, 0.7)
+_MARK = 0.34
+"""The diameter of a mark."""
 _DARK: Colour = (0.133, 0.145, 0.165)
 
 
@@ -75,15 +67,35 @@ def _draw(
 ) -> None:
     """Draw segments on lattice edges, their joints, and the marked vertices."""
     edges = place_pen(pen, scene.system, _LOOK)
-    _ground(edges)
+    _behind(pen, scene)
     arms = segments(sites, moved)
-    edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
     colours = palette(len(sites))
     own = [colours[number] for number in arms.numbers]
     draw_modules(edges, arms.moved, arms.sites, own, ways=False)
     pen.discs((tip for edge in arms.sites for tip in tips_of(edge)), 0.1, facecolors="white")
     pen.discs(arms.marked, 0.17, facecolors=INK)
     pen.discs(arms.changed, 0.25, facecolors="none")
+
+
+def _behind(pen: Pen, scene: Scene) -> None:
+    """Draw the lattice, and the goal as pink bands."""
+    edges = place_pen(pen, scene.system, _LOOK)
+    _ground(edges)
+    edges.draw("goal", segments(list(scene.goal or ())).sites, facecolors=PALE_GOAL)
+
+
+def _body(_scene: Scene, site: Site) -> Body:
+    """Return a segment as a bar; a marked vertex is a dot, and a free one is not seen."""
+    vertex = vertex_of(site)
+    if vertex is not None:
+        spot = float(vertex[0]), float(vertex[1])
+        return Body("dot" if marked([site]) else "none", spot, spot, _DARK)
+    (left, low), (right, top) = tips_of(site)
+    return Body("bar", (left, low), (right, top))
+
+
+def _nothing(_pen: Pen, _scene: Scene) -> None:
+    """Nothing lies above arms."""
 
 
 def _ground(pen: PlacePen) -> None:
@@ -99,6 +111,14 @@ def _ground(pen: PlacePen) -> None:
     free = [edge for edge in edges if system.has_place(edge)]
     pen.draw("cell", free if len(free) <= FREE_MAX else [], facecolors=LINE)
     pen.draw("module", [edge for edge in edges if edge in system.filled], facecolors=WALL)
+
+
+def _solid(system: System, site: Site) -> Solid | None:
+    """Return a bar for a segment, a small disc for a marked vertex, and nothing for a free one."""
+    vertex = vertex_of(site)
+    if vertex is None:
+        return bar(*tips_of(system.place_of(site)))
+    return disc_at(vertex, _MARK) if marked([site]) else None
 
 
 def _colours(_system: System, sites: Sequence[Site]) -> list[Colour]:
@@ -154,5 +174,7 @@ EDGES = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
+    moving=Moving(_behind, _nothing, _body, thick=0.3, joints=True),
+    solid=_solid,
     colours=_colours,
 )

@@ -11,8 +11,9 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import INK, Box
+from cubepath.agents.rendering.pen import Box
 from cubepath.agents.rendering.styles import style_of
+from cubepath.agents.rendering.themes import INK, LIGHT, Theme
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ class Legend:
 
     marks: tuple[Mark, ...]
     columns: int
+    theme: Theme = LIGHT
 
     @property
     def height(self) -> float:
@@ -43,13 +45,13 @@ class Legend:
             return
         wide, high = figure.get_size_inches()
         figure.legend(
-            handles=[_swatch(mark) for mark in self.marks],
+            handles=[_swatch(mark, self.theme) for mark in self.marks],
             loc="upper left",
             bbox_to_anchor=(left / wide, 1 - top / high),
             ncols=self.columns,
             frameon=False,
             fontsize=_SIZE,
-            labelcolor=INK,
+            labelcolor=self.theme.of(INK),
             handlelength=1.5,
             borderpad=0,
             borderaxespad=0,
@@ -57,7 +59,9 @@ class Legend:
         )
 
 
-def legend_of(scene: Scene, shots: Sequence[Shot], box: Box, wide: float) -> Legend:
+def legend_of(
+    scene: Scene, shots: Sequence[Shot], box: Box, wide: float, theme: Theme = LIGHT
+) -> Legend:
     """Return the legend for pictures of these states in this frame, for a width of `wide` inches.
 
     It explains the outlines, traces, rings, bands and dark places that occur.
@@ -65,22 +69,23 @@ def legend_of(scene: Scene, shots: Sequence[Shot], box: Box, wide: float) -> Leg
     marks = tuple(style_of(scene).marks(scene, shots, box))
     longest = max((len(mark.meaning) for mark in marks), default=0)
     columns = max(1, int(wide / (_SWATCH + _LETTER * longest)))
-    return Legend(marks, min(columns, len(marks) or 1))
+    return Legend(marks, min(columns, len(marks) or 1), theme)
 
 
-def _swatch(mark: Mark) -> Artist:
+def _swatch(mark: Mark, theme: Theme) -> Artist:
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
 
+    face, edge = theme.of(mark.face), theme.of(mark.edge)
     if not mark.is_round:
-        return Patch(facecolor=mark.face, edgecolor=mark.edge, label=mark.meaning)
+        return Patch(facecolor=face, edgecolor=edge, label=mark.meaning)
     return Line2D(
         (),
         (),
         linestyle="none",
         marker="o",
         markersize=7,
-        markerfacecolor=mark.face,
-        markeredgecolor=mark.edge,
+        markerfacecolor=face,
+        markeredgecolor=edge,
         label=mark.meaning,
     )

@@ -13,29 +13,20 @@ import numpy as np
 
 from cubepath.agents.rendering.layout import spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import (
-    GHOST,
-    GOAL,
-    INK,
-    LINE,
-    Box,
-    Colour,
-    Pen,
-    Points,
-    Spot,
-    arcs,
-    palette,
-)
-from cubepath.agents.rendering.style import Style, readable
-from cubepath.protocol.core.sites import Site
+from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.solids import Solid, box_at
+from cubepath.agents.rendering.style import Body, Moving, Style, readable
+from cubepath.agents.rendering.themes import GHOST, GOAL, INK, LINE
+from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Scene, System
 
 _ROW = 40
 """Number of places without positions that lie in one row."""
 _COLUMNS_MAX = 200
 _MARGIN = 0.6
-_SMALL, _READABLE = 0.36, 2
-"""The size of a small box, for the previous or the goal letter, and the longest word in it."""
+_SMALL, _CORNER, _READABLE = 0.36, 0.28, 2
+"""The size of a small box, for the previous or the goal letter, how far its middle is from that of
+its place, and the longest word in it."""
 _NOTHING: tuple[str, ...] = ("_", "open")
 """Letters that stand for nothing, and are drawn pale."""
 _PALE: Colour = (0.91, 0.92, 0.93)
@@ -109,17 +100,6 @@ def _draw(
     def colour(site: Site) -> Colour:
         return colours.get(letter_of(system, site), _PALE)
 
-    def small(found: Mapping[Site, Site], corner: Spot, **style: Any) -> None:
-        """Draw small boxes with these letters in a corner of their places."""
-        dx, dy = corner
-        at = {place: (spots[place][0] + dx, spots[place][1] + dy) for place in found}
-        hues = [colour(site) for site in found.values()]
-        pen.shapes([_box(_SMALL, spot) for spot in at.values()], facecolors=hues, **style)
-        for place, site in found.items():
-            word = letter_of(system, site)
-            if written and len(word) <= _READABLE:
-                pen.write(at[place], word, colour(site), size=_SMALL)
-
     boxes = [_box(1.0, spots[system.place_of(site)]) for site in sites]
     width = pen.line(0.06)
     hues = [colour(site) for site in sites]
@@ -132,9 +112,52 @@ def _draw(
         for site in sites:
             word = letter_of(system, site)
             pen.write(spots[system.place_of(site)], word, colour(site))
-    small({system.place_of(site): site for site in moved.values()}, (-0.28, 0.28), linewidths=0)
-    aims = {system.place_of(site): site for site in goal - {*sites}}
-    small(aims, (0.28, -0.28), edgecolors=GOAL, linewidths=0.7 * width)
+    _small(pen, system, moved.values(), (-_CORNER, _CORNER), written=written, linewidths=0)
+    _aims(pen, scene, goal - {*sites}, written=written)
+
+
+def _small(
+    pen: Pen, system: System, sites: Iterable[Site], corner: Spot, *, written: bool, **style: Any
+) -> None:
+    """Draw small boxes with the letters of these sites in a corner of their places."""
+    spots, colours = _spots(system), _by_letter(system)
+    found = {system.place_of(site): letter_of(system, site) for site in sites}
+    at = {place: (spots[place][0] + corner[0], spots[place][1] + corner[1]) for place in found}
+    hues = {place: colours.get(letter, _PALE) for place, letter in found.items()}
+    boxes = [_box(_SMALL, spot) for spot in at.values()]
+    pen.shapes(boxes, facecolors=list(hues.values()), **style)
+    for place, letter in found.items():
+        if written and len(letter) <= _READABLE:
+            pen.write(at[place], letter, hues[place], size=_SMALL)
+
+
+def _aims(pen: Pen, scene: Scene, sites: Iterable[Site], *, written: bool) -> None:
+    """Draw letters of the goal in the lower right corners."""
+    width = 0.7 * pen.line(0.06)
+    _small(
+        pen,
+        scene.system,
+        sites,
+        (_CORNER, -_CORNER),
+        written=written,
+        edgecolors=GOAL,
+        linewidths=width,
+    )
+
+
+def _behind(_pen: Pen, _scene: Scene) -> None:
+    """Nothing lies below the boxes."""
+
+
+def _before(pen: Pen, scene: Scene) -> None:
+    _aims(pen, scene, in_order(scene.goal or ()), written=True)
+
+
+def _body(scene: Scene, site: Site) -> Body:
+    system = scene.system
+    at = _spots(system)[system.place_of(site)]
+    letter = letter_of(system, site)
+    return Body("box", at, at, _by_letter(system).get(letter, _PALE), letter)
 
 
 def _by_letter(system: System) -> dict[str, Colour]:
@@ -167,4 +190,18 @@ def _box(size: float, middle: Spot) -> Points:
     return np.add(arcs(about, corner), middle)
 
 
-LETTERS = Style(text=_text, frame=_frame, extent=_frame, draw=_draw, marks=_marks, colours=_colours)
+def _solid(system: System, site: Site) -> Solid | None:
+    spot = _spots(system).get(system.place_of(site))
+    return None if spot is None else box_at(spot, letter_of(system, site))
+
+
+LETTERS = Style(
+    text=_text,
+    frame=_frame,
+    extent=_frame,
+    draw=_draw,
+    marks=_marks,
+    moving=Moving(_behind, _before, _body, outline=_box(1.0, (0.0, 0.0))),
+    solid=_solid,
+    colours=_colours,
+)

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from cubepath.agents.rendering.pen import GHOST, INK
+from cubepath.agents.rendering.themes import GHOST, INK
 from cubepath.protocol.core.sites import Site
 
 Shot: TypeAlias = tuple[Sequence[Site], Mapping[int, Site]]

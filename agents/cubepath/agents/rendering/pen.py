@@ -1,7 +1,7 @@
-"""Drawing tools: colours, and a pen for shapes, lines and words on axes.
+"""Drawing tools: the colours of modules, and a pen for shapes, lines and words on a canvas.
 
-Room: agents. matplotlib is imported only when something is drawn, and only through its objects: no
-pyplot, so no window and no global state.
+Room: agents. A canvas is what the pen draws on: matplotlib's axes (`axes_canvas`), or a list of
+what was drawn (`backdrop`).
 """
 
 from __future__ import annotations
@@ -10,14 +10,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, pi, sin
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.path import Path
+from cubepath.agents.rendering.themes import INK, Theme
 
 Points: TypeAlias = NDArray[np.float64]
 Spot: TypeAlias = tuple[float, float]
@@ -25,10 +23,6 @@ Colour: TypeAlias = tuple[float, float, float]
 Box: TypeAlias = tuple[float, float, float, float]
 """Left, right, low, high."""
 
-INK, GOAL, WALL = "#22252a", "#d6246e", "#5a5e65"
-PALE_GOAL, LINE, TILE = "#f7c9dc", "#cdd0d4", "#f0f1f3"
-GHOST = "#d3d3d4"
-"""The trace in a legend, which belongs to no particular module."""
 _HUES = (
     *("#332288", "#ee7733", "#44aa99", "#ddcc77", "#0077bb"),
     *("#117733", "#88ccee", "#999933", "#aa4499"),
@@ -53,63 +47,61 @@ def _colour(hue: int, shade: int) -> Colour:
     return kept * red + added, kept * green + added, kept * blue + added
 
 
+class Canvas(Protocol):
+    """What a pen draws on. Later drawings lie above earlier ones."""
+
+    limits_lines: bool
+    """Whether lines keep within a range of widths that can be seen, however small a cell is."""
+
+    def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
+        """Draw polygons, in the style of a PolyCollection."""
+
+    def strokes(self, lines: Sequence[Points], **style: Any) -> None:
+        """Draw lines, in the style of a LineCollection."""
+
+    def write(self, at: Spot, word: str, colour: str, size: float) -> None:
+        """Write a word that fits in a cell of this size."""
+
+
 @dataclass(frozen=True, slots=True)
 class Pen:
-    """Draws on axes; `scale` is the width of a cell in points.
+    """Draws on a canvas; `scale` is the width of a cell in the unit of its line widths."""
 
-    Everything has the same zorder, so later drawings lie above earlier ones.
-    """
-
-    axes: Axes
+    canvas: Canvas
     box: Box
     scale: float
+    theme: Theme
 
-    def line(self, part: float) -> float:
-        """Return a line width in points that is this part of a cell, within limits."""
-        return min(max(part * self.scale, 0.4), 2.4)
+    def line(self, part: float, least: float = 0.4, most: float = 2.4) -> float:
+        """Return a line width that is this part of a cell, within limits where there are any."""
+        width = part * self.scale
+        return min(max(width, least), most) if self.canvas.limits_lines else width
 
     def shapes(self, shapes: Sequence[Points], **style: Any) -> None:
         """Draw polygons."""
-        from matplotlib.collections import PolyCollection  # noqa: PLC0415
-
         if len(shapes):
-            self.axes.add_collection(PolyCollection(shapes, zorder=1, **style), autolim=False)
+            self.canvas.shapes(shapes, **self.theme.style(style))
 
     def strokes(self, lines: Sequence[Points], **style: Any) -> None:
         """Draw lines between points."""
-        from matplotlib.collections import LineCollection  # noqa: PLC0415
-
         if len(lines):
-            self.axes.add_collection(LineCollection(lines, zorder=1, **style), autolim=False)
+            self.canvas.strokes(lines, **self.theme.style(style))
 
     def discs(self, points: Iterable[Spot], radius: float, **style: Any) -> None:
         """Draw discs with a dark outline around these points, such as the joints of an arm."""
         rings = [arcs([(0, 0)], radius) + point for point in dict.fromkeys(points)]
         self.shapes(rings, edgecolors=INK, linewidths=0.05 * self.scale, **style)
 
-    def write(self, at: Spot, word: str, on: Colour, *, size: float = 1) -> None:
-        """Write a word on a cell of this colour, as a shape that scales with the cell."""
-        from matplotlib.patches import PathPatch  # noqa: PLC0415
-        from matplotlib.transforms import Affine2D  # noqa: PLC0415
+    def write(self, at: Spot, word: str, on: Colour | None, *, size: float = 1) -> None:
+        """Write a word on a cell of this colour, as a shape that scales with the cell.
 
-        path = Affine2D().scale(size).translate(*at).transform_path(_glyphs(word))
-        light = 0.3 * on[0] + 0.59 * on[1] + 0.11 * on[2] > 0.5
-        self.axes.add_artist(
-            PathPatch(path, facecolor=INK if light else "white", linewidth=0, zorder=1)
-        )
-
-
-@lru_cache(maxsize=4096)
-def _glyphs(word: str) -> Path:
-    """Return a word as a path centred at the origin that fits in a cell."""
-    from matplotlib.textpath import TextPath  # noqa: PLC0415
-    from matplotlib.transforms import Affine2D  # noqa: PLC0415
-
-    path, tall = TextPath((0, 0), word, size=1), TextPath((0, 0), "0", size=1).get_extents().height
-    box = path.get_extents()
-    scale = min(0.36 / tall, 0.54 / box.width)
-    centred = Affine2D().translate(-(box.x0 + box.x1) / 2, -tall / 2)
-    return centred.scale(scale).transform_path(path)
+        With None it is written on the ground of the picture.
+        """
+        if on is None:
+            colour = self.theme.of(INK)
+        else:
+            colour = INK if 0.3 * on[0] + 0.59 * on[1] + 0.11 * on[2] > 0.5 else "white"
+        self.canvas.write(at, word, colour, size)
 
 
 def arcs(

@@ -12,15 +12,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pen import GOAL, INK, WALL, Box, Colour, Pen, palette
+from cubepath.agents.rendering.axes_canvas import AxesCanvas
+from cubepath.agents.rendering.pen import Box, Colour, Pen
+from cubepath.agents.rendering.solids import Solid
 from cubepath.agents.rendering.styles import style_of
+from cubepath.agents.rendering.themes import LIGHT, Theme
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-__all__ = ["GOAL", "INK", "WALL", "colours", "draw_on", "draw_pixels", "extent", "frame", "palette"]
 
 
 def draw_pixels(scene: Scene, sites: Sequence[Site], *, height: int = 360) -> NDArray[np.uint8]:
@@ -68,6 +69,17 @@ def colours(scene: Scene, sites: Sequence[Site]) -> Sequence[Colour]:
     return style_of(scene).colours(scene.system, sites)
 
 
+def solid_of(scene: Scene, site: Site) -> Solid | None:
+    """Return what stands at a site in three dimensions; None where a picture shows nothing.
+
+    Its middle is where pictures draw the module. InputError if the site cannot be drawn.
+
+    >>> solid_of(scene_from_spec("agv:graph=grid3x2,n=2"), (2, 1)).middle
+    (2.0, -1.0, 0.0)
+    """
+    return style_of(scene).solid(scene.system, site)
+
+
 def draw_on(
     axes: Axes,
     scene: Scene,
@@ -76,6 +88,7 @@ def draw_on(
     moved: Mapping[int, Site] | None = None,
     box: Box | None = None,
     numbers: bool | None = None,
+    theme: Theme = LIGHT,
 ) -> None:
     """Draw modules at `sites`, by number, on matplotlib's `axes`, whose position must be final.
 
@@ -85,13 +98,13 @@ def draw_on(
     `moved` gives the previous sites of the modules that have just moved: they get a dark outline
     and leave a pale trace. The frame is `box`, or holds start, goal and finite workspaces.
     `numbers` decides whether to write each module's label, or its number, on it; None means if
-    there is room to read it.
+    there is room to read it. `theme` has the colours of the ground and of marks.
     """
-    pen = _pen(axes, scene, frame(scene, sites) if box is None else box)
+    pen = _pen(axes, scene, frame(scene, sites) if box is None else box, theme)
     style_of(scene).draw(pen, scene, sites, moved or {}, numbers)
 
 
-def _pen(axes: Axes, scene: Scene, box: Box) -> Pen:
+def _pen(axes: Axes, scene: Scene, box: Box, theme: Theme) -> Pen:
     """Set up the axes to show this frame, which an endless lattice fills entirely."""
     left, right, low, high = box
     seen = axes.get_window_extent()
@@ -104,4 +117,4 @@ def _pen(axes: Axes, scene: Scene, box: Box) -> Pen:
     axes.set_axis_off()
     pixels = min(seen.width / (right - left), seen.height / (high - low))
     scale = pixels * 72 / axes.figure.dpi
-    return Pen(axes, (left, right, low, high), scale)
+    return Pen(AxesCanvas(axes), (left, right, low, high), scale, theme)

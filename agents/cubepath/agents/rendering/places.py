@@ -14,19 +14,9 @@ import numpy as np
 
 from cubepath.agents.rendering.layout import known_places
 from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
-from cubepath.agents.rendering.pen import (
-    GOAL,
-    INK,
-    WALL,
-    Box,
-    Colour,
-    Pen,
-    Points,
-    Spot,
-    arcs,
-    palette,
-)
-from cubepath.agents.rendering.style import readable
+from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.style import Body, readable
+from cubepath.agents.rendering.themes import GOAL, INK, WALL
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene, System
 
@@ -68,7 +58,7 @@ class PlacePen(Pen):
 
 def place_pen(pen: Pen, system: System, look: Look) -> PlacePen:
     """Return a pen for the places of a system on the same axes."""
-    return PlacePen(pen.axes, pen.box, pen.scale, system, look)
+    return PlacePen(pen.canvas, pen.box, pen.scale, pen.theme, system, look)
 
 
 @cache
@@ -125,20 +115,34 @@ def draw_places(
     """Draw the modules, the goal and, if there is room, labels or numbers on the modules."""
     system = scene.system
     colours = palette(len(sites))
-    goals = list(scene.goal or ())
-    at = [system.place_of(site) for site in goals]
     left = {number: system.place_of(site) for number, site in moved.items()}
     places = [system.place_of(site) for site in sites]
     draw_modules(pen, left, places, colours, ways=True)
-    labels = [system.label_of(site) for site in goals]
-    by_label = {system.label_of(site): colours[number] for number, site in enumerate(sites)}
-    hues = [GOAL if label is None else by_label[label] for label in labels]
-    pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
+    draw_goals(pen, scene, sites)
     if readable(pen, words):
         for number, site in enumerate(sites):
             label = system.label_of(site)
             word = str(number if label is None else label)
             pen.write(pen.middle(places[number]), word, colours[number])
+
+
+def place_body(look: Look, scene: Scene, site: Site) -> Body:
+    """Return how a module looks at a site: a cell."""
+    at = look.middle(scene.system, scene.system.place_of(site))
+    return Body("cell", at, at)
+
+
+def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:
+    """Draw the outlines of the goal; with labels in the colours of the modules that belong there.
+
+    `sites` are those of the modules by number, at any time: modules keep their labels.
+    """
+    system, goals, colours = scene.system, list(scene.goal or ()), palette(len(sites))
+    by_label = {system.label_of(site): colours[number] for number, site in enumerate(sites)}
+    labels = [system.label_of(site) for site in goals]
+    hues = [GOAL if label is None else by_label[label] for label in labels]
+    at = [system.place_of(site) for site in goals]
+    pen.draw("goal", at, facecolors="none", edgecolors=hues, linewidths=pen.line(0.09))
 
 
 def draw_modules(
@@ -158,7 +162,8 @@ def draw_modules(
             for number, place in left.items()
         ]
         pen.strokes(lines, colors=hues, linewidths=0.1 * pen.scale, alpha=0.6)
-    pen.draw("module", places, facecolors=colours, edgecolors="white", linewidths=0.03 * pen.scale)
+    rim = pen.theme.rim
+    pen.draw("module", places, facecolors=colours, edgecolors=rim, linewidths=0.03 * pen.scale)
     stirred = [places[number] for number in left]
     pen.draw("module", stirred, facecolors="none", edgecolors=INK, linewidths=pen.line(0.08))
 

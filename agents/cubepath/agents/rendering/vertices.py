@@ -13,18 +13,22 @@ import numpy as np
 
 from cubepath.agents.rendering.layout import known_places, marks_of, spot_of
 from cubepath.agents.rendering.marks import Mark, Shot
-from cubepath.agents.rendering.pen import LINE, TILE, WALL, Box, Pen, Spot
+from cubepath.agents.rendering.pen import Box, Pen, Spot
 from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
     disc,
+    draw_goals,
     draw_places,
     extent_of,
     frame_of,
+    place_body,
     place_marks,
     place_pen,
 )
-from cubepath.agents.rendering.style import Style
+from cubepath.agents.rendering.solids import disc_solid
+from cubepath.agents.rendering.style import Moving, Style
+from cubepath.agents.rendering.themes import LINE, TILE, WALL
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.core.system import Scene, System
@@ -76,6 +80,14 @@ def _ground(pen: PlacePen) -> None:
     pen.draw("module", fixed, facecolors=WALL)
 
 
+def _behind(pen: Pen, scene: Scene) -> None:
+    _ground(place_pen(pen, scene.system, _LOOK))
+
+
+def _before(pen: Pen, scene: Scene) -> None:
+    draw_goals(place_pen(pen, scene.system, _LOOK), scene, scene.start)
+
+
 def _marks(scene: Scene, shots: Sequence[Shot], _box: Box) -> Iterator[Mark]:
     yield from place_marks(scene, shots, discs=True, round_goal=True)
     if scene.system.filled:
@@ -109,4 +121,6 @@ GRAPH = Style(
     extent=partial(extent_of, _LOOK),
     draw=_draw,
     marks=_marks,
+    moving=Moving(_behind, _before, partial(place_body, _LOOK), outline=disc("module")),
+    solid=partial(disc_solid, _LOOK),
 )

@@ -23,6 +23,12 @@ if TYPE_CHECKING:
         read_network,
     )
     from cubepath.agents.rules.policy import policy_rule
+    from cubepath.agents.rules.recorded import (
+        RECORDED,
+        Recorded,
+        RecordedChoice,
+        as_recorded,
+    )
     from cubepath.agents.rules.registry import (
         BUILT_IN,
         CLOCKS,
@@ -53,6 +59,7 @@ else:
             "attempting": "attempt_of",
             "network": ("ACTIVATIONS FORMAT Layer Network network_rule read_network"),
             "policy": "policy_rule",
+            "recorded": "RECORDED Recorded RecordedChoice as_recorded",
             "registry": "CLOCKS BUILT_IN find_rule rule_named rules unknown_rule",
             "rule": "Choice FreeRule InitialKnowledge Rule RuleType",
             "rule_files": "RULE_MODULE forget_rule_files is_in_file",
@@ -70,6 +77,7 @@ __all__ = [
     "CLOCKS",
     "FORMAT",
     "HESITATE",
+    "RECORDED",
     "RULE",
     "RULE_MODULE",
     "SCHEDULE",
@@ -82,6 +90,8 @@ __all__ = [
     "Layer",
     "Network",
     "NoSeed",
+    "Recorded",
+    "RecordedChoice",
     "Rule",
     "RuleType",
     "Seen",
@@ -89,6 +99,7 @@ __all__ = [
     "VectorKnowledge",
     "VectorRule",
     "actors_for",
+    "as_recorded",
     "attempt_of",
     "check_seeds",
     "draw_below",

@@ -15,6 +15,7 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType
 from cubepath.protocol.core.actions import why_inadmissible
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.path_files.schedules import OwnMoves
 
@@ -45,15 +46,22 @@ def _follow(moves: OwnMoves) -> Rule:
     def choose(view: View) -> int | Choice:
         nonlocal rounds
         rounds += 1
-        if rounds not in due:
-            return STAY
-        move = view.system.move_named(view.site, *due[rounds])
-        if move is None:
-            return Choice(failed=_none_such(*due[rounds], view))
-        action = 1 + view.moves.index(move)
-        return action if view.mask[action] else Choice(failed=why_not(move, view))
+        return _found(view, *due[rounds]) if rounds in due else STAY
 
     return choose
+
+
+def move_due(view: View, placed: GeneratorPlacement) -> Choice:
+    """Return the choice of a move by its name; of none, with the reason, if it cannot be made."""
+    return _found(view, placed.generator, site_from_json(placed.at))
+
+
+def _found(view: View, generator: str, at: Site) -> Choice:
+    move = view.system.move_named(view.site, generator, at)
+    if move is None:
+        return Choice(failed=_none_such(generator, at, view))
+    action = 1 + view.moves.index(move)
+    return Choice(action) if view.mask[action] else Choice(failed=why_not(move, view))
 
 
 def _none_such(generator: str, at: Site, view: View) -> str:

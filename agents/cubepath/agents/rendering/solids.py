@@ -1,0 +1,77 @@
+"""Solids: where modules are, and what they look like, for viewers in three dimensions.
+
+Room: agents. Pure functions. Pictures lie in the plane; a solid is what stands there, with a
+height, and its style says which: the same middles and ends as in a picture.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import atan2, hypot
+from typing import TYPE_CHECKING
+
+from cubepath.agents.rendering.pen import Spot
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
+
+if TYPE_CHECKING:
+    from cubepath.agents.rendering.places import Look
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """A solid: a box, or a disc, which is a box with a round outline; lengths are in cells.
+
+    `angle` is in radians about the upward axis, from the first axis to the second; `size` are the
+    lengths before that turn. `word` is written on it, if it is not its number.
+    """
+
+    middle: tuple[float, float, float]
+    size: tuple[float, float, float]
+    angle: float = 0.0
+    is_round: bool = False
+    word: str | None = None
+
+
+_HEIGHT, _THIN = 0.5, 0.2
+_HEXAGON, _SQUARE, _DISC = 0.93, 0.88, 0.76
+
+
+def disc_at(spot: Spot, size: float, height: float = _HEIGHT) -> Solid:
+    """Return a disc of this diameter around a point of the plane."""
+    return Solid((*_floats(spot), 0.0), (size, size, height), is_round=True)
+
+
+def box_at(spot: Spot, word: str | None = None) -> Solid:
+    """Return a square box around a point of the plane."""
+    return Solid((*_floats(spot), 0.0), (_SQUARE, _SQUARE, _HEIGHT), word=word)
+
+
+def bar(one: Spot, other: Spot) -> Solid:
+    """Return a bar from one point of the plane to another, a little short of both."""
+    (left, low), (right, top) = _floats(one), _floats(other)
+    long = hypot(right - left, top - low)
+    return Solid(
+        ((left + right) / 2, (low + top) / 2, 0.0),
+        (max(long - _THIN, _THIN), _THIN, _THIN),
+        atan2(top - low, right - left),
+    )
+
+
+def hexagon_solid(look: Look, system: System, site: Site) -> Solid:
+    """Return the solid of a module on a hexagon."""
+    return disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
+
+
+def square_solid(look: Look, system: System, site: Site) -> Solid:
+    """Return the solid of a module on a square."""
+    return box_at(look.middle(system, system.place_of(site)))
+
+
+def disc_solid(look: Look, system: System, site: Site) -> Solid:
+    """Return the solid of a vehicle, on a map or on a graph."""
+    return disc_at(look.middle(system, system.place_of(site)), _DISC)
+
+
+def _floats(spot: Spot) -> Spot:
+    return float(spot[0]), float(spot[1])
