@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from itertools import chain
+from dataclasses import replace
+from itertools import chain, combinations
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
 
+from cubepath.agents.environments.rollout import play
 from cubepath.agents.rendering.pictures import colours, extent
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs import drawing as pictures
-from cubepath.coordinator.runs.drawing import run_picture
+from cubepath.coordinator.runs import schedule_chart as chart_of
+from cubepath.coordinator.runs.drawing import Sheet, run_picture
 from cubepath.coordinator.runs.films import animate
 from cubepath.coordinator.runs.snapshots import snapshots
 from cubepath.protocol.core.errors import InputError
@@ -47,7 +50,7 @@ def test_moves_that_cancel() -> None:
         for at in (((0, 0), (1, 0)), ((1, 0), (2, 0)), ((0, 1), (1, 1)))
     )
     rounds = [[out, far], [on], [on], [on]]
-    cancelled = pictures._cancelled(rounds)
+    cancelled = pictures.cancelled_moves(rounds)
     assert cancelled == {(2, on), (3, on)}
     moves = sum(map(len, rounds))
     assert moves - len(cancelled) == sum(map(len, normal_cube_path(chain.from_iterable(rounds))))
@@ -59,7 +62,7 @@ def test_the_schedule_has_a_box_for_each_move(spec: str) -> None:
     scene, rounds, _ = random_run(spec, 30)
     run = list(snapshots(scene, rounds))
     short = list(snapshots(scene, normal_cube_path(chain.from_iterable(rounds))))
-    figure = pictures._figure(scene, run, short, "", pictures._cancelled(rounds))
+    figure = pictures._figure(scene, run, short, "", pictures.cancelled_moves(rounds))
     found: dict[bool, set[tuple[int, int]]] = {False: set(), True: set()}
     for collection in figure.axes[-1].collections:
         for path in collection.get_paths():
@@ -192,8 +195,8 @@ def test_boxes_have_the_colours_of_their_modules(spec: str) -> None:
     legend = chart.get_legend()
     assert legend is not None
     shown = [to_rgb(cast("Any", patch.get_facecolor())) for patch in legend.get_patches()]
-    assert shown[1] == pytest.approx(pictures._SWATCH)
-    assert shown[0] == pytest.approx(pictures._pale(pictures._SWATCH))
+    assert shown[1] == pytest.approx(chart_of._SWATCH)
+    assert shown[0] == pytest.approx(chart_of._pale(chart_of._SWATCH, "white"))
 
 
 def test_the_legend_of_a_long_schedule_fits() -> None:
@@ -285,6 +288,55 @@ def test_axes_of_one_module_have_whole_numbers() -> None:
 
 def test_ticks_are_round_numbers() -> None:
     """Never more than asked for, multiples of 1, 2 or 5 times a power of ten, from the first on."""
-    assert list(pictures._ticks(1, 8, 16)) == [1, 2, 3, 4, 5, 6, 7, 8]
-    assert list(pictures._ticks(0, 59, 12)) == [0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55]
-    assert list(pictures._ticks(1, 1000, 16)) == [100, 200, 300, 400, 500, 600, 700, 800, 900, 1000]
+    assert list(chart_of._ticks(1, 8, 16)) == [1, 2, 3, 4, 5, 6, 7, 8]
+    assert list(chart_of._ticks(0, 59, 12)) == [0, 5, 10, 15, 20, 25, 30, 35, 40, 45, 50, 55]
+    assert list(chart_of._ticks(1, 1000, 16)) == [100, 200, 300, 400, 500, 600, 700, 800, 900, 1000]
+
+
+def test_states_are_framed_around_modules_that_could_not_be_read() -> None:
+    """A chain of 60 is a row of specks in the frame of all, and twice as large in its own."""
+    scene = scene_from_spec("hex:n=60")
+    played = play("hex:n=60", max_rounds=120)
+    run = list(snapshots(scene, played.steps))
+    box = extent(scene, [site for snap in run for site in snap.sites])
+    states = [run[0], run[120]]
+    for zoom, framed in ((None, True), (False, False), (True, True)):
+        boxes = pictures._frames(scene, states, box, zoom)
+        assert (boxes != [box, box]) == framed
+        ((wide, high),) = {
+            (round(right - left, 9), round(top - low, 9)) for left, right, low, top in boxes
+        }
+        scale = pictures._panels(boxes[0], 2).scale(boxes[0])
+        assert (scale > 2 * pictures._panels(box, 2).scale(box)) == framed
+        for state, (left, right, low, top) in zip(states, boxes, strict=True):
+            own = extent(replace(scene, start=state.sites, goal=None, goals=()), ())
+            assert left <= own[0] + 1e-9
+            assert own[1] <= right + 1e-9
+            assert low <= own[2] + 1e-9
+            assert own[3] <= top + 1e-9
+        assert (wide, high) <= (round(box[1] - box[0], 9), round(box[3] - box[2], 9))
+
+
+@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("parts", ["both", "states", "schedule"])
+def test_all_words_lie_on_the_page(
+    parts: Literal["both", "states", "schedule"], dark: bool
+) -> None:
+    """Title, captions and legends are within the picture, none over another, and can be seen."""
+    scene, rounds, _ = random_run("hex:n=6", 20)
+    run = list(snapshots(scene, rounds))
+    sheet = Sheet(parts=parts, dark=dark, title="T", caption="word " * 100, states=(0, 1, 2, 3))
+    figure = pictures._figure(scene, run, run, "", set(), sheet=sheet)
+    ground = np.array(to_rgb(cast("Any", figure.get_facecolor())))
+    boxes = []
+    for text in figure.texts:
+        extents = text.get_window_extent()
+        if text.get_text():
+            assert figure.bbox.x0 <= extents.x0 < extents.x1 <= figure.bbox.x1
+            assert figure.bbox.y0 <= extents.y0 < extents.y1 <= figure.bbox.y1
+            assert np.abs(np.array(to_rgb(cast("Any", text.get_color()))) - ground).min() > 0.5
+            boxes.append(extents)
+    boxes += [axes.get_window_extent() for axes in figure.axes]
+    for one, other in combinations(boxes, 2):
+        assert not one.overlaps(other)
+    assert len(figure.axes) == {"both": 5, "states": 4, "schedule": 1}[parts]

@@ -33,7 +33,15 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"what": ["hex"]}, "system=['hex']: expected a name, a file or a scene"),
     ({"rule": 5}, "rule=5: expected the name of a rule, or FILE.py:NAME"),
     ({"clock": "fre"}, "clock=fre (did you mean 'free'?): expected one of lockstep, free"),
-    ({"log_time": "levl"}, "log-time=levl (did you mean 'level'?): expected one of level, wall"),
+    (
+        {"log_time": "levl"},
+        "log-time=levl (did you mean 'level'?): expected one of round, level, wall",
+    ),
+    ({"log_time": "level"}, "log-time=level: only for runs without rounds, expected round or wall"),
+    (
+        {"log_time": "round", "clock": "free"},
+        "log-time=round: without rounds (clock=free), expected level or wall",
+    ),
     ({"log": 5}, "log=5: expected a path"),
     ({"speeds": 5, "clock": "free"}, "speeds=5: expected factors by module, as in {0: 2.0}"),
     ({"speeds": {0: "x"}, "clock": "free"}, "speed=0='x': expected a number"),

@@ -13,12 +13,12 @@ from cubepath.agents.environments.rollout import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.schedule import scheduled
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.coordinator.runs.edge_path import PathDigest
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run
 from cubepath.coordinator.runs.plan import Plan
-from cubepath.coordinator.runs.playback import replay
 from cubepath.coordinator.runs.schedule import Assignment, assignment_of, read_schedule
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError

@@ -1,6 +1,6 @@
-"""Runs from launch to recording: gathering, schedules, replay, contents of a recording, pictures.
+"""Runs from launch to recording: gathering, schedules, contents of a recording, pictures.
 
-Room: coordinator. It imports `normal_form`, `verification` to compare a replay, a bound
+Room: coordinator. It imports `normal_form`, `verification` for certificates, a bound
 of `search`, and `processes`, `rules` and `rendering` of the agents. It is the only room of the
 coordinator that starts modules and listens to them. `shortening` takes the path of a recording from
 it.
@@ -11,39 +11,47 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.runs.about import About, about_key, find_run, offer
     from cubepath.coordinator.runs.asking import Status, ask
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
-    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, run_picture, save_figure
+    from cubepath.coordinator.runs.continuing import what_if
+    from cubepath.coordinator.runs.drawing import PICTURE_SUFFIXES, Sheet, run_picture, save_figure
     from cubepath.coordinator.runs.edge_path import Gathered, PathDigest
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
-    from cubepath.coordinator.runs.free_gatherer import FreeGatherer
+    from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
     from cubepath.coordinator.runs.gatherer import Gatherer
     from cubepath.coordinator.runs.gathering import gathered
     from cubepath.coordinator.runs.launch import run, start
+    from cubepath.coordinator.runs.live import Divergence, LiveReplay, replay_live
     from cubepath.coordinator.runs.outcome import Outcome
     from cubepath.coordinator.runs.plan import Plan, task_of
-    from cubepath.coordinator.runs.playback import Replayed, replay
     from cubepath.coordinator.runs.running import Running
+    from cubepath.coordinator.runs.side_by_side import animate_beside
+    from cubepath.coordinator.runs.states import State, states_of
     from cubepath.coordinator.runs.tap import Overheard, Tap
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "about": "About about_key find_run offer",
             "asking": "Status ask",
             "conductor": "Conductor Ending",
             "contents": "info render",
-            "drawing": "PICTURE_SUFFIXES run_picture save_figure",
+            "continuing": "what_if",
+            "drawing": "PICTURE_SUFFIXES Sheet run_picture save_figure",
             "edge_path": "Gathered PathDigest",
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
-            "free_gatherer": "FreeGatherer",
+            "free_gatherer": "FreeGatherer keepers_in",
             "gatherer": "Gatherer",
             "gathering": "gathered",
             "launch": "run start",
+            "live": "Divergence LiveReplay replay_live",
             "outcome": "Outcome",
             "plan": "Plan task_of",
-            "playback": "Replayed replay",
             "running": "Running",
+            "side_by_side": "animate_beside",
+            "states": "State states_of",
             "tap": "Overheard Tap",
         },
     )
@@ -52,28 +60,39 @@ __all__ = [
     "FILM_SUFFIXES",
     "FRAMES_PER_SECOND",
     "PICTURE_SUFFIXES",
+    "About",
     "Conductor",
+    "Divergence",
     "Ending",
     "FreeGatherer",
     "Gathered",
     "Gatherer",
+    "LiveReplay",
     "Outcome",
     "Overheard",
     "PathDigest",
     "Plan",
-    "Replayed",
     "Running",
+    "Sheet",
+    "State",
     "Status",
     "Tap",
+    "about_key",
     "animate",
+    "animate_beside",
     "ask",
+    "find_run",
     "gathered",
     "info",
+    "keepers_in",
+    "offer",
     "render",
-    "replay",
+    "replay_live",
     "run",
     "run_picture",
     "save_figure",
     "start",
+    "states_of",
     "task_of",
+    "what_if",
 ]

@@ -1,14 +1,17 @@
 """Asking a run how it stands, over zenoh: whoever may join may ask.
 
 Room: coordinator. A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is
-the status after the last complete round, so it is answered at once whatever the run is doing.
+the status after the last complete round, so it is answered at once whatever the run is doing. On
+``cubepath/RUN/about`` it says what it is.
 """
 
 from __future__ import annotations
 
 import msgspec
 import zenoh
+from msgspec.structs import replace
 
+from cubepath.coordinator.runs.about import About, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.names import Json
@@ -51,15 +54,19 @@ def state_key(run: str) -> str:
 class Answers:
     """What a run answers, until it is closed."""
 
-    def __init__(self, run: str, endpoint: str, credentials: Credentials, status: Status) -> None:
+    def __init__(
+        self, endpoint: str, credentials: Credentials, status: Status, about: About
+    ) -> None:
         """Open a session as the coordinator, and answer from now on."""
-        self._run = run
+        run = self._run = about.run
+        self._about = about
         self._status = status
         self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
         try:
             self._queryable = self._session.declare_queryable(
                 state_key(run), zenoh.handlers.Callback(self._answer, indirect=False)
             )
+            self._offered = offer(self._session, self._tell)
         except BaseException as error:
             self._session.close()
             if isinstance(error, zenoh.ZError):  # the router may just have gone
@@ -76,6 +83,9 @@ class Answers:
         sites = [to_json(site) for site in now.sites]
         answer = _Answer(self._run, now.round, sites, now.moves, now.cubes, now.goal_reached)
         query.reply(state_key(self._run), msgspec.json.encode(answer))
+
+    def _tell(self) -> About:
+        return replace(self._about, round=self._status.round)
 
     def close(self) -> None:
         """Answer no more, and close the session."""

@@ -48,11 +48,12 @@ class Conductor:
         record: Callable[[Message], object],
         assignment: Assignment | None = None,
         repair: bool = False,
+        recorded_rounds: int | None = None,
     ) -> None:
         """Begin at the start of the scene; `record` is given the coordinator's own results.
 
         With an `assignment` the modules carry out a schedule; with `repair` they go on with a rule
-        where it stops.
+        where it stops. With `recorded_rounds` they follow rules after so many rounds.
         """
         self.gatherer = Gatherer(scene, self._step)
         self.refused = 0
@@ -62,11 +63,17 @@ class Conductor:
         self._record = record
         self._assignment = assignment
         self._repair = repair
+        self._recorded_rounds = recorded_rounds
         self._execution = None if assignment is None else ScheduleExecution(assignment)
 
-    def know(self, modules_of: Sequence[Sequence[int]], seed: int) -> None:
-        """Know the modules of each process and the seed of the run, by which it can `check`."""
-        self.gatherer.plausibility.know(modules_of, seed)
+    def know(
+        self,
+        modules_of: Sequence[Sequence[int]],
+        seed: int,
+        later_seeds: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        """Know the modules of each process and the seeds of the run, by which it can `check`."""
+        self.gatherer.plausibility.know(modules_of, seed, later_seeds)
 
     def check(self, message: Message) -> None:
         """Check that what modules say or report can be, given where they stand; or RefusedError."""
@@ -106,14 +113,18 @@ class Conductor:
     def between(self, round_number: int, end_schedule: Callable[[], object]) -> Ending | None:
         """Return how the run has ended after a round (0: before the first), None if it goes on.
 
-        `end_schedule` is called if modules are to follow their rule from now on.
+        `end_schedule` is called if modules are to follow their rule from now on, after a schedule
+        or what was on record.
         """
         if self.gatherer.rounds != round_number:
             why = f"round {round_number} ended, but not all modules have reported it"
             return Ending("failed", why)
-        return self._ended(end_schedule) or (
+        ending = self._ended(end_schedule) or (
             Ending("max-rounds") if round_number >= self._max_rounds else None
         )
+        if ending is None and round_number == self._recorded_rounds:
+            end_schedule()
+        return ending
 
     def _ended(self, end_schedule: Callable[[], object]) -> Ending | None:
         gatherer, execution = self.gatherer, self._execution

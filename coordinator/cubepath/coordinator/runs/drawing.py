@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Iterable, Sequence
-from itertools import chain, count
+from dataclasses import dataclass, replace
+from itertools import chain
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
@@ -17,10 +19,12 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from cubepath.agents.rendering.legend import legend_of
-from cubepath.agents.rendering.pen import Box, Colour
-from cubepath.agents.rendering.pictures import INK, colours, draw_on, extent
+from cubepath.agents.rendering.pen import Box
+from cubepath.agents.rendering.pictures import draw_on, extent
+from cubepath.agents.rendering.themes import DARK, INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
+from cubepath.coordinator.runs.schedule_chart import draw_schedule, plural
 from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
@@ -28,7 +32,6 @@ from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
-    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -39,15 +42,45 @@ _WIDE, _EDGE, _GAP = (9.0, 13.0), 0.3, 0.14
 """In inches: the possible widths of a picture, its margin, and the gap between two states."""
 _TITLE, _CAPTION = 0.85, 0.2
 """In inches: the height of the title, and of the caption of a state."""
-_STATES, _COLUMNS = 6, (6, 3, 2, 1)
-"""The number of states shown, and the possible numbers of columns."""
+_STATES = 6
+"""The number of states shown."""
+_LONGER = 1.6
+"""So much longer than wide states may be, if their numbers can be read then."""
 _TALL = 5.5
 """In inches: a height that a state may always have, however narrow it is."""
 _READABLE, _SPECK = 10.5, 5.0
 """In points: the least width of a cell with a readable number; below the second it is a speck."""
-_QUIET, _BAND, _EDGES = "#6d727a", "#f4f5f6", "#b9bdc3"
-_SWATCH: Colour = (0.35, 0.37, 0.4)
-"""Stands for the colour of any module in the legend of the schedule; no module has it."""
+_ZOOM = 1.4
+"""So much larger modules must become for each state to have a frame around its modules alone."""
+_STATES_MAX = 60
+"""More states than this are not shown: nobody looks at so many."""
+_LINE, _LETTER = 0.165, 0.068
+"""In inches: the height of a line of the caption below, and the average width of a letter."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sheet:
+    """How a picture of a run is set out.
+
+    `states` are the numbers of the steps after which states are shown, 0 for the start; None means
+    six of them, evenly spread. `title` stands in place of the name of the system, `caption` below
+    everything. `parts` says what is drawn: the states, the schedule or both. `zoom` says whether
+    each state is framed around its modules, at one scale; None means where modules would be too
+    small to read otherwise, and nothing but free lattice is left out.
+
+    >>> Sheet(states=(0, 10, 20), title="A chain turns", dark=True).parts
+    'both'
+    """
+
+    states: tuple[int, ...] | None = None
+    title: str | None = None
+    caption: str | None = None
+    dark: bool = False
+    parts: Literal["both", "states", "schedule"] = "both"
+    zoom: bool | None = None
+
+
+_PLAIN = Sheet()
 
 
 def run_picture(
@@ -59,6 +92,7 @@ def run_picture(
     found: NormalForm | None = None,
     step_name: str = "round",
     what: What = "run",
+    sheet: Sheet = _PLAIN,
 ) -> None:
     """Write a picture of a run and of its normal cube path as .png, .svg or .pdf.
 
@@ -72,7 +106,10 @@ def run_picture(
     rounds in which the module moved (pale, and hollow if the move cancels), in the lower half the
     cubes.
 
-    InputError if the suffix is unknown, a move is not admissible or the file cannot be written.
+    `sheet` says which states are shown, and what else is as its reader wants it.
+
+    InputError if the suffix is unknown, a state is asked for that there is not, a move is not
+    admissible or the file cannot be written.
 
     >>> played = play("hex:n=4")
     >>> run_picture(played.scene, played.steps, normal_cube_path(played.path), "run.svg")
@@ -84,9 +121,11 @@ def run_picture(
     normal = [list(actions) for actions in cubes]
     run = list(snapshots(scene, executed))
     shortest = list(snapshots(scene, normal))
-    gone = _cancelled(executed, found)
+    gone = cancelled_moves(executed, found)
     counts = _counts(executed, normal, step_name)
-    figure = _figure(scene, run, shortest, counts, gone, step_name=step_name, what=what)
+    figure = _figure(
+        scene, run, shortest, counts, gone, step_name=step_name, what=what, sheet=sheet
+    )
     save_figure(figure, path)
 
 
@@ -102,18 +141,14 @@ def _counts(
     moves, left = sum(map(len, rounds)), sum(map(len, cubes))
     largest = max(map(len, cubes), default=0)
     # In a path without rounds the steps are the moves, which are counted anyway.
-    steps = "" if step_name == "move" else f"{_plural(len(rounds), step_name)}, "
+    steps = "" if step_name == "move" else f"{plural(len(rounds), step_name)}, "
     return (
-        f"{steps}{_plural(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
-        f"{_plural(len(cubes), 'cube')}, {_plural(left, 'move')}, largest cube {largest}"
+        f"{steps}{plural(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
+        f"{plural(len(cubes), 'cube')}, {plural(left, 'move')}, largest cube {largest}"
     )
 
 
-def _plural(count: int, what: str) -> str:
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
-
-
-def _cancelled(
+def cancelled_moves(
     rounds: Iterable[Iterable[Action]], found: NormalForm | None = None
 ) -> set[tuple[int, Action]]:
     """Return the moves, by step and action, that are not in the normal cube path.
@@ -141,22 +176,32 @@ def _figure(
     *,
     step_name: str = "round",
     what: What = "run",
+    sheet: Sheet = _PLAIN,
 ) -> Figure:
     from matplotlib.figure import Figure  # noqa: PLC0415 - only when something is drawn
 
+    theme = DARK if sheet.dark else LIGHT
     states, state_name = (run, step_name) if what == "run" else (shortest, "cube")
-    shown = sorted(set(np.linspace(0, len(states) - 1, _STATES).round().astype(int).tolist()))
+    shown = _shown(sheet, len(states), state_name)
     box = extent(scene, visited(chain(run, shortest)))
-    width, columns, wide, tall = _panels(box, len(shown))
-    lanes = min(max(0.2 * len(scene.start), 0.5), 5.5)
+    boxes = _frames(scene, [states[number] for number in shown], box, sheet.zoom)
+    width, columns, wide, tall = _panels(boxes[0], len(shown))
+    lanes = min(max(0.2 * len(scene.start), 0.5), 5.5) if sheet.parts != "states" else 0.0
     shots = [(states[number].sites, states[number].moved) for number in shown]
-    legend = legend_of(scene, shots, box, width - 2 * _EDGE)
-    legend_top = _TITLE + ceil(len(shown) / columns) * (_CAPTION + tall + _GAP)
-    chart_top = legend_top + legend.height + 0.4
-    page = _Page(Figure(facecolor="white"), width, chart_top + lanes + 0.55)
-    page.write(_title(scene.spec), _EDGE, 0.2, fontsize=12.5, fontweight="bold")
-    page.write(counts, _EDGE, 0.47, fontsize=10)
-    for index, number in enumerate(shown):
+    legend = legend_of(scene, shots, boxes[0], width - 2 * _EDGE, theme)
+    caption = textwrap.wrap(sheet.caption or "", int((width - 2 * _EDGE) / _LETTER))
+    legend_top = _TITLE
+    if sheet.parts != "schedule":
+        legend_top += ceil(len(shown) / columns) * (_CAPTION + tall + _GAP)
+    chart_top = legend_top + (legend.height + 0.4 if sheet.parts != "schedule" else 0.2)
+    caption_top = chart_top + lanes + 0.55 if lanes else legend_top + legend.height + 0.2
+    high = caption_top + (_LINE * len(caption) + 0.2 if caption else 0)
+    page = _Page(Figure(facecolor=theme.of(PAPER)), width, high, theme)
+    title = _title(scene.spec) if sheet.title is None else sheet.title
+    page.write(title, _EDGE, 0.2, fontsize=12.5, fontweight="bold")
+    framed = "" if boxes[0] == box else ";  each state is framed around its modules"
+    page.write(counts + framed, _EDGE, 0.47, fontsize=10)
+    for index, number in enumerate(shown if sheet.parts != "schedule" else ()):
         name = "start" if number == 0 else f"{state_name} {number}"
         if number == len(states) - 1 and scene.reached(states[number].sites):
             name += ", goal"
@@ -164,13 +209,56 @@ def _figure(
         top = _TITLE + index // columns * (_CAPTION + tall + _GAP)
         page.write(name, at, top, fontsize=8.5)
         axes = page.axes(at, top + _CAPTION, wide, tall)
-        draw_on(axes, scene, states[number].sites, moved=states[number].moved, box=box)
-    legend.put(page.figure, _EDGE, legend_top)
-    chart = page.axes(_EDGE + 0.3, chart_top, width - 2 * _EDGE - 0.3, lanes)
-    as_given = f"{'as executed' if step_name == 'round' else 'as given'}, "
-    as_given += _plural(len(run) - 1, step_name)
-    _draw_schedule(chart, scene, run, shortest, cancelled, as_given=as_given)
+        sites, moved = shots[index]
+        draw_on(axes, scene, sites, moved=moved, box=boxes[index], theme=theme)
+    if sheet.parts != "schedule":
+        legend.put(page.figure, _EDGE, legend_top)
+    if lanes:
+        chart = page.axes(_EDGE + 0.3, chart_top, width - 2 * _EDGE - 0.3, lanes)
+        as_given = f"{'as executed' if step_name == 'round' else 'as given'}, "
+        as_given += plural(len(run) - 1, step_name)
+        draw_schedule(chart, scene, run, shortest, cancelled, as_given=as_given, theme=theme)
+    if caption:
+        page.write("\n".join(caption), _EDGE, caption_top, fontsize=9, linespacing=1.3)
     return page.figure
+
+
+def _shown(sheet: Sheet, count: int, name: str) -> list[int]:
+    """Return the numbers of the states that are shown."""
+    if sheet.states is None:
+        return sorted(set(np.linspace(0, count - 1, _STATES).round().astype(int).tolist()))
+    if len(sheet.states) > _STATES_MAX:
+        raise InputError(f"{len(sheet.states)} states to show, expected at most {_STATES_MAX}")
+    for number in sheet.states:
+        if not 0 <= number < count:
+            raise InputError(f"no {name} {number}: expected 0, the start, to {count - 1}, the last")
+    return list(sheet.states) or [0]
+
+
+def _frames(
+    scene: Scene,
+    states: Sequence[Snapshot],
+    box: Box,
+    zoom: bool | None,  # noqa: FBT001
+) -> list[Box]:
+    """Return the frame of each state, all of one size: the same, or one around its modules."""
+    together = [box] * len(states)
+    if zoom is False or (zoom is None and scene.system.bounded):
+        return together
+    own = [
+        extent(replace(scene, start=state.sites, goal=None, goals=()), state.moved.values())
+        for state in states
+    ]
+    wide = max(right - left for left, right, _, _ in own)
+    tall = max(high - low for _, _, low, high in own)
+    around = [
+        ((a + b - wide) / 2, (a + b + wide) / 2, (c + d - tall) / 2, (c + d + tall) / 2)
+        for a, b, c, d in own
+    ]
+    before, after = (_panels(each[0], len(states)).scale(each[0]) for each in (together, around))
+    if zoom or (before < _READABLE and after > _ZOOM * before):
+        return around
+    return together
 
 
 class _Panels(NamedTuple):
@@ -197,24 +285,30 @@ def _best_panels(page: float, box: Box, count: int) -> _Panels:
     """Return the layout with as many columns as leave room for numbers on modules.
 
     If none does, the layout that shows modules largest among those that are no higher than the page
-    is wide, and the one with the most columns.
+    is wide, and the one with the most columns. Where numbers can be read on a longer page alone,
+    that is taken.
     """
     left, right, low, high = box
     fitting: list[_Panels] = []
-    for columns in _COLUMNS:
+    longer: list[_Panels] = []
+    for columns in sorted({ceil(count / rows) for rows in range(1, count + 1)}, reverse=True):
         wide = (page - 2 * _EDGE - (columns - 1) * _GAP) / columns
         tall = min(wide * (high - low) / (right - left), max(2 * wide, _TALL))
-        if not fitting or ceil(count / columns) * (_CAPTION + tall + _GAP) <= page:
-            fitting.append(_Panels(page, columns, wide, tall))
+        length = ceil(count / columns) * (_CAPTION + tall + _GAP)
+        if not fitting or length <= _LONGER * page:
+            fits = not fitting or length <= page
+            (fitting if fits else longer).append(_Panels(page, columns, wide, tall))
     largest = max(fitting, key=lambda found: found.scale(box))
-    return next((found for found in fitting if found.scale(box) >= _READABLE), largest)
+    read = (found for found in (*fitting, *longer) if found.scale(box) >= _READABLE)
+    return next(read, largest)
 
 
 class _Page:
     """A figure whose parts are placed in inches from its upper left corner."""
 
-    def __init__(self, figure: Figure, wide: float, high: float) -> None:
+    def __init__(self, figure: Figure, wide: float, high: float, theme: Theme) -> None:
         figure.set_size_inches(wide, high)
+        self._ink = theme.of(INK)
         self.figure = figure
         self.wide = wide
         self.high = high
@@ -226,103 +320,9 @@ class _Page:
         )
 
     def write(self, text: str, left: float, top: float, **style: Any) -> None:
-        self.figure.text(left / self.wide, 1 - top / self.high, text, va="top", color=INK, **style)
-
-
-def _draw_schedule(
-    axes: Axes,
-    scene: Scene,
-    run: Sequence[Snapshot],
-    shortest: Sequence[Snapshot],
-    cancelled: set[tuple[int, Action]],
-    *,
-    as_given: str,
-) -> None:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-    from matplotlib.patches import Patch  # noqa: PLC0415
-
-    modules, steps = len(run[0].sites), max(len(run), len(shortest), 2) - 1
-    for lane in range(1, modules, 2):
-        axes.axhspan(lane - 0.5, lane + 0.5, color=_BAND, linewidth=0, zorder=0)
-    kept: dict[tuple[int, int], Colour] = {}
-    hollow: list[tuple[int, int]] = []
-    normal: dict[tuple[int, int], Colour] = {}
-    for step, snapshot in enumerate(run):
-        hues = colours(scene, snapshot.sites) if snapshot.by else ()
-        for module, action in snapshot.by.items():
-            if (step, action) in cancelled:
-                hollow.append((step, module))
-            else:
-                kept[step, module] = _pale(hues[module])
-    for step, snapshot in enumerate(shortest):
-        hues = colours(scene, snapshot.sites) if snapshot.by else ()
-        normal |= {(step, module): hues[module] for module in snapshot.by}
-    thin: dict[str, Any] = {"edgecolors": _EDGES, "linewidths": 0.4}
-    _draw_boxes(axes, list(kept), -1, facecolors=list(kept.values()), **thin)
-    _draw_boxes(axes, hollow, -1, facecolors="white", edgecolors=_QUIET, linewidths=0.6)
-    _draw_boxes(axes, list(normal), 1, facecolors=list(normal.values()), **thin)
-    ends: list[tuple[int, Literal["-", ":"], str]] = [
-        (len(run), ":", "end of path"),
-        (len(shortest), "-", "end of cubes"),
-    ]
-    if len(run) == len(shortest):
-        ends = [(len(run), "-", "end of path and cubes")]
-    for length, style, _ in ends:
-        axes.axvline(length - 0.5, color=INK, linewidth=0.9, linestyle=style)
-    axes.set(xlim=(0.4, max(steps, 8) + 0.7), ylim=(modules - 0.5, -0.5))
-    axes.set_xlabel("time step", fontsize=8.5, color=INK, labelpad=2)
-    axes.set_ylabel("module", fontsize=8.5, color=INK, labelpad=5)
-    axes.set_xticks(_ticks(1, steps, 16))
-    axes.set_yticks(_ticks(0, modules - 1, 12))
-    axes.tick_params(labelsize=8, length=2.5, color=_QUIET, labelcolor=INK)
-    axes.spines[:].set_visible(False)
-    keys: list[Artist] = [
-        Patch(facecolor=_pale(_SWATCH), label=as_given),
-        Patch(facecolor=_SWATCH, label=f"normal cube path, {_plural(len(shortest) - 1, 'cube')}"),
-    ]
-    if hollow:
-        keys.append(Patch(facecolor="white", edgecolor=_QUIET, label="cancels with another"))
-    keys += [
-        Line2D((), (), color=INK, linewidth=0.9, linestyle=style, label=label)
-        for _, style, label in ends
-    ]
-    axes.legend(
-        handles=keys,
-        loc="lower left",
-        bbox_to_anchor=(0, 1),
-        ncols=len(keys),
-        frameon=False,
-        fontsize=8.5,
-        labelcolor=INK,
-        handlelength=1.5,
-        columnspacing=1.2,
-        borderpad=0,
-        borderaxespad=0.4,
-    )
-
-
-def _ticks(first: int, last: int, most: int) -> range:
-    """Return the integers at which an axis has a tick: multiples of a round step."""
-    steps = (digit * 10**power for power in count() for digit in (1, 2, 5))
-    step = next(step for step in steps if last // step - (first - 1) // step <= most)
-    return range(-(-first // step) * step, last + 1, step)
-
-
-def _pale(colour: Colour) -> Colour:
-    red, green, blue = (1 - 0.4 * (1 - part) for part in colour)
-    return red, green, blue
-
-
-def _draw_boxes(axes: Axes, cells: Sequence[tuple[int, int]], half: int, **style: Any) -> None:
-    """Draw boxes at (step, module), in the upper (-1) or the lower (1) half of the lane."""
-    from matplotlib.collections import PolyCollection  # noqa: PLC0415
-
-    if not cells:
-        return
-    side, near, far = 0.46, 0.03 * half, 0.44 * half
-    box = np.array([(-side, near), (side, near), (side, far), (-side, far)])
-    shapes = [box + cell for cell in cells]
-    axes.add_collection(PolyCollection(shapes, zorder=2, **style), autolim=False)
+        self.figure.text(
+            left / self.wide, 1 - top / self.high, text, va="top", color=self._ink, **style
+        )
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:

@@ -27,9 +27,15 @@ from cubepath.protocol.core.errors import CheckError, CubepathError
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import keeper_name
-from cubepath.protocol.wire.free_messages import FreeMessage, decode_free, free_topic, level_of
+from cubepath.protocol.wire.free_messages import (
+    FreeMessage,
+    decode_free,
+    free_key,
+    free_topic,
+    level_of,
+)
 from cubepath.protocol.wire.messages import Edges, Go, encode
-from cubepath.protocol.wire.nodes import Keep
+from cubepath.protocol.wire.nodes import Keep, Put
 from cubepath.protocol.wire.shell import Shell
 
 BEHIND_MAX, BEHIND_MIN = 8000, 500
@@ -56,11 +62,13 @@ class FreeRun:
         watch: Callable[[Gathered], None],
         hear: Callable[[FreeMessage, int], None],
         way: Way,
+        opened: Callable[[FreeFleet], None],
         before: Recording | None = None,
     ) -> None:
         """Begin with nothing started; `hear` is told of each message, and the wall time in ns.
 
-        `before` is what is on record of a run that is taken up again.
+        `before` is what is on record of a run that is taken up again. `opened` is called when the
+        router is there, before any module acts.
         """
         self.plan = plan
         self.task = task
@@ -75,6 +83,8 @@ class FreeRun:
         self._hear = hear
         self._way = way
         self._before = before
+        self._opened = opened
+        self._results: tuple[FreeMessage, ...] | None = None
         self._check: Callable[[], None] = lambda: None
         self._fleet: FreeFleet | None = None
         self._shell: Shell | None = None
@@ -133,6 +143,7 @@ class FreeRun:
                 way=self._way,
             )
         )
+        self._opened(fleet)
         collector = self._collector = Collector(
             fleet.run, self.gathered, plan.keepers, fleet.modules_of
         )
@@ -147,6 +158,25 @@ class FreeRun:
         self._begun = True
         self._heard = time.monotonic()
         return None
+
+    def announce(self, ending: Ending) -> None:
+        """Tell whoever listens what came of the run, while the router is there."""
+        shell, fleet = self._shell, self._fleet
+        if shell is None or fleet is None:
+            return
+        self.writer.flush()  # to find the results may take seconds
+        results = self._found(ending)
+        shell.carry_out([Put(free_key(fleet.run, each), encode(each)) for each in results])
+        self._results = results
+
+    def _found(self, ending: Ending) -> tuple[FreeMessage, ...]:
+        """Return what the coordinator says of the run when it has ended."""
+        return (
+            *(Edges(step.round, list(step.executed)) for step in self.gathered.steps),
+            *results_of(
+                self.gathered, ending, refused=self.refused, schedule_cubes=self._schedule_cubes
+            ),
+        )
 
     def end(self) -> None:
         """End the processes, and leave nothing running."""
@@ -172,13 +202,10 @@ class FreeRun:
 
     def conclude(self, ending: Ending) -> None:
         """Write what came of the run."""
-        for step in self.gathered.steps:
-            edges = Edges(step.round, list(step.executed))
-            self._write(edges, encode(edges), time.time_ns())
-        self.writer.flush()  # to find the results may take seconds
-        for message in results_of(
-            self.gathered, ending, refused=self.refused, schedule_cubes=self._schedule_cubes
-        ):
+        if self._results is None:
+            self.writer.flush()  # to find the results may take seconds
+            self._results = self._found(ending)
+        for message in self._results:
             self._write(message, encode(message), time.time_ns())
         self.writer.close()
 

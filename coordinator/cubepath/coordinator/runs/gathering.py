@@ -5,10 +5,13 @@ Room: coordinator.
 
 from __future__ import annotations
 
+from typing import NoReturn
+
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.recordings.description import ATTACHED
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Report, decode
@@ -18,7 +21,8 @@ def gathered(recording: Recording) -> Gathered:
     """Gather what modules or keepers of a recording reported.
 
     Incomplete rounds are left out, and commits that depend on others which are not on record.
-    InputError if a message on record is malformed, CheckError as for `Gatherer.receive` and
+    InputError if the recording begins in the middle of a run, so that nobody knows where modules
+    stood, or if a message on record is malformed; CheckError as for `Gatherer.receive` and
     `FreeGatherer.receive`.
 
     >>> from pathlib import Path
@@ -27,12 +31,25 @@ def gathered(recording: Recording) -> Gathered:
     >>> path.rounds, len(path.path), path.reached
     (29, 28, True)
     """
+    attached = recording.parameters.get(ATTACHED, "1")
+    if attached not in {"0", "1"}:
+        _refuse(recording, attached)
     return _free(recording) if recording.clock == "free" else _lockstep(recording)
+
+
+def _refuse(recording: Recording, begins: object) -> NoReturn:
+    what = "level" if recording.clock == "free" else "round"
+    raise InputError(
+        f"{recording.path}: begins in {what} {begins}, expected a recording from the start of the"
+        " run"
+    )
 
 
 def _lockstep(recording: Recording) -> Gatherer:
     gatherer = Gatherer(recording.scene)
+    least: int | None = None
     for record in recording.of_kind("report"):
+        least = record.round if least is None else min(least, record.round)
         where = f"{recording.path}: report {record.sequence} ({record.topic})"
         try:
             report = decode(record.data)
@@ -41,6 +58,8 @@ def _lockstep(recording: Recording) -> Gatherer:
             gatherer.receive(report)
         except CubepathError as error:
             raise type(error)(f"{where}: {error}") from None
+    if least is not None and least > 1:
+        _refuse(recording, least)
     return gatherer
 
 

@@ -11,7 +11,8 @@ from typing import Unpack
 from cubepath.agents.processes.network import Way, straight
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import Plan, PlanOptions, plan_of
-from cubepath.coordinator.runs.running import Running, Say, Watch
+from cubepath.coordinator.runs.running import Running, Say
+from cubepath.coordinator.runs.standing import Watch
 from cubepath.protocol.core.system import Scene
 
 

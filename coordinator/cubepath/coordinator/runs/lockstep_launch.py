@@ -38,8 +38,13 @@ class LockstepRun:
         watch: Callable[[Gathered], None],
         hear: Callable[[Message, int], None],
         way: Way,
+        pace: Callable[[], float],
+        opened: Callable[[Fleet], None],
     ) -> None:
-        """Begin with nothing started; `hear` is told of each message, and the wall time in ns."""
+        """Begin with nothing started; `hear` is told of each message, and the wall time in ns.
+
+        `opened` is called when the router is there, before anyone joins.
+        """
         self._plan = plan
         self._task = task
         self._writer = writer
@@ -47,6 +52,11 @@ class LockstepRun:
         self._watch = watch
         self._hear = hear
         self._way = way
+        self._opened = opened
+        self._pace = pace
+        self._results: tuple[Message, ...] | None = None
+        self._refused_then = 0
+        """How many messages had been refused when the results were told."""
         self._processes = min(plan.processes, len(task.scene.start))
         self._conductor = Conductor(
             task.scene,
@@ -54,6 +64,7 @@ class LockstepRun:
             record=self._record,
             assignment=task.assignment,
             repair=plan.repair,
+            recorded_rounds=None if task.branch is None else task.branch.rounds,
         )
         self._fleet: Fleet | None = None
         self._resources = ExitStack()
@@ -78,6 +89,7 @@ class LockstepRun:
         messages.
         """
         plan, task, conductor = self._plan, self._task, self._conductor
+        branch = task.branch
         ending = conductor.before()
         if ending is not None:
             return ending
@@ -86,24 +98,26 @@ class LockstepRun:
             check()
             self._writer.flush_if_due()
 
-        self._fleet = self._resources.enter_context(
-            Fleet(
-                task.scene,
-                task.rule,
-                seed=plan.seed,
-                hesitate=plan.hesitate,
-                processes=plan.processes,
-                schedule=None if task.assignment is None else task.assignment.own,
-                patience_s=plan.patience,
-                network=plan.network,
-                sink=self._wire,
-                check=between_messages,
-                say=self._say,
-                plausible=conductor.check,
-                way=self._way,
-            )
+        fleet = Fleet(
+            task.scene,
+            task.rule,
+            seed=plan.seed,
+            hesitate=plan.hesitate,
+            processes=plan.processes,
+            schedule=None if task.assignment is None else task.assignment.own,
+            recorded=None if branch is None else branch.recorded,
+            patience_s=plan.patience,
+            network=plan.network,
+            sink=self._wire,
+            check=between_messages,
+            say=self._say,
+            plausible=conductor.check,
+            way=self._way,
+            opened=lambda: self._opened(fleet),
         )
-        conductor.know(self._fleet.modules_of, plan.seed)
+        self._fleet = self._resources.enter_context(fleet)
+        later_seeds = () if branch is None else branch.recorded.seeds
+        conductor.know(self._fleet.modules_of, plan.seed, later_seeds)
         if plan.wait_for:
             self._processes = len(self._fleet.modules_of)
         return conductor.between(0, self._fleet.end_schedule)
@@ -111,6 +125,7 @@ class LockstepRun:
     def advance(self) -> Ending | None:
         """Play a round; return how the run has ended, None if it goes on."""
         fleet, conductor = self.fleet, self._conductor
+        fleet.rest(self._pace)
         number = fleet.play_round()
         self._writer.flush()  # before anyone hears that it is over, or begins the next
         if conductor.gatherer.rounds == number:
@@ -119,6 +134,15 @@ class LockstepRun:
 
     def interrupted(self) -> None:
         """Do nothing: the round that was interrupted is left as it is."""
+
+    def announce(self, ending: Ending) -> None:
+        """Tell whoever listens what came of the run, while the router is there."""
+        if self._fleet is None:
+            return
+        results = tuple(self._conductor.results(ending))
+        for message in results:
+            self._fleet.tell(message)
+        self._results, self._refused_then = results, self._conductor.refused
 
     def end(self) -> None:
         """End the processes, and leave nothing running."""
@@ -134,7 +158,10 @@ class LockstepRun:
 
     def conclude(self, ending: Ending) -> None:
         """Write what came of the run."""
-        for message in self._conductor.results(ending):
+        # What was refused while the processes ended is on record, and has to be counted.
+        late = self._conductor.refused != self._refused_then
+        results = None if late else self._results
+        for message in self._conductor.results(ending) if results is None else results:
             self._record(message)
         self._writer.close()
 
@@ -163,7 +190,10 @@ class LockstepRun:
             self._hear(*each)
 
     def _record(self, message: Message) -> None:
+        """Put on record what the coordinator says of the run, and tell whoever listens."""
         wall_ns = time.time_ns()
+        if self._fleet is not None:
+            self._fleet.tell(message)
         self._writer.write(
             topic_of(message), encode(message), round_number=message.round, wall_ns=wall_ns
         )

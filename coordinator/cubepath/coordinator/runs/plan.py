@@ -19,6 +19,7 @@ from cubepath.agents.free.fleet import ON_CRASH, OnCrash
 from cubepath.agents.processes.network import Network
 from cubepath.agents.processes.pacer import PATIENCE_S, PATIENCE_S_MAX
 from cubepath.agents.rules.asked import own_rule
+from cubepath.agents.rules.recorded import RECORDED, Recorded
 from cubepath.agents.rules.registry import CLOCKS, rule_named
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.runs.schedule import (
@@ -94,8 +95,9 @@ class Plan:
     """What happens when a process has died."""
     resume: Path | None = None
     """The recording of a run that was cut off, to be taken up where its keepers' logs end."""
-    log_time: Literal["level", "wall"] = "level"
-    """What the log time of messages is: the greatest level so far, or the wall clock."""
+    log_time: Literal["round", "level", "wall"] | None = None
+    """What the log time of messages is: the round, or without rounds the greatest level so far (by
+    default), or the wall clock."""
 
     @property
     def network(self) -> Network:
@@ -129,7 +131,7 @@ class PlanOptions(TypedDict, total=False):
     jitter: float
     on_crash: OnCrash
     resume: str | Path | None
-    log_time: Literal["level", "wall"]
+    log_time: Literal["round", "level", "wall"] | None
 
 
 _FILES = frozenset(("log", "schedule", "secure", "resume"))
@@ -154,20 +156,35 @@ def plan_of(what: Plan | str | Path | Scene | None, rule: str | None, options: P
 
 
 @dataclass(frozen=True, slots=True)
+class Branch:
+    """What a run has of a recording whose choices modules repeat."""
+
+    recorded: Recorded
+    rounds: int | None
+    """After so many rounds all modules follow rules; None if never."""
+    parameters: Mapping[str, str]
+    """What the recording of the run says of it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Task:
     """A checked plan: the scene, the rule, and the maximal number of rounds.
 
-    With an `assignment` the modules follow that first, and the rule only to repair a schedule.
+    With an `assignment` the modules follow that first, and the rule only to repair a schedule. With
+    a `branch` they choose first as in another recording.
     """
 
     scene: Scene
     rule: str
     max_rounds: int
     assignment: Assignment | None = None
+    branch: Branch | None = None
 
     @property
     def name(self) -> str:
         """Return the name of the rule that modules follow at the beginning."""
+        if self.branch is not None:
+            return RECORDED
         return self.rule if self.assignment is None else SCHEDULE
 
 
@@ -198,7 +215,7 @@ def task_of(plan: Plan) -> Task:
 
 _WHOLE = ("seed", "processes", "wait_for", "keepers", "max_rounds")
 _REAL = ("hesitate", "patience", "jitter")
-_CHOICES = {"clock": CLOCKS, "log_time": ("level", "wall")}
+_CHOICES = {"clock": CLOCKS, "log_time": ("round", "level", "wall")}
 _TYPES: tuple[tuple[str, tuple[type, ...], str], ...] = (
     ("system", (str, Scene), "a name, a file or a scene"),
     ("rule", (str,), "the name of a rule, or FILE.py:NAME"),
@@ -223,7 +240,7 @@ def _check_types(plan: Plan) -> None:
         real_number(f"speed={module}", factor)
     for key, known in _CHOICES.items():
         value = getattr(plan, key)
-        if value not in known:
+        if value not in known and (key, value) != ("log_time", None):
             name, near = key.replace("_", "-"), did_you_mean(str(value), known)
             raise InputError(f"{name}={value}{near}: expected one of {', '.join(known)}")
 
@@ -233,11 +250,12 @@ def _check_lockstep(plan: Plan) -> None:
         ("speed", plan.speeds, {}),
         ("jitter", plan.jitter, 0.0),
         ("on-crash", plan.on_crash, "stop"),
-        ("log-time", plan.log_time, "level"),
         ("resume", plan.resume, None),
     ):
         if value != default:
             raise InputError(f"{key}: only for runs without rounds, expected clock=free beside it")
+    if plan.log_time == "level":
+        raise InputError("log-time=level: only for runs without rounds, expected round or wall")
 
 
 def _check_free(plan: Plan) -> None:
@@ -250,6 +268,8 @@ def _check_free(plan: Plan) -> None:
     ):
         if given:
             raise InputError(f"{key}: not for runs without rounds (clock=free)")
+    if plan.log_time == "round":
+        raise InputError("log-time=round: without rounds (clock=free), expected level or wall")
     if plan.processes < 1:
         raise InputError(f"processes={plan.processes}: expected 1 or more with clock=free")
     if not 1 <= plan.keepers <= KEEPERS_MAX:
@@ -333,7 +353,8 @@ def check_topics(task: Task, plan: Plan) -> None:
 def file_name(plan: Plan, task: Task) -> str:
     """Return the name of the recording of a plan that does not name one."""
     now = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
-    rule = re.sub(r"[^\w.]+", "-", Path(task.name).name)  # a rule may be FILE.py:NAME
+    told = task.name if task.branch is None else task.rule
+    rule = re.sub(r"[^\w.]+", "-", Path(told).name)  # a rule may be FILE.py:NAME
     return f"{_system_name(plan, task.scene)}-{rule}-{plan.seed}-{now}.mcap"
 
 
@@ -360,9 +381,11 @@ def parameters_of(plan: Plan, task: Task) -> dict[str, str]:
         "seed": str(plan.seed),
         "hesitate": str(plan.hesitate),
         **_processes(plan, scene),
+        **({"log_time": "wall"} if plan.log_time == "wall" else {}),
         "modules": str(len(scene.start)),
         "max_rounds": str(task.max_rounds),
         **schedule,
+        **({} if task.branch is None else task.branch.parameters),
         "python": sys.version.split()[0],
         "platform": f"{platform.system()} {platform.machine()}",
         **{
@@ -384,7 +407,7 @@ def _processes(plan: Plan, scene: Scene) -> dict[str, str]:
             "processes": str(min(plan.processes, len(scene.start))),
             "clock": plan.clock,
             "keepers": str(plan.keepers),
-            "log_time": plan.log_time,
+            "log_time": plan.log_time or "level",
             "on_crash": plan.on_crash,
             "speeds": ",".join(
                 f"{module}={plan.speeds[module]:g}" for module in sorted(plan.speeds)

@@ -50,18 +50,28 @@ class Plausibility:
         self._state = set(scene.start_state)
         self._spelled = [_encode(site) for site in scene.start]
         self._seed = 0
+        self._later_seeds: Sequence[tuple[int, int]] = ()
         self._modules_of: Sequence[Sequence[int]] = ()
         self._regions_of = lru_cache(maxsize=1 << 14)(self._regions_near)
         self._round = 0
         self._begin()
 
-    def know(self, modules_of: Sequence[Sequence[int]], seed: int) -> None:
-        """Know who has which modules, and the seed of the ranks; before anything is checked."""
+    def know(
+        self,
+        modules_of: Sequence[Sequence[int]],
+        seed: int,
+        later_seeds: Sequence[tuple[int, int]] = (),
+    ) -> None:
+        """Know who has which modules, and the seed of the ranks; before anything is checked.
+
+        `later_seeds` are others, each with the first round whose ranks follow it.
+        """
         self._modules_of = modules_of
         self._process_of = {
             module: process for process, modules in enumerate(modules_of) for module in modules
         }
         self._seed = seed
+        self._later_seeds = later_seeds
 
     def _begin(self) -> None:
         """Begin a round, in which nothing has been said."""
@@ -215,13 +225,21 @@ class Plausibility:
 
     def _waiting_for(self, module: int) -> set[Site]:
         if self._settling is None:
-            self._settling = Settling(self._claims, seed=self._seed, round_number=self._round)
+            self._settling = self._settled()
         return {self._system.place_of(site) for site in self._settling.waiting[module]}
+
+    def _settled(self) -> Settling:
+        return Settling(
+            self._claims,
+            seed=self._seed,
+            round_number=self._round,
+            later_seeds=self._later_seeds,
+        )
 
     def _check_settled(self) -> None:
         sites = dict(enumerate(self.sites))
         # Anew: moves of those whom nobody hears are known by their reports alone.
-        settling = Settling(self._claims, seed=self._seed, round_number=self._round)
+        settling = self._settled()
         fault = settling.fault(self._verdicts, self._reports, sites)
         if fault is not None:
             module, why = fault

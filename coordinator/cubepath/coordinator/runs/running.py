@@ -10,12 +10,16 @@ import time
 import weakref
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
 
+from cubepath.agents.free.fleet import FreeFleet
+from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.processes.network import Way, straight
+from cubepath.coordinator.runs.about import About
 from cubepath.coordinator.runs.asking import Answers, Status
 from cubepath.coordinator.runs.conductor import Ending
 from cubepath.coordinator.runs.edge_path import Gathered
@@ -23,22 +27,30 @@ from cubepath.coordinator.runs.free_launch import FreeRun
 from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.lockstep_launch import LockstepRun
 from cubepath.coordinator.runs.outcome import Outcome, outcome_of
-from cubepath.coordinator.runs.plan import Plan, Task, check_topics, file_name, parameters_of
+from cubepath.coordinator.runs.plan import (
+    Branch,
+    Plan,
+    Task,
+    check_topics,
+    file_name,
+    parameters_of,
+)
 from cubepath.coordinator.runs.plan import task_of as checked
 from cubepath.coordinator.runs.resuming import keeper_logs, resumed
-from cubepath.coordinator.runs.standing import Driver, Standing
+from cubepath.coordinator.runs.standing import Driver, Standing, Watch
 from cubepath.coordinator.runs.tap import Overheard, Tap
 from cubepath.coordinator.runs.turns import Turns
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import function, seconds, whole_number
 from cubepath.protocol.path_files.schedules import schedule_to_jsonl
+from cubepath.protocol.recordings.description import format_of
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.free_messages import FreeMessage
 from cubepath.protocol.wire.messages import Message
 from cubepath.protocol.wire.sessions import check_descriptors
 
-Watch: TypeAlias = Callable[[Gathered], None]
 Say: TypeAlias = Callable[[str], None]
 Hear: TypeAlias = Callable[[Overheard], None]
 _TIMEOUT_S = 60.0
@@ -70,11 +82,15 @@ class Running(Standing):
         watch: Watch | None = None,
         say: Say | None = None,
         way: Way = straight,
+        branch: Branch | None = None,
     ) -> None:
-        """Check the plan, and start nothing yet; InputError as for `run`."""
+        """Check the plan, and start nothing yet; InputError as for `run`.
+
+        With a `branch` modules choose first as in another recording.
+        """
         self._before: Recording | None = None
         if plan.resume is None:
-            task = checked(plan)
+            task = replace(checked(plan), branch=branch)
         else:
             plan, task, self._before = resumed(plan, plan.resume)
         _check(plan, task)
@@ -87,13 +103,14 @@ class Running(Standing):
         self.check: Callable[[], None] = lambda: None
         """Called while the run waits, from its start on; what it raises ends the run."""
         self._task = task
-        self._watch = watch
+        self._watches += [] if watch is None else [watch]
         self._say = say or (lambda _: None)
         self._way = way
         self._hears: list[Hear] = []
         self._turns = Turns()
         self._began = time.monotonic()
         self._answers: Answers | None = None
+        self._said: tuple[dict[str, str], str | None] = {}, None
         self._told: tuple[int, int] = 0, 0
         self._ending: Ending | None = None
         self._abandoned = False
@@ -174,17 +191,20 @@ class Running(Standing):
                 f"{keeper_logs(path)}: exists already, expected no logs of another run"
             )
         schedule = None if task.assignment is None else schedule_to_jsonl(task.assignment.cubes)
-        writer = RecordingWriter(path, task.scene, parameters_of(plan, task), schedule)
+        parameters = parameters_of(plan, task)
+        writer = RecordingWriter(path, task.scene, parameters, schedule)
+        self._said = parameters, None if schedule is None else schedule.decode()
         common: dict[str, Any] = {
             "say": self._say,
             "watch": self._watched,
             "hear": self._heard,
             "way": self._way,
+            "opened": self._answer_from,
         }
         driver: Driver = (
             FreeRun(plan, task, writer, before=self._before, **common)
             if plan.is_free
-            else LockstepRun(plan, task, writer, **common)
+            else LockstepRun(plan, task, writer, pace=self._left, **common)
         )
         self._began = time.monotonic()
         self._opened = writer, driver
@@ -193,12 +213,19 @@ class Running(Standing):
         def begin() -> Ending | None:
             ending = self._driver.begin(check)
             if ending is None:
-                fleet = self._driver.fleet
-                self.endpoint, self.run = fleet.endpoint, fleet.run
-                self._answers = Answers(self.run, self.endpoint, fleet.credentials(), self.status)
+                self._answer()
             return ending
 
         self._attempt(begin)
+
+    def _answer_from(self, fleet: Fleet | FreeFleet) -> None:
+        """Answer whoever asks, from now on."""
+        self.endpoint, self.run = fleet.endpoint, fleet.run
+        parameters, schedule = self._said
+        about = About(
+            self.run, format_of(parameters), parameters, scene_to_toml(self.scene), schedule
+        )
+        self._answers = Answers(self.endpoint, fleet.credentials(), self.status, about)
 
     def check_files(self, more: int = 0) -> None:
         """Check that this process may open as many files as the run takes, and so many more.
@@ -210,6 +237,11 @@ class Running(Standing):
         keepers = plan.keepers if plan.is_free else 0
         # Who waits for others has a session more, for that.
         check_descriptors(own + keepers + bool(plan.wait_for), files=1 + more)
+
+    @property
+    def rule(self) -> str:
+        """Return the name of the rule that modules follow at the beginning."""
+        return self._task.name
 
     # How it goes on.
 
@@ -370,9 +402,11 @@ class Running(Standing):
         self._ending = ending
         driver = self._driver
         try:
-            if ending.ended == "interrupted":
-                with self._turns.act():
+            with self._turns.act():
+                if ending.ended == "interrupted":
                     driver.interrupted()
+                with suppress(CubepathError):  # what comes of the run is found once more
+                    driver.announce(ending)
         finally:
             with self._turns.act():
                 self._release(driver)
@@ -434,9 +468,8 @@ class Running(Standing):
 
     def _watched(self, gathered: Gathered) -> None:
         self._answer()
-        watch = self._watch
-        if watch is not None:
-            self._turns.call(lambda: watch(gathered))
+        for watch in tuple(self._watches):
+            self._turns.call(partial(watch, gathered))
 
     def _heard(self, message: Message | FreeMessage, wall_ns: int) -> None:
         if not self._hears:

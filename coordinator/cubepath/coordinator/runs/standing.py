@@ -9,7 +9,7 @@ import os
 import signal
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from cubepath.agents.free.fleet import FreeFleet
 from cubepath.agents.processes.fleet import Fleet
@@ -24,6 +24,13 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.writing import RecordingWriter
 from cubepath.protocol.wire.credentials import COORDINATOR, Credentials, process_name
+
+Watch: TypeAlias = Callable[[Gathered], None]
+Pace: TypeAlias = Callable[[], float]
+
+
+def _at_once() -> float:
+    return 0.0
 
 
 class Driver(Protocol):
@@ -49,6 +56,10 @@ class Driver(Protocol):
 
     def interrupted(self) -> None:
         """Let what is under way come to its end, for a short while."""
+        ...
+
+    def announce(self, ending: Ending) -> None:
+        """Tell whoever listens what came of the run."""
         ...
 
     def end(self) -> None:
@@ -79,6 +90,9 @@ class Standing:
         """Say that it has not begun."""
         self.plan = plan
         self.scene = scene
+        self.pace: Pace = _at_once
+        """Asked before each round how many seconds it is to wait yet, until that is 0."""
+        self._watches: list[Watch] = []
         self._opened: tuple[RecordingWriter, Driver] | None = None
         self._concluded = False
         """Whether its results were written, or were to be."""
@@ -92,6 +106,13 @@ class Standing:
         if self._opened is None:
             raise CheckError("the run has not begun: expected 'with start(...) as run:'")
         return self._opened
+
+    def attend(self, watch: Watch) -> None:
+        """Have a function called with what was gathered after each round, from now on."""
+        self._watches.append(watch)
+
+    def _left(self) -> float:
+        return self.pace()  # which may be another by now
 
     # How it stands.
 

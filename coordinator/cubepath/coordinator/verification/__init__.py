@@ -19,12 +19,23 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
     from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
+    from cubepath.coordinator.verification.free_history import NO_SITE, History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
-    from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
+    from cubepath.coordinator.verification.free_units import changed_by, held_by
+    from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
-    from cubepath.coordinator.verification.transcript import RECOVERED, Transcript, site_in
+    from cubepath.coordinator.verification.rounds import rank
+    from cubepath.coordinator.verification.stages import Stage, spans, stages_in, stages_text
+    from cubepath.coordinator.verification.transcript import (
+        RECOVERED,
+        OutOfOrder,
+        Round,
+        Sorting,
+        Transcript,
+        site_in,
+    )
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -33,35 +44,52 @@ else:
             "choices": "Arrays Moment Observing",
             "equality": "difference",
             "findings": "Check Progress Verification",
+            "free_history": "History NO_SITE",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
-            "parameters": "hesitation_in seed_in",
+            "free_units": "changed_by held_by",
+            "parameters": "hesitation_in max_rounds_in seed_in",
             "proof": "check_proof",
             "recording": "Recovered recover verify",
-            "transcript": "RECOVERED Transcript site_in",
+            "rounds": "rank",
+            "stages": "Stage spans stages_in stages_text",
+            "transcript": "OutOfOrder RECOVERED Round Sorting Transcript site_in",
         },
     )
 
 __all__ = [
+    "NO_SITE",
     "RECOVERED",
     "Arrays",
     "Check",
+    "History",
     "Moment",
     "Observing",
+    "OutOfOrder",
     "Progress",
     "Recovered",
+    "Round",
     "Seen",
+    "Sorting",
+    "Stage",
     "Transcript",
     "Verification",
+    "changed_by",
     "check_certificate",
     "check_numbered",
     "check_proof",
     "compare_cubes",
     "difference",
+    "held_by",
     "hesitation_in",
+    "max_rounds_in",
+    "rank",
     "recover",
     "seed_in",
     "site_in",
+    "spans",
+    "stages_in",
+    "stages_text",
     "turn_text",
     "verify",
 ]

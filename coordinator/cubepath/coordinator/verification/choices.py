@@ -62,16 +62,28 @@ class Observing:
 
         A note counts only if it has `note_length` numbers, each an int32 other than the least.
         """
+        there = self._there(moment, note_length)
+        return [
+            self._observation(module, site, *there, note_length)
+            for module, site in enumerate(moment.sites)
+        ]
+
+    def observation(self, moment: Moment, module: int, note_length: int) -> Arrays:
+        """Return what one module observes; notes as for `observations`."""
+        there = self._there(moment, note_length)
+        return self._observation(module, moment.sites[module], *there, note_length)
+
+    def _there(
+        self, moment: Moment, note_length: int
+    ) -> tuple[tuple[Mapping[Site, Site], AbstractSet[Site]], Mapping[Site, list[int]]]:
+        """Return what stands at places, what is on, and the notes said, by place."""
         place_of = self._system.place_of
         standing = {place_of(site): site for site in moment.sites}
         notes: dict[Site, list[int]] = {}
         for message in moment.said.said.values():
             if isinstance(message, Note) and is_note(message.note, note_length):
                 notes[place_of(moment.sites[message.module])] = message.note
-        return [
-            self._observation(module, site, (standing, moment.state), notes, note_length)
-            for module, site in enumerate(moment.sites)
-        ]
+        return (standing, moment.state), notes
 
     def seen(
         self,

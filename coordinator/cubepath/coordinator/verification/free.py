@@ -27,14 +27,15 @@ from cubepath.coordinator.verification.parameters import (
 )
 from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
 from cubepath.coordinator.verification.transcript import (
-    RECOVERED,
     Fail,
     Transcript,
     check_complete,
+    is_cut_off,
     site_in,
 )
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl
+from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Executed, Summary, encode
 from cubepath.protocol.wire.tiles import Tiles
@@ -98,7 +99,7 @@ def verify_free(
     check_parameters(recording, failures.stage(0))
     transcript = FreeReading(recording, failures.stage(0)).read(recording)
     results = transcript.results
-    check_complete(results, failures.stage(0), cut_off=RECOVERED in recording.parameters)
+    check_complete(results, failures.stage(0), cut_off=is_cut_off(recording))
     if results.gap:
         failures.stage(0)("complete", f"{results.gap} messages are missing before the last")
     history = History(recording.scene, transcript.of_keepers(), failures.stage(1))
@@ -143,7 +144,7 @@ def verify_free(
     return Verification(
         ok=all(check.ok for check in checks),
         complete=sound and whole,
-        missing=Missing(0, results.gap + transcript.losses.count),
+        missing=Missing(0, max(results.gap + transcript.losses.count, left_out(recording))),
         checks=checks,
         moves=len(path),
         rounds=levels,
@@ -179,7 +180,7 @@ def _check_said(
     summary = transcript.results.summary
     # Who fails does not wait for what keepers have at the end.
     settled = summary is not None and summary.ended in ("goal", "max-rounds")
-    ended = settled and RECOVERED not in recording.parameters
+    ended = settled and not is_cut_off(recording)
     # A keeper that is dead and not started again does not tell how it ends.
     open_end = recording.parameters.get("on_crash") == "continue" or transcript.broken_off
     Tails(history, tiles, fail).check(transcript, keepers, whole=ended, open_end=open_end)

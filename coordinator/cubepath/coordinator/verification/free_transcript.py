@@ -13,7 +13,7 @@ import msgspec
 
 from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
-from cubepath.coordinator.verification.transcript import RECOVERED, Fail, Transcript
+from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.free_messages import (
@@ -128,7 +128,7 @@ class FreeReading:
         self._keepers = keepers_of(recording)
         self._processes = processes_of(recording)
         self._by_wall = recording.parameters.get("log_time") == "wall"
-        self._whole = not recording.problems and RECOVERED not in recording.parameters
+        self._whole = not recording.problems and not is_cut_off(recording)
         self._level = 0
         self._highest = self._count = 0
 

@@ -44,8 +44,9 @@ def _check_clock(recording: Recording, wrong: Callable[[str, str], None]) -> Non
         wrong("clock", f"{recording.clock!r}, as {recording.format} has it")
     if recording.clock == "free" and keepers_of(recording) is None:
         wrong("keepers", "how many there were")
-    if told.get("log_time", "level") not in ("level", "wall"):
-        wrong("log_time", "'level' or 'wall'")
+    logical = "level" if recording.clock == "free" else "round"
+    if told.get("log_time", logical) not in (logical, "wall"):
+        wrong("log_time", f"'{logical}' or 'wall'")
 
 
 def _check_schedule(recording: Recording, wrong: Callable[[str, str], None]) -> None:

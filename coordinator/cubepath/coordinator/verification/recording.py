@@ -18,14 +18,16 @@ from cubepath.coordinator.verification.choices import Moment, Player
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.ending import Course
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
-from cubepath.coordinator.verification.free import free_results, verify_free
+from cubepath.coordinator.verification.free import FREE_CHECKS, free_results, verify_free
 from cubepath.coordinator.verification.free_turns import FreePlayer
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
+from cubepath.coordinator.verification.partial import verify_partial, why_partial
 from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.schedule import check_schedule
+from cubepath.coordinator.verification.stages import check_stages, stages_in
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
     OutOfOrder,
@@ -34,11 +36,14 @@ from cubepath.coordinator.verification.transcript import (
     transcript_of,
 )
 from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.recording import (
     Record,
     Recording,
     recording_of,
 )
+from cubepath.protocol.recordings.remains import Remains, remains_of
 from cubepath.protocol.recordings.writing import copy_recording
 
 CHECKS = {
@@ -58,6 +63,7 @@ CHECKS = {
     "hearing": "no module missed what was said to it",
     "choices": "each module chose, noted and gave up as its rule does, with the seed's randomness",
     "schedule": "the rounds are the cubes of the schedule, if there is one, up to where it stopped",
+    "stages": "a run that goes on from a recording names who followed which rule from which round",
     "dependencies": "what is not undone finds its sites at the same versions in rounds and cubes",
     "edges": "the coordinator's edges are the moves reported",
     "normal": "no action of a cube is in the cube before or commutes with all of it",
@@ -99,7 +105,9 @@ def verify(
     pass, or by a `free_player` if the run had no rounds; without one, `choices` is not checked.
     `cubepath.coordinator.auditing` has both.
 
-    A recording of a run without rounds has other checks: `FREE_CHECKS`.
+    A recording of a run without rounds has other checks: `FREE_CHECKS`. Of one that was made from
+    outside, or cut from another, and begins on the way or lacks messages in between, each message
+    is checked by itself; what would have to be derived is not `checked`.
 
     Messages stand in the order of their rounds, more or less: a round is checked and dropped as
     soon as nothing of it can be still to come.
@@ -111,6 +119,10 @@ def verify(
     ['choices']
     """
     recording = recording_of(recording)
+    why = why_partial(recording)
+    if why is not None:
+        checks = FREE_CHECKS if recording.clock == "free" else CHECKS
+        return verify_partial(recording, checks, why, progress)
     if recording.clock == "free":
         return verify_free(recording, progress, free_player)
     try:
@@ -132,7 +144,9 @@ def _verified(
     sorting = Sorting(recording, failures.stage(0), pacing.take)
     transcript = sorting.found
     check_parameters(recording, failures.stage(0))
-    derived = Rederivation(recording.scene, seed_in(recording.parameters), failures.stage(1))
+    told = recording.parameters
+    stages = stages_in(recording)
+    derived = Rederivation(recording.scene, seed_in(told), failures.stage(1), stages)
     course = Course(recording, failures.stage(2))
     playing = None if player is None else player()
     another_choice = partial(failures.stage(1), "choices")
@@ -152,6 +166,7 @@ def _verified(
     fail = failures.stage(2)
     course.check(transcript, pacing)
     check_schedule(recording, transcript, fail)
+    check_stages(recording, transcript, fail)
     derived.check_edges(transcript)
     normal_form = cubes_of(derived.actions)
     cubes = recorded_cubes(recording.scene, transcript, fail)
@@ -179,7 +194,8 @@ def _verified(
         ok=all(check.ok for check in checks),
         complete=sound and whole,
         missing=Missing(
-            max(0, pacing.round - transcript.complete_rounds), transcript.gap + pacing.missing()
+            max(0, pacing.round - transcript.complete_rounds),
+            max(transcript.gap + pacing.missing(), left_out(recording)),
         ),
         checks=checks,
         moves=derived.moves,
@@ -189,28 +205,42 @@ def _verified(
     )
 
 
-def recover(source: Recording | Source, out: Path | str) -> Recovered:
+def recover(
+    source: Recording | Remains | Source, out: Path | str, *, scene: Scene | None = None
+) -> Recovered:
     """Write what can be read of a recording, or was read already, as a whole recording to `out`.
 
-    Its parameter `recovered` says what it comes from. InputError if nothing can be read, if `out`
-    is the recording itself, or if `out` cannot be written.
+    Its parameter `recovered` says what it comes from. `scene` is that of the run, for a recording
+    that has lost its own; without one, the messages are written alone, which other tools can read,
+    and which is a recording again when it is recovered with the scene. InputError if no message can
+    be read, if `out` is the recording itself, or if `out` cannot be written.
 
     >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
     >>> found.rounds, found.problems, verify("copy.mcap").ok
     (29, (), True)
     """
-    recording, out = recording_of(source), Path(out)
+    given = source if isinstance(source, Recording | Remains) else remains_of(source)
+    out = Path(out)
+    if isinstance(given, Remains):
+        given = given if scene is None else given.with_scene(scene)
+        given = given.recording() or given
+    rounds, gap = (0, 0) if isinstance(given, Remains) else _known(given)
+    count = len(given.records)
+    problems = "; ".join(given.problems) or "no problems"
+    lost = f"; at least {gap} more are missing" if gap else ""
+    note = f"{count} messages of {given.path.name}: {problems}{lost}"
+    messages = copy_recording(given, out, {RECOVERED: note})
+    return Recovered(out, messages, rounds, given.problems)
+
+
+def _known(recording: Recording) -> tuple[int, int]:
+    """Return how many rounds are whole, and how many messages are missing, by their numbers."""
     transcript = (
         free_results(recording)
         if recording.clock == "free"
         else transcript_of(recording, Failures(CHECKS).stage(0))
     )
-    count = len(recording.records)
-    problems = "; ".join(recording.problems) or "no problems"
-    lost = f"; at least {transcript.gap} more are missing" if transcript.gap else ""
-    note = f"{count} messages of {recording.path.name}: {problems}{lost}"
-    messages = copy_recording(recording, out, {RECOVERED: note})
-    return Recovered(out, messages, transcript.complete_rounds, recording.problems)
+    return transcript.complete_rounds, transcript.gap
 
 
 def _moment(number: int, derived: Rederivation, said: Round) -> Moment:

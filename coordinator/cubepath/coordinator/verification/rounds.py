@@ -8,6 +8,7 @@ winners and deliveries are derived again, by their definitions.
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from hashlib import blake2b, sha256
@@ -15,6 +16,7 @@ from hashlib import blake2b, sha256
 import msgspec
 
 from cubepath.coordinator.verification.batches import Batches
+from cubepath.coordinator.verification.stages import Stage
 from cubepath.coordinator.verification.transcript import (
     Fail,
     ModuleMessage,
@@ -66,8 +68,13 @@ _NO_EDGES = "no edges on record"
 class Rederivation:
     """The edge path, derived a round at a time; `fail` is called for each violation."""
 
-    def __init__(self, scene: Scene, seed: int | None, fail: Fail) -> None:
-        """Begin at the start; without a seed it is not known which claims outrank which."""
+    def __init__(
+        self, scene: Scene, seed: int | None, fail: Fail, stages: Iterable[Stage] = ()
+    ) -> None:
+        """Begin at the start; without a seed it is not known which claims outrank which.
+
+        With `stages` it is the seed of the stage.
+        """
         self.state: set[Site] = set(scene.start) | scene.system.filled
         self.sites: list[Site] = list(scene.start)
         self.actions: list[Action] = []
@@ -81,7 +88,8 @@ class Rederivation:
         self._system = scene.system
         self._seed = seed
         self._note_length = 0
-        """The length of notes: of the rules of a run one talks at most, since schedules do not."""
+        """The length of notes: of the rules of a stage one talks at most, or all alike."""
+        self._stages = deque(stages)
         self._batches = Batches(scene.system, fail)
         self._fail = fail
         if seed is None:
@@ -90,6 +98,11 @@ class Rederivation:
     def round(self, number: int, said: Round) -> None:
         """Derive a round and check everything said and reported in it."""
         where = f"round {number}"
+        while self._stages and self._stages[0].begins <= number:
+            stage = self._stages.popleft()
+            self._seed = stage.seed
+            if not stage.heard:
+                self._note_length = 0
         moves = self._moves(where, said.reports)
         self._check_commuting(where, moves)
         self._check_said(where, said)
@@ -253,8 +266,7 @@ class Rederivation:
             )
 
     def _rank(self, number: int, module: int) -> tuple[int, int]:
-        text = f"{self._seed}/{number}/{module}".encode()
-        return int.from_bytes(blake2b(text, digest_size=8).digest(), "big"), module
+        return rank(self._seed or 0, number, module)
 
     def _check_outcome(self, report: Report, claim: Move | None, granted: bool | None) -> None:  # noqa: FBT001
         expected = {None: "none", True: "granted", False: "lost"}[granted]
@@ -323,6 +335,12 @@ class Rederivation:
             heard.add(key)
         for kind, speaker in sorted(due.keys() - heard):
             self._fail("hearing", f"{named(report)}: it missed {kind} of module_{speaker}")
+
+
+def rank(seed: int, number: int, module: int) -> tuple[int, int]:
+    """Return the rank of a module's claim in a round by its definition; the greater outranks."""
+    text = f"{seed}/{number}/{module}".encode()
+    return int.from_bytes(blake2b(text, digest_size=8).digest(), "big"), module
 
 
 def _addressed(message: ModuleMessage, place: Site) -> bool:

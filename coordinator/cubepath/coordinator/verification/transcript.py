@@ -16,6 +16,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
+from cubepath.protocol.recordings.cuts import whole_of
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
@@ -50,6 +51,14 @@ RECOVERED = "recovered"
 """The parameter that says what a recording was recovered from."""
 Fail = Callable[[str, str], None]
 """Called with the name of a check that fails, and one line on where and why."""
+
+
+def is_cut_off(recording: Recording) -> bool:
+    """Return whether a recording says itself that its end may be missing.
+
+    It was recovered from a damaged one, or has some messages of another.
+    """
+    return RECOVERED in recording.parameters or whole_of(recording) is not None
 
 
 class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
@@ -134,7 +143,7 @@ class Sorting:
         self._modules = len(recording.scene.start)
         self._everyone = set(range(self._modules))
         self._undamaged = not recording.problems
-        self._cut_off = RECOVERED in recording.parameters
+        self._cut_off = is_cut_off(recording)
         self._scheduled = recording.schedule is not None
         self._own_rules: dict[int, str] = {}
         self._rounds: dict[int, Round] = {}

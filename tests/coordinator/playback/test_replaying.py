@@ -17,8 +17,9 @@ import zenoh
 from msgspec.structs import replace
 
 from command_line import GOLDEN
-from cubepath.coordinator.runs import playback as replay_module
-from cubepath.coordinator.runs.playback import SAID, replay
+from cubepath.coordinator.playback import playing as replay_module
+from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.selection import SAID
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.recording import Recording
@@ -54,7 +55,7 @@ def test_a_replay_comes_to_the_same_result(spec: str, rule: str) -> None:
     assert found.messages == len(list(recording.of_kind(*SAID)))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_in_several_processes_is_replayed_from_one() -> None:
     """How many processes spoke makes no difference to a replay."""
     assert replay(recorded("hex:n=5", "chain", rounds=30, processes=3)).same
@@ -151,7 +152,7 @@ def test_a_rate_too_slow_for_the_clock_only_waits() -> None:
     code = f"""
 import signal
 from pathlib import Path
-from cubepath.coordinator.runs.playback import replay
+from cubepath.coordinator.playback.replaying import replay
 from cubepath.protocol.recordings.recording import read_recording
 
 signal.signal(signal.SIGALRM, signal.default_int_handler)
@@ -199,6 +200,7 @@ def differences(recording: Recording) -> str:
     return "; ".join(found.differences)
 
 
+@pytest.mark.thorough
 def test_what_differs_from_the_record_is_named() -> None:
     """Other moves, edges, cubes or numbers than on record: not the same, and it says where."""
     whole = crowd()

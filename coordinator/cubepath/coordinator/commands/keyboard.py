@@ -1,0 +1,169 @@
+"""A player under the keys of a terminal.
+
+Room: coordinator. Keys are read without waiting for a new line; signals keep their keys. Whatever
+ends or stops the command, the terminal is left as it was found.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import select
+import signal
+import sys
+import termios
+import tty
+from types import FrameType
+from typing import TYPE_CHECKING, Any, Self
+
+from cubepath.coordinator.commands.console import complain
+from cubepath.protocol.core.errors import CubepathError
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.playback.orders import Order, PlayerStatus
+    from cubepath.coordinator.playback.player import Player
+
+HELP = (
+    "space pause, right/left a round on/back, . and , a message on/back, up/down 10% faster/slower,"
+    " + and - twice/half as fast, 0 to the start, q end, ? help"
+)
+_KEY = re.compile(rb"\x1b[\[O][0-9;]*[A-Za-z~]|\x1b|.", re.DOTALL)
+_NAMES = {
+    b"\x1b[A": "up",
+    b"\x1b[B": "down",
+    b"\x1b[C": "right",
+    b"\x1b[D": "left",
+    b"\x1bOA": "up",
+    b"\x1bOB": "down",
+    b"\x1bOC": "right",
+    b"\x1bOD": "left",
+    b"\x1b[H": "0",
+    b"\x1bOH": "0",
+    b"\x1b[1~": "0",
+}
+_ORDERS: dict[str, tuple[str, dict[str, str]]] = {
+    " ": ("toggle", {}),
+    "right": ("step", {"unit": "round"}),
+    "left": ("back", {"unit": "round"}),
+    ".": ("step", {}),
+    ",": ("back", {}),
+    "up": ("rate", {"times": "1.1"}),
+    "down": ("rate", {"times": "0.9"}),
+    "+": ("rate", {"times": "2"}),
+    "-": ("rate", {"times": "0.5"}),
+    "q": ("stop", {}),
+}
+_TICK_S = 0.1
+
+
+def has_terminal() -> bool:
+    """Return whether keys can be read and answered: a terminal of which this has the foreground."""
+    try:
+        number = sys.stdin.fileno()
+        return sys.stdin.isatty() and sys.stderr.isatty() and os.tcgetpgrp(number) == os.getpgrp()
+    except (OSError, ValueError, AttributeError):  # closed, or replaced by something else
+        return False
+
+
+def keys_in(data: bytes) -> list[str]:
+    """Return the names of the keys whose bytes came from a terminal."""
+    found: list[bytes] = _KEY.findall(data)
+    return [_NAMES.get(each) or each.decode("ascii", "replace") for each in found]
+
+
+def order_of(key: str, start: str) -> Order | None:
+    """Return what a key orders; None if nothing. `start` is where the replay begins."""
+    from cubepath.coordinator.playback.orders import read_order  # noqa: PLC0415
+
+    if key == "0":
+        return read_order("seek", {"to": start})
+    return None if key not in _ORDERS else read_order(*_ORDERS[key])
+
+
+def status_line(status: PlayerStatus, step: str) -> str:
+    """Return where a player stands, in a line."""
+    laps = f", lap {status.laps + 1}" if status.laps else ""
+    return (
+        f"{status.state}  {step} {status.round}  {status.time_s:.2f} of {status.seconds:.2f} s"
+        f"  message {status.message} of {status.messages}  rate {status.rate}{laps}"
+    )
+
+
+class Keys:
+    """The keys of the terminal at standard input, as a context manager."""
+
+    def __enter__(self) -> Self:
+        """Read keys as they are pressed, until this is left."""
+        self._number = sys.stdin.fileno()
+        self._found = termios.tcgetattr(self._number)
+        self._before: dict[int, Any] = {}
+        try:
+            self._take()
+            for number, handler in ((signal.SIGTSTP, self._stop), (signal.SIGCONT, self._go_on)):
+                self._before[number] = signal.signal(number, handler)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Leave the terminal as it was."""
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+        self._give_back()
+
+    def _take(self) -> None:
+        tty.setcbreak(self._number, termios.TCSADRAIN)
+
+    def _give_back(self) -> None:
+        termios.tcsetattr(self._number, termios.TCSADRAIN, self._found)
+
+    def _stop(self, _number: int, _frame: FrameType | None) -> None:
+        """Stop as if there were no handler, with the terminal as it was."""
+        self._give_back()
+        os.kill(os.getpid(), signal.SIGSTOP)
+
+    def _go_on(self, _number: int, _frame: FrameType | None) -> None:
+        if os.tcgetpgrp(self._number) == os.getpgrp():
+            self._take()
+
+    def pressed(self, timeout_s: float) -> list[str]:
+        """Return the keys that were pressed, after waiting for one so long."""
+        ready = select.select([self._number], [], [], timeout_s)[0]
+        return keys_in(os.read(self._number, 256)) if ready else []
+
+
+def play_by_keys(player: Player, start: str, step: str) -> None:
+    """Let the keys control a player until it is over; nothing is left on the terminal."""
+    complain(HELP)
+    with Keys() as keys:
+        try:
+            while not player.over:
+                for key in keys.pressed(_TICK_S):
+                    _press(player, key, start)
+                _show(status_line(player.position, step))
+        except CubepathError:
+            if not player.over:
+                raise
+            # It ended meanwhile; whoever waits for it hears how.
+        finally:
+            _show("")
+
+
+def _press(player: Player, key: str, start: str) -> None:
+    order = order_of(key, start)
+    if order is None:
+        if key == "?":
+            _show("")
+            complain(HELP)
+        return
+    try:
+        player.order(order)
+    except CubepathError as error:
+        if not player.over:
+            _show("")
+            complain(error)
+
+
+def _show(line: str) -> None:
+    print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)

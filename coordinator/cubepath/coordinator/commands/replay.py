@@ -1,0 +1,215 @@
+"""The command ``cubepath replay``: a recording back on zenoh, as fast as it goes or under control.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING, Any
+
+from cubepath.coordinator.commands.branching import add_branching_options, branch, branches
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
+from cubepath.coordinator.commands.files import input_path
+from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.protocol.core.errors import InputError
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.playback.comparing import Replayed
+    from cubepath.coordinator.playback.playing import PlayOptions
+    from cubepath.protocol.recordings.recording import Recording
+
+_SPOT = "a round or level such as 12, or a time such as 3.5s since the first message"
+_rate = number("a number of at least 0.00001 (about a round a day)", lambda rate: rate >= 1e-5)
+_seconds = number("0 or more seconds", lambda found: found >= 0)
+
+
+def add_replay_command(command: AddCommand) -> None:
+    """Add the command and its options."""
+    replay = command(
+        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
+    )
+    replay.add_argument("log", type=input_path, metavar="LOG")
+    _add_time(replay)
+    _add_choice(replay)
+    add_branching_options(replay)
+    replay.add_argument(
+        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: privately)"
+    )
+
+
+def _add_time(replay: argparse.ArgumentParser) -> None:
+    replay.add_argument(
+        "--rate",
+        type=_pace,
+        metavar="R",
+        help="rounds or levels a second; as 2x (or if log time is the wall clock) times as fast as"
+        " it was (default: as fast as it goes)",
+    )
+    replay.add_argument(
+        "--real-time",
+        type=_rate,
+        nargs="?",
+        const=1.0,
+        metavar="R",
+        help="as fast as it was by the publish times, or R times as fast",
+    )
+    replay.add_argument(
+        "--from",
+        dest="begin",
+        type=_spot,
+        metavar="WHERE",
+        help=f"begin there: {_SPOT}; with --what-if the first round of the rule",
+    )
+    replay.add_argument(
+        "--until", type=_spot, metavar="WHERE", help="end after that round, level or time"
+    )
+    replay.add_argument("--loop", action="store_true", help="begin again at the end")
+    replay.add_argument(
+        "--start-paused", action="store_true", help="put nothing before a key or an order comes"
+    )
+    replay.add_argument(
+        "--delay", type=_seconds, default=0.0, metavar="S", help="seconds before the first message"
+    )
+    replay.add_argument(
+        "--wait-for-subscribers",
+        type=whole(0),
+        default=0,
+        metavar="N",
+        help="wait until N other sessions listen to the run",
+    )
+    replay.add_argument(
+        "--wait-time",
+        type=_seconds,
+        default=60.0,
+        metavar="S",
+        help="wait for them no longer than so many seconds (default 60)",
+    )
+    replay.add_argument(
+        "--no-keyboard", action="store_true", help="read no keys, even if there is a terminal"
+    )
+
+
+def _add_choice(replay: argparse.ArgumentParser) -> None:
+    replay.add_argument(
+        "--topics",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="play topics such as 'reports/*' or 'edges', can be given several times (default: what"
+        " modules and keepers said)",
+    )
+    replay.add_argument(
+        "--exclude",
+        action="append",
+        default=[],
+        metavar="GLOB",
+        help="leave topics out, can be given several times",
+    )
+    replay.add_argument(
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM=TO",
+        help="put a topic, or all that begin so, on another key, can be given several times",
+    )
+    replay.add_argument("--run", metavar="ID", help="the run id in the keys (default: a new one)")
+
+
+def _pace(text: str) -> str:
+    """Check a rate: a number, which may end in an x."""
+    if text != "max":
+        _rate(text.removesuffix("x"))
+    return text
+
+
+def _spot(text: str) -> str:
+    from cubepath.coordinator.playback.spots import read_spot  # noqa: PLC0415
+
+    try:
+        read_spot(text)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(
+            str(error).partition(": ")[2] + f", found {text!r}"
+        ) from None
+    return text
+
+
+def _replay(options: argparse.Namespace) -> int:
+    if branches(options):
+        return branch(options)
+    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+
+    if options.rate is not None and options.real_time is not None:
+        raise InputError("--rate and --real-time: expected one of the two")
+    with progress_bar(None, "read", ""):
+        recording = read_recording(options.log)
+    found = _played(options, recording)
+    answer(options, found.document(), table(_rows(found)))
+    for line in (*found.differences, *(recording.problems if found.not_compared else ())):
+        complain(f"{recording.path}: {line}")
+    return DONE if found.agrees else FAILED
+
+
+def _given(options: argparse.Namespace) -> PlayOptions:
+    rate = options.rate if options.real_time is None else f"{options.real_time!r}x"
+    return {
+        "rate": rate,
+        "begin": options.begin,
+        "until": options.until,
+        "loop": options.loop,
+        "paused": options.start_paused,
+        "delay_s": options.delay,
+        "wait_for": options.wait_for_subscribers,
+        "wait_s": options.wait_time,
+        "topics": options.topics,
+        "exclude": options.exclude,
+        "remap": options.remap,
+        "run": options.run,
+        "endpoint": options.endpoint,
+    }
+
+
+def _played(options: argparse.Namespace, recording: Recording) -> Replayed:
+    """Play it under the keys of a terminal if it takes time, and else to its end."""
+    given = _given(options)
+    takes_time = options.loop or options.start_paused or given.get("rate") not in (None, "max")
+
+    def announce(endpoint: str, run: str) -> None:
+        if takes_time or any((options.endpoint, options.run, options.wait_for_subscribers)):
+            complain(f"replaying on {endpoint} under cubepath/{run}/**")
+
+    if takes_time and not options.no_keyboard and has_terminal():
+        from cubepath.coordinator.playback.player import Player  # noqa: PLC0415
+
+        with Player(recording, hold=False, **given) as player:
+            announce(player.endpoint, player.run)
+            step = "level" if recording.clock == "free" else "round"
+            play_by_keys(player, options.begin or "0", step)
+            return player.wait()
+    from cubepath.coordinator.playback.replaying import replay  # noqa: PLC0415
+
+    with progress_bar(len(recording.records), "replay", " messages") as bar:
+        given["progress"] = bar.update
+        return replay(recording, announce=announce, **given)
+
+
+def _rows(found: Replayed) -> list[tuple[str, Any]]:
+    rows: list[tuple[str, Any]] = [
+        ("rounds", found.rounds),
+        ("moves", found.moves),
+        ("reduced moves", found.reduced_moves),
+        ("cubes", found.cubes),
+        ("largest cube", found.max_cube_dimension),
+        ("messages", found.messages),
+    ]
+    if found.left_out:
+        rows.append(
+            ("not played", ", ".join(f"{count} {kind}" for kind, count in found.left_out.items()))
+        )
+    rows += [("time", f"{found.seconds:.2f} s"), ("result", found.result)]
+    if found.same and not found.complete:
+        rows.append(("complete", "false; the run was cut off"))
+    return rows

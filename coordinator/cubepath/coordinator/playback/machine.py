@@ -1,0 +1,308 @@
+"""The player as a pure machine: time and orders come in as data, what is to be done comes out.
+
+Room: coordinator. It reads the recording, knows no clock and puts nothing: whoever drives it says
+what time it is, and does what it says. So a test plays an hour in no time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import islice
+from typing import TypeAlias
+
+from cubepath.coordinator.playback.orders import (
+    Back,
+    Look,
+    Order,
+    Pause,
+    Play,
+    Rate,
+    Seek,
+    Step,
+    Stop,
+    Toggle,
+    Unit,
+    Why,
+    checked,
+)
+from cubepath.coordinator.playback.reel import START, Mark, Reel
+from cubepath.coordinator.playback.selection import Selection
+from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import Record
+
+_BEFORE_MAX = 10.0
+"""What is slower than as fast as possible, where nothing else was said: rounds a second."""
+
+
+@dataclass(frozen=True, slots=True)
+class Put:
+    """Put this message now."""
+
+    record: Record
+    mark: Mark
+
+
+@dataclass(frozen=True, slots=True)
+class Jumped:
+    """Say that the position has jumped."""
+
+    why: Why
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Do nothing until an order comes, or until it is so late, in seconds of the caller's clock."""
+
+    until: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Over:
+    """All is played; it goes on if an order says so."""
+
+
+Deed: TypeAlias = Put | Jumped | Rest | Over
+
+
+class Machine:
+    """A player: `order` tells it what to do, and `next` what is to be done now.
+
+    >>> reel = Reel(read_recording("logs/golden/hex-5.mcap"))
+    >>> machine = Machine(reel, Selection(reel.recording), pace=Pace(2))
+    >>> kinds = []
+    >>> while not isinstance(deed := machine.next(100.0), Rest):
+    ...     kinds.append(deed.record.kind)
+    >>> len(kinds), deed  # the second round begins half a second later
+    (11, Rest(until=100.5))
+    """
+
+    def __init__(
+        self,
+        reel: Reel,
+        selection: Selection,
+        *,
+        pace: Pace | None = None,
+        begin: Spot | None = None,
+        until: Spot | None = None,
+        loop: bool = False,
+        paused: bool = False,
+        delay_s: float = 0.0,
+    ) -> None:
+        """Stand at `begin`, and end after `until`; InputError if nothing lies in between."""
+        self.reel = reel
+        self.selection = selection
+        self.pace = Pace() if pace is None else pace
+        self.begin = reel.settled(START) if begin is None else reel.find(begin)
+        self.end = reel.end if until is None else reel.find(until, after=True)
+        if (begin or until) and self.begin >= self.end:
+            spans = [f"from {begin}"] * (begin is not None) + [f"until {until}"] * bool(until)
+            raise InputError(
+                f"{' '.join(spans)}: nothing is on record there; it goes from {self._name}"
+                f" {reel.step_at(START)} to {reel.step_at(reel.end)} and lasts {reel.seconds:.3f} s"
+            )
+        self.mark = self.begin
+        self.loop = loop
+        self.paused = paused
+        self.stopped = False
+        self.laps = 0
+        self._jump: Why | None = "from" if begin is not None else None
+        self._delay_s: float | None = delay_s or None
+        self._not_before: float | None = None
+        self._anchor: tuple[float, float] | None = None
+        """When it played which beat; None before the next message is due at once."""
+        self._held: float | None = None
+        """The beat at which it was paused."""
+        self._burst: int | Mark | None = None
+        """How many messages, or up to where, it puts at once although it is paused."""
+        self._put_in_lap = False
+
+    @property
+    def _name(self) -> str:
+        return "level" if self.reel.recording.clock == "free" else "round"
+
+    @property
+    def busy(self) -> bool:
+        """Whether it carries out a step, or is about to say that it has jumped."""
+        return not self.stopped and (self._burst is not None or self._jump is not None)
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing is left to play."""
+        return self._following() is None
+
+    def _following(self) -> tuple[Mark, Record] | None:
+        """Go to the next message that is played, and return it; None at the end."""
+        takes, kinds = self.selection.takes, self.selection.kinds
+        found = self.reel.next(self.mark, kinds)
+        while found is not None and found[0] < self.end:
+            mark, record = found
+            if takes(record):
+                self.mark = mark
+                return found
+            found = self.reel.next(Mark(mark.chunk, mark.place + 1), kinds)
+        self.mark = max(self.mark, self.end)
+        return None
+
+    # What is to be done.
+
+    def next(self, now: float) -> Deed:
+        """Return what is to be done at a time, in seconds of a clock that never goes back."""
+        if self._jump is not None and not self.stopped:
+            why, self._jump = self._jump, None
+            return Jumped(why)
+        if self._delay_s is not None:
+            self._not_before, self._delay_s = now + self._delay_s, None
+        following = None if self.stopped else self._following()
+        if self._takes_step(following is None):
+            return self._put(following)
+        if following is None:
+            if self.stopped or self.paused or not (self.loop and self._put_in_lap):
+                return Over()
+            self._go(self.begin, "loop")
+            self.laps += 1
+            return self.next(now)
+        due = self._due(following[1], now)
+        if due is None or due > now:
+            return Rest(due)
+        return self._put(following)
+
+    def _takes_step(self, at_end: bool) -> bool:  # noqa: FBT001 - the one thing that it is told
+        """Return whether the next message is part of a step; a step that is done is forgotten."""
+        left = self._burst
+        if left is None:
+            return False
+        if at_end or (left <= 0 if isinstance(left, int) else self.mark >= left):
+            self._burst = None
+            return False
+        if isinstance(left, int):
+            self._burst = left - 1
+        return True
+
+    def _put(self, following: tuple[Mark, Record] | None) -> Put:
+        if following is None:
+            raise AssertionError("nothing to put")  # whoever calls has looked
+        mark, record = following
+        self.mark = Mark(mark.chunk, mark.place + 1)
+        self._put_in_lap = True
+        return Put(record, mark)
+
+    def _beat(self, record: Record) -> float:
+        if self.pace.by == "clock":
+            return self.reel.time_of(record)
+        return record.round if not self.reel.by_wall else self.reel.step_at(self.mark)
+
+    def _due(self, record: Record, now: float) -> float | None:
+        """Return when to put a message; None if not before an order comes."""
+        rate = self.pace.rate
+        if self.paused:
+            return None
+        if rate is None:
+            return max(now, self._not_before or now)
+        beat = self._beat(record)
+        if self._anchor is None:
+            begin = max(now, self._not_before or now)
+            self._anchor = begin, beat if self._held is None else min(self._held, beat)
+            self._held = None
+        at, played = self._anchor
+        return max(at + (beat - played) / rate, self._not_before or now)
+
+    # Orders.
+
+    def order(self, order: Order, now: float) -> None:
+        """Do what an order says; InputError, and nothing is changed, if that cannot be."""
+        match checked(order):
+            case Play():
+                self._resume()
+            case Pause():
+                self._pause(now)
+            case Toggle():
+                self.order(Play() if self.paused else Pause(), now)
+            case Step(unit=unit, count=count):
+                self._pause(now)
+                self._held = None
+                self._step(unit, count)
+            case Back(unit=unit, count=count):
+                self._pause(now)
+                self._back(unit, count)
+            case Seek(to=to):
+                self._go(self._within(read_spot(to)), "seek")
+            case Rate(rate=rate, times=times):
+                self._change(rate, times, now)
+            case Stop() | Look():
+                self.stopped = self.stopped or isinstance(order, Stop)
+
+    def _pause(self, now: float) -> None:
+        if self._anchor is not None and self.pace.rate is not None and not self.paused:
+            at, played = self._anchor
+            self._held = played + (now - at) * self.pace.rate
+        self.paused = True
+        self._anchor = self._burst = None
+
+    def _resume(self) -> None:
+        self.paused = False
+        self._burst = None
+
+    def _change(self, rate: str, times: float, now: float) -> None:
+        new = read_pace(rate, by_wall=self.reel.by_wall) if rate else self._faster(times)
+        if new.by == self.pace.by and self._anchor is not None and self.pace.rate is not None:
+            at, played = self._anchor
+            self._anchor = now, played + (now - at) * self.pace.rate
+        else:
+            self._anchor = self._held = None
+        self.pace = new
+
+    def _faster(self, times: float) -> Pace:
+        if self.pace.rate is None and times < 1:
+            return Pace(1, "clock") if self.reel.by_wall else Pace(_BEFORE_MAX)
+        return self.pace.times(times)
+
+    def _go(self, mark: Mark, why: Why) -> None:
+        self.mark = mark
+        self._jump = why
+        self._anchor = self._held = self._burst = None
+        self._put_in_lap = False
+
+    def _within(self, spot: Spot) -> Mark:
+        """Return where a place is, which must lie between the ends of what is played."""
+        found = self.reel.find(spot)
+        if found == self.reel.end and spot != Spot(step=self.reel.step_at(found)):
+            raise InputError(
+                f"to {spot}: not on record, which ends with {self._name}"
+                f" {self.reel.step_at(found)} after {self.reel.seconds:.3f} s"
+            )
+        if not self.begin <= found <= self.end:
+            raise InputError(f"to {spot}: not in the part that is played (--from, --until)")
+        return found
+
+    def _step(self, unit: Unit, count: int) -> None:
+        if unit == "message":
+            self._burst = count
+        elif (following := self._following()) is not None:
+            step = self.reel.step_at(following[0])
+            mark, _ = following
+            after = Mark(mark.chunk, mark.place + 1)
+            self._burst = max(self.reel.find(Spot(step=step + count - 1), after=True), after)
+
+    def _back(self, unit: Unit, count: int) -> None:
+        mark = self.mark
+        if unit == "message":
+            for where in islice(self._before(mark), count):
+                mark = where
+        else:
+            for _ in range(count):
+                last = next(self._before(mark), None)
+                if last is None:
+                    break
+                begins = self.reel.find(Spot(step=self.reel.step_at(last)))
+                mark = max(min(begins, last), self.begin)
+        self._go(mark, "back")
+
+    def _before(self, mark: Mark) -> Iterator[Mark]:
+        """Yield where the messages stand that are played before a mark, the last one first."""
+        for where, record in self.reel.backward(mark, self.selection.kinds):
+            if where < self.begin:
+                return
+            if self.selection.takes(record):
+                yield where

@@ -1,0 +1,221 @@
+"""A player to be held in hand: paused, stepped and moved from Python while others listen.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from queue import Empty, SimpleQueue
+from typing import Self, TypeAlias, Unpack
+
+from cubepath.coordinator.playback.asked import Asked
+from cubepath.coordinator.playback.comparing import Replayed
+from cubepath.coordinator.playback.orders import (
+    Back,
+    Look,
+    Order,
+    Pause,
+    Play,
+    PlayerStatus,
+    Rate,
+    Seek,
+    Step,
+    Stop,
+    Toggle,
+    Unit,
+    checked,
+)
+from cubepath.coordinator.playback.playing import Playing, PlayOptions
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.recordings.recording import Recording, recording_of
+
+_OVER = "the replay is over: expected another Player(...) for another replay"
+_LOOK_S = 0.1
+_Answers: TypeAlias = SimpleQueue[PlayerStatus | Replayed | str]
+
+
+class Player:
+    """A recording put back on zenoh under control, as a context manager.
+
+    It begins paused, before the first message. What it is told is done when a call returns: the
+    messages of a step have been put. `play` returns at once, and `wait` when all is played; it can
+    be moved and played again after that. Orders over zenoh and those from Python take their turns.
+
+    >>> with Player("logs/golden/hex-5.mcap", topics=["report"]) as player:
+    ...     player.step("round").round
+    ...     player.seek("12").message
+    ...     status = player.play()
+    ...     player.wait().rounds_compared
+    2
+    247
+    19
+    >>> status.messages
+    630
+    """
+
+    def __init__(
+        self, recording: Recording | Source, *, hold: bool = True, **options: Unpack[PlayOptions]
+    ) -> None:
+        """Check the options, which are those of `PlayOptions`; InputError if one is wrong.
+
+        Nothing is started yet. `paused` is true unless it is given. Without `hold` it is over when
+        all is played, unless it is paused there.
+        """
+        self._hold = hold
+        given = PlayOptions(**options)
+        given.setdefault("paused", True)
+        self._playing = Playing(recording_of(recording), **given)
+        self._thread = threading.Thread(target=self._run, name="cubepath-player", daemon=True)
+        self._error: BaseException | None = None
+        self._over = threading.Event()
+        self._replayed: Replayed | None = None
+        self._entered = False
+
+    @property
+    def run(self) -> str:
+        """Return the name of the run in keys: ``cubepath/RUN/...``."""
+        return self._playing.run
+
+    @property
+    def endpoint(self) -> str:
+        """Return where to listen: ``cubepath.protocol.open_client(endpoint)``."""
+        return self._playing.endpoint
+
+    def __enter__(self) -> Self:
+        """Start the router and the player; CheckError if it was entered before."""
+        if self._entered:
+            raise CheckError(_OVER)
+        self._entered = True
+        self._playing.__enter__()
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop, and leave nothing behind."""
+        self.close()
+
+    def close(self) -> None:
+        """Stop, and leave nothing behind; nothing if that has been done."""
+        if self._thread.is_alive():
+            self._playing.ask(Asked(Stop, lambda _: None, lambda _: None))
+            self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._playing.play(hold=self._hold)
+            self._replayed = self._playing.result()
+        except BaseException as error:  # noqa: BLE001 - raised where somebody waits for it
+            self._error = error
+        finally:
+            self._over.set()
+            self._playing.refuse_all(_OVER)
+            self._playing.__exit__()
+
+    # Orders.
+
+    def play(self) -> PlayerStatus:
+        """Play on from where it stands; returns at once."""
+        return self.order(Play())
+
+    def pause(self) -> PlayerStatus:
+        """Put nothing more."""
+        return self.order(Pause())
+
+    def toggle(self) -> PlayerStatus:
+        """Pause if it plays, and play on if it is paused."""
+        return self.order(Toggle())
+
+    def step(self, unit: Unit = "message", count: int = 1) -> PlayerStatus:
+        """Put the next messages, or all up to the end of a round or level, and pause there."""
+        return self.order(Step(unit, count))
+
+    def back(self, unit: Unit = "message", count: int = 1) -> PlayerStatus:
+        """Go back by messages, or to where the round of the last message began, and pause."""
+        return self.order(Back(unit, count))
+
+    def seek(self, to: int | str) -> PlayerStatus:
+        """Go to where a round, level or time begins: 12, "12", "3.5s". It plays on if it did."""
+        return self.order(Seek(str(to)))
+
+    def rate(self, rate: float | str) -> PlayerStatus:
+        """Play at another rate from now on: 10 rounds or levels a second, "2x", "max"."""
+        return self.order(Rate(rate=str(rate)))
+
+    def stop(self) -> PlayerStatus:
+        """End the replay."""
+        return self.order(Stop())
+
+    @property
+    def position(self) -> PlayerStatus:
+        """Return where it stands."""
+        return self.order(Look())
+
+    def order(self, order: Order) -> PlayerStatus:
+        """Give an order, and return where it stands when it was carried out.
+
+        InputError if that cannot be, CheckError if the replay is over, and what has ended it.
+        """
+        checked(order)
+        found = self._ask(lambda answers: Asked(lambda: order, answers.put, answers.put), None)
+        if isinstance(found, PlayerStatus):
+            return found
+        raise CheckError(_OVER)
+
+    def wait(self, timeout_s: float | None = None) -> Replayed:
+        """Wait until all is played, or it was stopped; return what has come of it until then.
+
+        CheckError if it is not within the time. Who waits for a player that is paused waits until
+        somebody plays on.
+        """
+        limit = None if timeout_s is None else seconds("timeout_s", timeout_s)
+
+        def asked(answers: _Answers) -> Asked:
+            return Asked(
+                Look, lambda _: answers.put(self._playing.result()), answers.put, at_end=True
+            )
+
+        found = self._ask(asked, limit)
+        if isinstance(found, Replayed):
+            return found
+        if self._replayed is None:
+            raise CheckError(_OVER)
+        return self._replayed
+
+    @property
+    def over(self) -> bool:
+        """Whether it was stopped, or has ended by itself."""
+        return self._over.is_set()
+
+    def _ask(
+        self, asked: Callable[[_Answers], Asked], limit: float | None
+    ) -> PlayerStatus | Replayed | None:
+        """Return the answer, or None if the replay is over."""
+        if not self._entered:
+            raise CheckError("the player has not begun: expected 'with Player(...) as player:'")
+        answers: _Answers = SimpleQueue()
+        deadline = None if limit is None else time.monotonic() + limit
+        self._playing.ask(asked(answers))
+        while True:
+            over = self._over.is_set()
+            try:
+                found = answers.get(timeout=_LOOK_S)
+            except Empty:
+                if deadline is not None and time.monotonic() >= deadline:
+                    state = self.position.state
+                    raise CheckError(
+                        f"the replay has not ended within {limit:g} s: it is {state}"
+                    ) from None
+                if not over:
+                    continue
+                found = _OVER
+            break
+        if found == _OVER and self._error is not None:
+            raise self._error
+        if isinstance(found, str) and found != _OVER:
+            raise InputError(found)
+        return None if isinstance(found, str) else found

@@ -1,0 +1,440 @@
+"""The shell around the machine: sessions, a router, the clock, and orders as they come in.
+
+Room: coordinator. Whatever happens comes through one queue, so nothing is done in a callback of
+zenoh, and orders from a keyboard, from Python and from zenoh are taken in their order of arrival.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Collection
+from queue import Empty, SimpleQueue
+from typing import Literal, Self, TypeAlias, TypedDict, Unpack
+
+import msgspec
+import zenoh
+
+from cubepath.coordinator.playback.asked import Asked, answer_queries
+from cubepath.coordinator.playback.comparing import Replayed, is_recovered
+from cubepath.coordinator.playback.listeners import others_listening
+from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
+from cubepath.coordinator.playback.orders import (
+    PlayerStatus,
+    Position,
+    Why,
+    player_key,
+    position_key,
+)
+from cubepath.coordinator.playback.reel import Mark, Reel
+from cubepath.coordinator.playback.segments import Segments, spans
+from cubepath.coordinator.playback.selection import Keys, Selection, check_run
+from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
+from cubepath.coordinator.playback.states import States
+from cubepath.coordinator.runs.about import About, offer
+from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
+from cubepath.protocol.core.given import real_number, seconds, whole_number
+from cubepath.protocol.core.sites import in_order, to_json
+from cubepath.protocol.recordings.description import LEFT_OUT
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.credentials import COORDINATOR
+from cubepath.protocol.wire.keys import everything, topic_key
+from cubepath.protocol.wire.router import Router
+from cubepath.protocol.wire.sessions import open_client, put, subscribe, wait_for_subscriber
+
+_PATIENCE_S_MAX = 30.0
+_REST_S_MAX = 3600.0
+"""The longest single wait: the system's clock cannot count the seconds of any rate."""
+_WAIT_S = 60.0
+_LOOK_S = 0.05
+
+Progress: TypeAlias = Callable[[int], object]
+"""Called now and then with the number of messages that have arrived since the last call."""
+_Came: TypeAlias = tuple[str, bytes] | Asked
+
+
+class PlayOptions(TypedDict, total=False):
+    """How a recording is replayed; every option may be left out.
+
+    - ``rate``: rounds or levels a second as a number or as "10", or times as fast as it was, by the
+      publish times, as "2x"; "max", the default, is as fast as possible. Where log time is the wall
+      clock a number is times as fast as it was.
+    - ``begin``, ``until``: a round or level such as 12, or a time such as "3.5s" since the first
+      message; what is of that round or time itself is played.
+    - ``loop``: begin again at the end.
+    - ``paused``: put nothing before an order comes.
+    - ``delay_s``: seconds before the first message.
+    - ``wait_for``, ``wait_s``: wait until so many other sessions listen to the run, and how many
+      seconds at most (60).
+    - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default what modules and
+      keepers said; "said" means "said/*".
+    - ``remap``: pairs "FROM=TO" of topics or keys, or of how they begin.
+    - ``run``: the run id in the keys, by default a new one.
+    - ``endpoint``: where the router listens, for example "tcp/127.0.0.1:7447"; None means a unix
+      socket at which others of this user can listen.
+    - ``progress``: called now and then with the number of messages that have arrived since.
+    """
+
+    rate: float | str | None
+    begin: int | str | None
+    until: int | str | None
+    loop: bool
+    paused: bool
+    delay_s: float
+    wait_for: int
+    wait_s: float
+    topics: Collection[str]
+    exclude: Collection[str]
+    remap: Collection[str]
+    run: str | None
+    endpoint: str | None
+    progress: Progress | None
+
+
+class Playing:
+    """A replay: a session that puts, a session that gathers, and a router between them."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        kinds: Collection[str] | None = None,
+        **options: Unpack[PlayOptions],
+    ) -> None:
+        """Check all options; InputError if one of them is wrong. Nothing is opened yet."""
+        given = PlayOptions(**options)
+        self.recording = recording
+        self.reel = Reel(recording)
+        pace = _pace(given.get("rate"), by_wall=self.reel.by_wall)
+        self._selection = Selection(
+            recording,
+            kinds=kinds,
+            topics=_several("topics", given.get("topics", ())),
+            exclude=_several("exclude", given.get("exclude", ())),
+        )
+        if kinds is not None and not self._selection.needed & set(kinds):
+            named = "commits" if recording.clock == "free" else "reports"
+            raise InputError(f"kinds without {named}: without {named} there is nothing to gather")
+        name = given.get("run")
+        self.run = uuid.uuid4().hex[:12] if name is None else name
+        check_run(self.run)
+        self._keys = Keys(recording, self.run, _several("remap", given.get("remap", ())))
+        self._endpoint = given.get("endpoint")
+        self._keys.check_reach(private=self._endpoint is None)
+        self._wait_for = whole_number("wait_for", given.get("wait_for", 0), 0)
+        self._wait_s = seconds("wait_s", given.get("wait_s", _WAIT_S))
+        self._progress = given.get("progress")
+        self._machine = Machine(
+            self.reel,
+            self._selection,
+            pace=pace,
+            begin=_spot("from", given.get("begin")),
+            until=_spot("until", given.get("until")),
+            loop=given.get("loop", False),
+            paused=given.get("paused", False),
+            delay_s=seconds("delay_s", given.get("delay_s", 0.0)),
+        )
+        self._states = States(self.reel)
+        self._segments = Segments(recording)
+        self._queue: SimpleQueue[_Came] = SimpleQueue()
+        self._resources = contextlib.ExitStack()
+        self._arrived = self._sent = 0
+        self._played = Counter[str]()
+        self._seen: list[tuple[Mark, Mark]] = []
+        self._since = self._last = self._machine.mark
+        self._own_keys = f"{player_key(self.run)}/"
+        self._asked: list[Asked] = []
+        """Those who wait until what they asked for is done."""
+        self.endpoint = ""
+        self._began = time.monotonic()
+
+    def __enter__(self) -> Self:
+        """Start the router, open the sessions, and listen to orders."""
+        with contextlib.ExitStack() as opening:
+            router = opening.enter_context(Router(self._endpoint))
+            self.endpoint = router.endpoint
+            # It speaks for all modules, which the coordinator alone may.
+            self._mouth = open_client(self.endpoint, credentials=router.credentials(COORDINATOR))
+            opening.callback(self._mouth.close)
+            ear = open_client(self.endpoint)
+            opening.callback(ear.close)
+            self._own = {str(self._mouth.info.zid()), str(ear.info.zid())}
+            opening.callback(subscribe(ear, everything(self.run), self._enqueue).undeclare)
+            queries = answer_queries(self._mouth, self.run, self._queue.put)
+            opening.callback(queries.undeclare)
+            recording = self.reel.recording
+            parameters = {**recording.parameters, LEFT_OUT[0]: "a replay"}
+            scene = scene_to_toml(recording.scene)
+            about = About(self.run, recording.format, parameters, scene)
+            self._offered = offer(self._mouth, lambda: about)
+            # Messages put before the subscriber is known here would be lost silently.
+            wait_for_subscriber(self._mouth, topic_key(self.run, "report", "all"), _PATIENCE_S_MAX)
+            self._resources = opening.pop_all()
+        self._began = time.monotonic()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the sessions, and end the router."""
+        self._resources.close()
+
+    def _enqueue(self, sample: zenoh.Sample) -> None:
+        self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
+
+    def ask(self, asked: Asked) -> None:
+        """Give an order, from any thread; it is answered when it was carried out."""
+        self._queue.put(asked)
+
+    # Playing.
+
+    def play(self, *, hold: bool = False) -> None:
+        """Play to the end, or until told to stop; with `hold` it waits for orders at the end too.
+
+        One that stands at the end and was paused waits for orders in any case.
+        """
+        self._wait_for_others()
+        while True:
+            self._take_what_is_there()
+            self._answer()
+            match self._machine.next(time.monotonic()):
+                case Put(record=record, mark=mark):
+                    self._put(record.kind, self._keys.key(record), record.data, mark)
+                case Jumped(why=why):
+                    self._jumped(why)
+                case Rest(until=until):
+                    self._answer()
+                    self._rest_until(until)
+                case Over():
+                    self._answer(at_end=True)
+                    if self._asked:
+                        continue  # somebody came meanwhile
+                    if self._machine.stopped or not (hold or self._machine.paused):
+                        break
+                    self._rest_until(None)
+        self._gather()
+        self._answer(at_end=True)
+
+    def _put(self, kind: str, key: str, data: bytes, mark: Mark) -> None:
+        put(self._mouth, key, data)
+        self._last = Mark(mark.chunk, mark.place + 1)
+        if key.startswith(self._keys.within):
+            self._sent += 1
+        if not self._seen or not any(low <= mark < high for low, high in self._seen):
+            self._played[kind] += 1
+
+    def _wait_for_others(self) -> None:
+        deadline = time.monotonic() + self._wait_s
+        while self._wait_for and not self._machine.stopped:
+            there = others_listening(self._mouth, everything(self.run), self._own)
+            if there >= self._wait_for:
+                return
+            if time.monotonic() >= deadline:
+                raise CheckError(
+                    f"{there} of {self._wait_for} subscribers to {everything(self.run)} within"
+                    f" {self._wait_s:g} s"
+                )
+            self._rest_until(time.monotonic() + _LOOK_S)
+            self._take_what_is_there()
+            self._answer()
+
+    def _jumped(self, why: Why) -> None:
+        """Say that the position has jumped, and gather anew from there."""
+        self._gather()
+        self._cover()
+        machine = self._machine
+        status = self.status()
+        state = self._states.at(machine.mark)
+        position = Position(
+            run=self.run,
+            why=why,
+            message=status.message,
+            round=status.round,
+            time_s=status.time_s,
+            after=state.step,
+            sites=[to_json(site) for site in in_order(state.on)],
+            modules=[to_json(site) for site in state.sites],
+        )
+        put(self._mouth, position_key(self.run), msgspec.json.encode(position))
+        self._segments.jump(state)
+
+    def _cover(self) -> None:
+        """Note which part was played, since what is played again counts once."""
+        if self._last > self._since:
+            merged: list[tuple[Mark, Mark]] = []
+            for low, high in sorted([*self._seen, (self._since, self._last)]):
+                if merged and low <= merged[-1][1]:
+                    merged[-1] = merged[-1][0], max(merged[-1][1], high)
+                else:
+                    merged.append((low, high))
+            self._seen = merged
+        self._since = self._last = self._machine.mark
+
+    # What comes in.
+
+    def _rest_until(self, due: float | None) -> None:
+        """Wait until then, or until something comes that is not what was put."""
+        while True:
+            left = _REST_S_MAX if due is None else min(due - time.monotonic(), _REST_S_MAX)
+            if left <= 0:
+                return
+            with contextlib.suppress(Empty):
+                if self._take(self._queue.get(timeout=left)):
+                    return
+
+    def _take_what_is_there(self) -> None:
+        with contextlib.suppress(Empty):
+            while True:
+                self._take(self._queue.get_nowait())
+
+    def _gather(self) -> None:
+        while self._arrived < self._sent:
+            try:
+                self._take(self._queue.get(timeout=_PATIENCE_S_MAX))
+            except Empty:
+                raise CheckError(
+                    f"{self._arrived} of {self._sent} messages arrived, and none for"
+                    f" {_PATIENCE_S_MAX:.0f} s"
+                ) from None
+
+    def _take(self, came: _Came) -> bool:
+        """Take what has come; return whether it is an order."""
+        if isinstance(came, Asked):
+            self._obey(came)
+            return True
+        key, data = came
+        if not key.startswith(self._own_keys):
+            self._arrived += 1
+            self._segments.take(key, data)
+            if self._progress is not None:
+                self._progress(1)
+        return False
+
+    def _obey(self, asked: Asked) -> None:
+        try:
+            self._machine.order(asked.order(), time.monotonic())
+        except CubepathError as error:
+            asked.refuse(str(error))
+        else:
+            self._asked.append(asked)
+
+    def _answer(self, *, at_end: bool = False) -> None:
+        """Answer those whose order was carried out: a step or a jump may be under way."""
+        if not self._asked or self._machine.busy:
+            return
+        asked, self._asked = self._asked, []
+        for each in asked:
+            if each.at_end and not at_end:
+                self._asked.append(each)
+                continue
+            if each.at_end:
+                self._gather()
+            each.answer(self.status())
+
+    def refuse_all(self, why: str) -> None:
+        """Refuse what was asked and will not be done any more."""
+        with contextlib.suppress(Empty):
+            while True:
+                came = self._queue.get_nowait()
+                if isinstance(came, Asked):
+                    self._asked.append(came)
+        for each in self._asked:
+            each.refuse(why)
+
+    # What came of it.
+
+    def status(self) -> PlayerStatus:
+        """Return where it stands; to be called by whoever plays it."""
+        machine, reel = self._machine, self.reel
+        ended = machine.ended
+        following = reel.next(machine.mark)
+        records = len(self.recording.records)
+        state: Literal["playing", "paused", "ended", "stopped"] = "playing"
+        if machine.stopped:
+            state = "stopped"
+        elif ended:
+            state = "ended"
+        elif machine.paused:
+            state = "paused"
+        return PlayerStatus(
+            run=self.run,
+            state=state,
+            message=records if following is None else following[1].sequence,
+            messages=records,
+            round=reel.step_at(machine.mark),
+            time_s=round(reel.time_at(machine.mark), 6),
+            seconds=round(reel.seconds, 6),
+            rate=str(machine.pace),
+            laps=machine.laps,
+        )
+
+    def result(self) -> Replayed:
+        """Return what came of it, compared with the record as far as that can be."""
+        total = self.recording.counts().kinds
+        left_out = {
+            kind: count.messages - self._played[kind]
+            for kind, count in sorted(total.items())
+            if count.messages > self._played[kind]
+        }
+        segments, machine = self._segments, self._machine
+        whole = (
+            not segments.jumps
+            and machine.ended
+            and machine.end == self.reel.end
+            and not self._keys.remap
+            and self._selection.needed.isdisjoint(left_out)
+        )
+        differences = tuple(segments.differences(whole=whole))
+        gathered = segments.gathered
+        heap = gathered.heap
+        ended = any(self.recording.of_kind("summary"))
+        not_compared = () if whole else self._not_compared()
+        return Replayed(
+            log=str(self.recording.path),
+            run=self.run,
+            endpoint=self.endpoint,
+            rounds=gathered.rounds,
+            moves=heap.moves,
+            reduced_moves=heap.reduced_moves,
+            cubes=heap.cubes,
+            max_cube_dimension=heap.max_cube_dimension,
+            path_digest=gathered.digest,
+            same=not differences and whole,
+            compared=ended or is_recovered(self.recording),
+            complete=ended and not self.recording.problems,
+            differences=differences,
+            messages=self._arrived,
+            seconds=round(time.monotonic() - self._began, 3),
+            not_compared=not_compared,
+            rounds_compared=0 if whole else len(segments.rounds),
+            left_out=left_out,
+        )
+
+    def _not_compared(self) -> tuple[str, ...]:
+        free = self.recording.clock == "free"
+        last = self.reel.step_at(self.reel.end)
+        missing = spans(self._segments.rounds, last)
+        steps = [f"{'levels' if free else 'rounds'} {missing}"] if missing else []
+        return (*steps, "cubes", "summary")
+
+
+def _pace(given: float | str | None, *, by_wall: bool) -> Pace:
+    if given is None:
+        return Pace()
+    if isinstance(given, str):
+        return read_pace(given, by_wall=by_wall)
+    rate = real_number("rate", given)
+    if not rate > 0:
+        raise InputError(f"rate={given}: expected more than 0 rounds a second")
+    return Pace(rate, "clock" if by_wall else "step")
+
+
+def _spot(name: str, given: int | str | None) -> Spot | None:
+    return None if given is None else read_spot(given, name)
+
+
+def _several(name: str, given: Collection[str]) -> Collection[str]:
+    if isinstance(given, str):
+        raise InputError(f"{name}={given!r}: expected a list of texts")
+    return given

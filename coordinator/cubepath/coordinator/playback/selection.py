@@ -1,0 +1,182 @@
+"""Which messages of a recording are played, and on which keys.
+
+Room: coordinator. Touches nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from fnmatch import fnmatchcase
+from functools import cache
+
+import zenoh
+
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.recordings.logged import kinds_of
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.free_messages import decode_free, free_key
+from cubepath.protocol.wire.keys import ROOT, key_of, topic_in_key
+from cubepath.protocol.wire.messages import decode
+
+_PARTS = ("here", "note", "claim", "verdict", "report", "observed")
+"""What modules say, which is put back; in format 1 each as a message of its own."""
+SAID = ("said", "reports", "observations", *_PARTS)
+"""The kinds of messages that are put back."""
+FREE_SAID = ("ask", "pass", "tell", "shows", "moved", "turns", "tail")
+"""The same of a run without rounds: what modules and keepers say."""
+_NEEDED = {"lockstep": frozenset({"reports", "report"}), "free": frozenset({"moved", "tail"})}
+"""What a run is gathered from."""
+_GLOB = frozenset("*?[")
+_NOT_IN_KEYS = frozenset("*$?#")
+
+
+def said_under(clock: str) -> tuple[str, ...]:
+    """Return the kinds that are played unless something else is asked for."""
+    return FREE_SAID if clock == "free" else SAID
+
+
+class Selection:
+    """The messages that are played: of some kinds, or on topics that match patterns.
+
+    >>> recording = read_recording("logs/golden/hex-5.mcap")
+    >>> some = Selection(recording, topics=["report/*", "edges/*"], exclude=["*/*_[1-9]"])
+    >>> sorted({record.topic for record in recording.records if some.takes(record)})
+    ['edges/coordinator', 'report/module_0']
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        *,
+        kinds: Collection[str] | None = None,
+        topics: Collection[str] = (),
+        exclude: Collection[str] = (),
+    ) -> None:
+        """Take messages of `kinds`, or what matches one of `topics`, but nothing of `exclude`.
+
+        Patterns are those of file names, over topics such as "reports/process_0"; one without a
+        slash means all topics of a kind. InputError if there is no such kind.
+        """
+        said = said_under(recording.clock)
+        stray = sorted(set(kinds or ()) - set(said))
+        if stray:
+            raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(said)}")
+        kept = frozenset(said if kinds is None else kinds)
+        taken = [_pattern("topics", each) for each in topics]
+        if taken:
+            _check_kinds(recording, taken)
+        left = [_pattern("exclude", each) for each in exclude]
+
+        def takes(topic: str) -> bool:
+            within = any(fnmatchcase(topic, each) for each in taken) if taken else None
+            if within is None:
+                within = topic.partition("/")[0] in kept
+            return within and not any(fnmatchcase(topic, each) for each in left)
+
+        self._takes: Callable[[str], bool] = cache(takes)
+        self.kinds = _kinds_among(taken) if taken else kept
+        """The kinds that can be among them; None if that is not known."""
+        self.needed = _NEEDED[recording.clock]
+        self.filtered = bool(taken or left)
+
+    def takes(self, record: Record) -> bool:
+        """Return whether a message is played."""
+        return self._takes(record.topic)
+
+
+def _pattern(name: str, text: str) -> str:
+    if not text or any(each in text for each in "#$"):
+        raise InputError(f"{name}={text}: expected topics such as 'reports/*' or 'said'")
+    return text if "/" in text else f"{text}/*"
+
+
+def _check_kinds(recording: Recording, patterns: Sequence[str]) -> None:
+    """Refuse a pattern that no kind on record can match: parts of batches are no topics."""
+    there = frozenset[str]().union(*(chunk.kinds for chunk in recording.chunks()))
+    for each in patterns:
+        kind = each.partition("/")[0]
+        if "" not in there and not any(fnmatchcase(known, kind) for known in there):
+            raise InputError(
+                f"topics={each}: nothing on record matches, expected topics of"
+                f" {', '.join(sorted(there))}"
+            )
+
+
+def _kinds_among(patterns: Sequence[str]) -> frozenset[str] | None:
+    kinds = [each.partition("/")[0] for each in patterns]
+    return None if any(_GLOB & set(kind) for kind in kinds) else frozenset(kinds)
+
+
+class Keys:
+    """The keys on which messages are put: those that they had, in another run and remapped."""
+
+    def __init__(self, recording: Recording, run: str, remap: Collection[str] = ()) -> None:
+        """Put under ``cubepath/RUN``; each of `remap` is "FROM=TO".
+
+        FROM is a topic, a key within the run, or how one begins, in whole parts; TO stands in its
+        place, and is a key of its own outside the run if it begins with a slash. InputError if
+        that is malformed, or the run is no part of a key.
+        """
+        check_run(run)
+        self.run = run
+        self.within = f"{ROOT}/{run}/"
+        self._recording = recording
+        self._free = recording.clock == "free"
+        self._known = kinds_of(recording.clock)
+        self.remap = tuple(_pair(each) for each in remap)
+
+    def check_reach(self, *, private: bool) -> None:
+        """Check that whoever plays may put on all keys; InputError if not.
+
+        A private router lets nobody put on keys that are not those of a run.
+        """
+        for old, new in self.remap:
+            if private and new.startswith("/") and not new.startswith(f"/{ROOT}/"):
+                raise InputError(
+                    f"remap={old}={new}: a private router has keys below {ROOT} alone, expected an"
+                    " endpoint such as tcp/127.0.0.1:7447"
+                )
+
+    def key(self, record: Record) -> str:
+        """Return the key of a message; InputError with its place if it is malformed."""
+        found = self._plain(record)
+        return self._remapped(record.topic, found) if self.remap else found
+
+    def _plain(self, record: Record) -> str:
+        if record.kind not in self._known:  # what other tools read
+            return f"{ROOT}/{self.run}/{record.topic.strip('/')}"
+        try:
+            if self._free:
+                return free_key(self.run, decode_free(record.data))
+            return key_of(self.run, decode(record.data))
+        except CubepathError as error:
+            where = f"{self._recording.path}: message {record.sequence} ({record.topic})"
+            raise InputError(f"{where}: {error}") from None
+
+    def _remapped(self, topic: str, key: str) -> str:
+        for old, new in self.remap:
+            for whole in (topic, topic_in_key(key)):
+                if whole == old or whole.startswith(f"{old}/"):
+                    rest = new + whole.removeprefix(old)
+                    return rest.lstrip("/") if new.startswith("/") else f"{ROOT}/{self.run}/{rest}"
+        return key
+
+
+def check_run(run: str) -> None:
+    """Check that a name can be part of a key; InputError if not."""
+    if not run or "/" in run or _NOT_IN_KEYS & set(run) or not run.isprintable():
+        raise InputError(f"run={run}: expected a name without any of / * $ ? #")
+
+
+def _pair(text: str) -> tuple[str, str]:
+    old, equals, new = text.partition("=")
+    if not (old and equals and new.strip("/")) or "=" in new:
+        raise InputError(f"remap={text}: expected FROM=TO, as reports/process_0=reports/left")
+    for each in (old, new.removeprefix("/")):
+        try:
+            whole = zenoh.KeyExpr(each)
+        except zenoh.ZError:
+            whole = None
+        if whole is None or _NOT_IN_KEYS & set(each):
+            raise InputError(f"remap={text}: {each!r} is no key: expected parts with / in between")
+    return old, new

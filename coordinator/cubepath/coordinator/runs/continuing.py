@@ -1,0 +1,211 @@
+"""What if other rules took over: a run that goes on from any round of a recording.
+
+Room: coordinator. Until then each module chooses what it chose on record, so the run passes through
+the same states; from then on it follows a rule, from where it stands and with no memory. It is a
+run like any other, in processes, and its recording names the one that it comes from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from cubepath.agents.processes.pacer import PATIENCE_S
+from cubepath.agents.rules.recorded import Recorded
+from cubepath.agents.rules.registry import rule_named
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.on_record import OnRecord, on_record
+from cubepath.coordinator.runs.outcome import Outcome
+from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
+from cubepath.coordinator.runs.running import Running, Say
+from cubepath.coordinator.runs.standing import Watch
+from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.given import whole_number
+from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.recordings.recording import Recording, recording_of
+
+
+def what_if(
+    recording: Recording | Source,
+    rule: str,
+    *,
+    from_round: int,
+    modules: Iterable[int] | None = None,
+    seed: int | None = None,
+    max_rounds: int | None = None,
+    processes: int = 4,
+    log: str | Path | None = None,
+    patience: float = PATIENCE_S,
+    watch: Watch | None = None,
+    say: Say | None = None,
+) -> Outcome:
+    """Run a recording on from a round, with modules that follow another rule from there.
+
+    >>> found = what_if(
+    ...     "logs/golden/agv-6.mcap", "random", from_round=5, max_rounds=9,
+    ...     processes=0, log="logs/what-if.mcap",
+    ... )
+    >>> found.rounds, found.recording().parameters["parent"]
+    (9, 'agv-6.mcap')
+
+    Args:
+        recording: the parent, of a run with rounds by a rule; it may have been cut off, and may be
+            the outcome of another what-if.
+        rule: a name or ``FILE.py:NAME``.
+        from_round: the first round in which modules follow the rule, from 1 (nothing is taken from
+            the parent but its start) to one more than it has whole rounds.
+        modules: who follows it; by default all. The others follow the rule that is on record for
+            them, which begins anew there as well.
+        seed: of ranks and of what rules draw from there on; by default the one on record.
+        max_rounds: how many rounds the run has at most, those on record among them; by default as
+            many as the parent, or 1000 after them if it takes over where that had to end.
+        processes: as for `run`, like all that follows.
+        log: the recording to write; by default a new file in the folder ``logs``.
+        patience: seconds.
+        watch: called after each round.
+        say: told in a line what goes on.
+
+    The rules begin with empty memory: what they draw are the first draws of the module's stream
+    from the seed. In their first round they hear what was noted in the one before, if that is on
+    record, and if their notes are as long.
+
+    The outcome is that of the whole run from the start. InputError if the recording or the rule
+    does not allow that; CheckError if reports on record are not what comes of the claims.
+    """
+    record = on_record(recording_of(recording))
+    most = record.rounds + (record.gathered.failed is None or not record.rounds)
+    first = whole_number("from", from_round)
+    path = record.recording.path
+    if not 1 <= first <= most:
+        why = "" if most > record.rounds else f", in round {most} a module gave up"
+        raise InputError(
+            f"from={first}: {path} has {record.rounds} whole rounds{why}, expected 1 to {most}"
+        )
+    _check_silence(record, first)
+    stage = _stage(record, rule, first, modules, seed)
+    plan = Plan(
+        system=record.recording.scene,
+        rule=rule,
+        seed=record.stages[0].seed if first > 1 else stage.seed,
+        hesitate=stage.hesitate,
+        processes=processes,
+        max_rounds=_most(record, first, max_rounds),
+        log=None if log is None else Path(log),
+        patience=patience,
+    )
+    branch = _branch(record, rule, stage)
+
+    def compared(gatherer: Gathered) -> None:
+        _compare(record, gatherer, first - 1)
+        if watch is not None:
+            watch(gatherer)
+
+    return Running(plan, watch=compared, say=say, branch=branch).play_from_the_start()
+
+
+def _check_silence(record: OnRecord, first: int) -> None:
+    """Refuse what cannot be repeated: a round in which modules fell silent between two rules."""
+    for stage in record.stages[1:]:
+        if record.note_length and not stage.heard and stage.begins < first:
+            raise InputError(
+                f"from={first}: in round {stage.begins} of {record.recording.path} other rules took"
+                f" over, and nothing was noted; expected 1 to {stage.begins}"
+            )
+
+
+def _stage(
+    record: OnRecord, rule: str, first: int, modules: Iterable[int] | None, seed: int | None
+) -> Stage:
+    """Return who follows which rule from the round on."""
+    scene, path = record.recording.scene, record.recording.path
+    everyone = range(len(scene.start))
+    named = list(everyone) if modules is None else sorted(set(modules))
+    strange = [module for module in named if module not in everyone]
+    if strange or not named:
+        told = f"modules={strange[0]}: no such module" if strange else "modules: none named"
+        raise InputError(f"{told}, {path} has 0-{len(scene.start) - 1}")
+    rules: dict[str, list[int]] = {rule: named}
+    now = record.stage(first)
+    for name in now.rules:
+        others = [module for module in now.modules(name) if module not in set(named)]
+        if others:
+            rules.setdefault(name, []).extend(others)
+    unknown = set(everyone) - {module for those in rules.values() for module in those}
+    if unknown:
+        raise InputError(
+            f"{path}: module_{min(unknown)} followed a rule of its process's own, expected it to be"
+            " among those that follow the rule"
+        )
+    lengths = {
+        name: rule_named(name, scene.system).length(len(scene.start)) for name in sorted(rules)
+    }
+    if len(set(lengths.values())) > 1:
+        told = ", ".join(f"{name} {length}" for name, length in lengths.items())
+        raise InputError(
+            f"rule={rule}: rules that are followed side by side note as many numbers, found {told}"
+        )
+    return Stage(
+        begins=first,
+        rules={name: spans(those) for name, those in rules.items()},
+        seed=now.seed if seed is None else whole_number("seed", seed, 0),
+        hesitate=now.hesitate,
+        heard=(
+            1 < first <= record.rounds
+            and lengths[rule] == record.note_length
+            and (now.begins < first or now.heard)
+        ),
+    )
+
+
+def _most(record: OnRecord, first: int, asked: int | None) -> int:
+    """Return how many rounds the run has at most."""
+    if asked is not None:
+        if whole_number("max-rounds", asked) < first:
+            raise InputError(f"max-rounds={asked}: expected {first} or more, where the rule begins")
+        return asked
+    before = record.max_rounds
+    return before if before is not None and before >= first else first - 1 + MAX_ROUNDS
+
+
+def _branch(record: OnRecord, rule: str, stage: Stage) -> Branch:
+    first = stage.begins
+    before = tuple(each for each in record.stages if each.begins < first)
+    recorded = Recorded(
+        choices={module: chosen[: first - 1] for module, chosen in record.choices.items()},
+        note_length=record.note_length,
+        seeds=[(each.begins, each.seed) for each in (*before[1:], stage)],
+        rules={
+            module: name for name in stage.rules if name != rule for module in stage.modules(name)
+        },
+        heard=stage.heard,
+    )
+    parameters = {
+        **parent_parameters(record),
+        "from_round": str(first),
+        "what_if": rule,
+        "stages": stages_text((*before, stage)),
+    }
+    return Branch(recorded, first - 1, parameters)
+
+
+def parent_parameters(record: OnRecord) -> dict[str, str]:
+    """Return by what the recording of a run names the one that it comes from."""
+    checksum = record.recording.sha256()
+    return {
+        "parent": record.recording.path.name,
+        "parent_path_digest": record.gathered.digest,
+        **({} if checksum is None else {"parent_sha256": checksum}),
+    }
+
+
+def _compare(record: OnRecord, gatherer: Gathered, last: int) -> None:
+    """Check that a round which was repeated has the moves that are on record."""
+    number = gatherer.rounds
+    if number <= last:
+        made, told = (each.steps[number - 1].executed for each in (gatherer, record.gathered))
+        if made != told:
+            raise CheckError(
+                f"{record.recording.path}: round {number}: its claims lead to other moves than"
+                " are reported"
+            )

@@ -1,0 +1,399 @@
+"""Some modules live and the others from a recording, up to the first divergence, which is named.
+
+Room: coordinator. The modules of a recording are played again in a run of real processes: those
+that are live follow their rule, the others choose what they chose on record. As long as the live
+ones do as before, every message is the one on record; so whatever differs first is theirs.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from msgspec.structs import replace
+
+from cubepath.agents.processes.pacer import PATIENCE_S
+from cubepath.agents.rules.asked import own_rule
+from cubepath.agents.rules.recorded import Recorded
+from cubepath.agents.rules.registry import find_rule, rule_named
+from cubepath.coordinator.runs.continuing import parent_parameters
+from cubepath.coordinator.runs.on_record import OnRecord, Words, move_text, on_record
+from cubepath.coordinator.runs.plan import Branch, Plan
+from cubepath.coordinator.runs.running import Running, Say
+from cubepath.coordinator.runs.standing import Watch
+from cubepath.coordinator.runs.tap import Overheard
+from cubepath.coordinator.verification.stages import Stage, spans, stages_text
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
+from cubepath.protocol.recordings.recording import Recording, recording_of
+from cubepath.protocol.wire.messages import Claim, Note, Part, Report, Verdict
+
+_ORDER = ("note", "claim", "verdict", "report")
+_MODULE = re.compile(r"\bmodule_(\d+)\b")
+
+
+@dataclass(frozen=True, slots=True)
+class Divergence:
+    """The first thing that a live module does, or a process says, other than on record.
+
+    >>> found = replay_live("logs/golden/agv-6.mcap", [0], rule="random", processes=0).divergence
+    >>> found.round, found.module, found.kind, found.recorded
+    (2, 0, 'note', 'notes of 5 numbers')
+    """
+
+    round: int
+    module: int | None
+    """None if the run ended there for another reason than a module."""
+    kind: str
+    """"note", "claim", "verdict" or "report"; "failed" if the run ended there."""
+    recorded: str
+    """What is on record."""
+    live: str
+    """What came instead."""
+    site: str | None
+    """Where the module stood when it chose, as JSON."""
+    sensed: tuple[str, ...]
+    """What it sensed and heard there."""
+
+    def __str__(self) -> str:
+        """Return it in a line, and in a second one what the module had sensed."""
+        who = "" if self.module is None else f", module_{self.module}"
+        lines = [f"round {self.round}{who}: {self.live}; on record {self.recorded}"]
+        if self.site is not None:
+            lines.append("; ".join([f"it stood at {self.site}", *(self.sensed or ["saw nobody"])]))
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, slots=True)
+class LiveReplay:
+    """What came of a replay with live modules."""
+
+    log: str
+    """The recording that was replayed."""
+    live: tuple[int, ...]
+    """The modules that were live."""
+    rounds: int
+    """How many rounds were the same, from the first on."""
+    recorded_rounds: int
+    """How many whole rounds are on record."""
+    divergence: Divergence | None
+    recording: str | None = None
+    """Where the run with the live modules is on record, if it was to be."""
+
+    @property
+    def same(self) -> bool:
+        """Whether all rounds on record were the same."""
+        return self.divergence is None
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath replay --live --json``."""
+        found = self.divergence
+        told = None
+        if found is not None:
+            told = {key: getattr(found, key) for key in found.__slots__}
+            told["sensed"] = list(found.sensed)
+        return {
+            "log": self.log,
+            "live": list(self.live),
+            "rounds": self.rounds,
+            "recorded_rounds": self.recorded_rounds,
+            "same": self.same,
+            "divergence": told,
+            "recording": self.recording,
+        }
+
+
+def replay_live(
+    recording: Recording | Source,
+    modules: Iterable[int] | None = None,
+    *,
+    rule: str | None = None,
+    processes: int = 4,
+    log: str | Path | None = None,
+    patience: float = PATIENCE_S,
+    listen: str | None = None,
+    connect: str | None = None,
+    secure: str | Path | None = None,
+    wait_for: int = 0,
+    watch: Watch | None = None,
+    say: Say | None = None,
+) -> LiveReplay:
+    """Replay a recording with some modules live, up to the first divergence.
+
+    >>> found = replay_live("logs/golden/agv-6.mcap", [0, 1], processes=0)
+    >>> found.same, found.rounds
+    (True, 20)
+    >>> print(replay_live("logs/golden/agv-3.mcap", [2], rule="tswap", processes=0).divergence)
+    round 1, module_2: claims edge at [2,3]; on record claims nothing
+    it stood at 2; sensed module_1 at 1
+
+    Args:
+        recording: of a run with rounds by one rule; of one that was cut off, its whole rounds.
+        modules: those that are live, by default all. The others choose as on record.
+        rule: what the live ones follow, a name or ``FILE.py:NAME``; by default the rule on record.
+        processes: as for `run`, like all that follows.
+        log: where the run with the live modules is recorded; by default nothing is kept of it.
+        patience: seconds.
+        listen: where processes of others may join, with modules that are live.
+        connect: instead, where a router listens already.
+        secure: the folder of certificates.
+        wait_for: how many processes join; what live modules they leave follow the rule here.
+        watch: called after each round.
+        say: told in a line what goes on.
+
+    InputError if the recording or the rule does not allow that.
+    """
+    record = on_record(recording_of(recording))
+    stage = _stage_of(record)
+    everyone = range(len(record.recording.scene.start))
+    live = tuple(everyone if modules is None else sorted(set(modules)))
+    _check(record, live)
+    name = _rule_of(record, stage, live, joined=bool(wait_for)) if rule is None else rule
+    own, told = _note_lengths(record, name)
+    kept = None if log is None else str(log)
+    with ExitStack() as resources:
+        if log is None:
+            folder = resources.enter_context(TemporaryDirectory(prefix="cubepath-live-"))
+            log = Path(folder) / "live.mcap"
+        plan = Plan(
+            system=record.recording.scene,
+            rule=name,
+            seed=stage.seed,
+            hesitate=stage.hesitate,
+            processes=processes,
+            # In round 2 notes are heard, and none is taken for one of another length.
+            max_rounds=record.rounds if own == told else 1,
+            log=Path(log),
+            patience=patience,
+            listen=listen,
+            connect=connect,
+            secure=None if secure is None else Path(secure),
+            wait_for=wait_for,
+        )
+        branch = _branch(record, stage, name, live, told)
+        running = Running(plan, watch=watch, say=say, branch=branch)
+        other = None if own == told else (_notes(told), _notes(own))
+        return _played(record, live, running, other, kept)
+
+
+def _notes(length: int) -> str:
+    return f"notes of {length} numbers" if length else "no notes"
+
+
+def _check(record: OnRecord, live: tuple[int, ...]) -> None:
+    path, modules = record.recording.path, len(record.recording.scene.start)
+    strange = [module for module in live if not 0 <= module < modules]
+    if strange or not live:
+        told = f"modules={strange[0]}: no such module" if strange else "modules: none is live"
+        raise InputError(f"{told}, {path} has 0-{modules - 1}")
+    if not record.rounds:
+        raise InputError(f"{path}: no whole round is on record, expected some to compare with")
+
+
+def _stage_of(record: OnRecord) -> Stage:
+    first, *others = record.stages
+    if others:
+        raise InputError(
+            f"{record.recording.path}: other rules took over in round {others[0].begins},"
+            " expected a recording of a run by the same rules throughout"
+        )
+    return first
+
+
+def _rule_of(record: OnRecord, stage: Stage, live: tuple[int, ...], *, joined: bool) -> str:
+    """Return the one rule that modules follow on record.
+
+    For those of processes that have `joined`, whose rule may be their own, that of the family.
+    """
+    names = [name for name in stage.rules if not set(live).isdisjoint(stage.modules(name))]
+    named = {module for name in names for module in stage.modules(name)}
+    if joined and not named >= set(live):
+        return own_rule(record.recording.scene)
+    if len(names) != 1 or not named >= set(live):
+        raise InputError(
+            f"{record.recording.path}: its modules followed rules of their own, expected a rule"
+        )
+    return names[0]
+
+
+def _note_lengths(record: OnRecord, name: str) -> tuple[int, int]:
+    """Return how many numbers the notes of the rule have, and those on record."""
+    scene = record.recording.scene
+    modules = len(scene.start)
+    own, told = rule_named(name, scene.system).length(modules), record.note_length
+    if told == 0 and record.rounds > 1:  # all are silent, or nobody is near
+        rules = [find_rule(each) for each in record.stages[0].rules]
+        speak = all(each is not None and each.length(modules) > 0 for each in rules)
+        return own, own if speak else 0
+    return own, told if record.rounds > 1 else own
+
+
+def _branch(
+    record: OnRecord, stage: Stage, name: str, live: tuple[int, ...], length: int
+) -> Branch:
+    left = {
+        each: [module for module in stage.modules(each) if module not in set(live)]
+        for each in stage.rules
+    }
+    left[name] = [*left.get(name, ()), *live]
+    rules = {each: spans(those) for each, those in left.items() if those}
+    recorded = Recorded(
+        choices={n: chosen for n, chosen in record.choices.items() if n not in set(live)},
+        note_length=length,
+    )
+    parameters = {
+        **parent_parameters(record),
+        "live": spans(live),
+        "stages": stages_text((replace(stage, rules=rules),)),
+    }
+    return Branch(recorded, None, parameters)
+
+
+class _Ear:
+    """What was said in the rounds under way, and the first message that was refused."""
+
+    def __init__(self) -> None:
+        self.words: dict[int, Words] = {}
+        self.refused: str | None = None
+
+    def hear(self, overheard: Overheard) -> None:
+        message = overheard.message
+        if isinstance(message, Note | Claim | Verdict | Report):
+            self.words.setdefault(message.round, {})[overheard.kind, message.module] = message
+        elif overheard.kind == "refused":
+            self.refused = self.refused or f"{message.who}: {message.why}"
+
+
+def _played(
+    record: OnRecord,
+    live: tuple[int, ...],
+    running: Running,
+    other: tuple[str, str] | None,
+    kept: str | None,
+) -> LiveReplay:
+    """Play round by round until something differs, or all are over.
+
+    In the second round that is known, if notes on record and those of the rule are `other` ones.
+    """
+    rounds = record.rounds if other is None else 1
+    ear = _Ear()
+    running.listen(ear.hear)
+    comparing = _Comparing(record)
+    same, found = 0, None
+    with running as run:
+        while found is None and same < rounds and run.goes_on:
+            run.step()
+            if run.gathered.rounds == same:
+                break  # the round was not completed
+            found = comparing.first(same + 1, ear.words.pop(same + 1, {}), whole=True)
+            if found is None:
+                same += 1
+                comparing.sites.append(tuple(run.gathered.sites))
+        outcome = run.stop()
+    if found is None and same < rounds:
+        heard = ear.words.get(same + 1, {})
+        why = ear.refused or outcome.error or f"the run ended: {outcome.ended}"
+        found = comparing.first(same + 1, heard, whole=False) or comparing.end(same + 1, why)
+    if found is None and other is not None:
+        found = comparing.divergence(2, live[0], "note", *other)
+    return LiveReplay(str(record.recording.path), live, same, record.rounds, found, kept)
+
+
+class _Comparing:
+    """Compares what modules say, live, with what is on record."""
+
+    def __init__(self, record: OnRecord) -> None:
+        self._record = record
+        self._system = record.recording.scene.system
+        self.sites: list[tuple[Site, ...]] = [tuple(record.recording.scene.start)]
+        """Where modules stand before each round that was begun."""
+
+    def first(self, number: int, heard: Words, *, whole: bool) -> Divergence | None:
+        """Return the first difference in a round; if it is not whole, in what was heard of it."""
+        told = self._record.words[number - 1]
+        for kind in _ORDER:
+            said = heard.keys() if not whole else heard.keys() | told.keys()
+            for module in sorted(module for each, module in said if each == kind):
+                was, now = told.get((kind, module)), heard.get((kind, module))
+                if _content(was) != _content(now):
+                    texts = (_text(each, kind) for each in (was, now))
+                    return self.divergence(number, module, kind, *texts)
+        return None
+
+    def end(self, number: int, why: str) -> Divergence:
+        """Return why a round on record was not completed."""
+        named = _MODULE.search(why)
+        module = None if named is None else int(named[1])
+        if module is None or module >= len(self.sites[0]):
+            return Divergence(number, None, "failed", "is a whole round", why, None, ())
+        claim = self._record.words[number - 1].get(("claim", module))
+        return self.divergence(number, module, "failed", _text(claim, "claim"), why)
+
+    def divergence(self, number: int, module: int, kind: str, was: str, now: str) -> Divergence:
+        """Return a difference, with what the module had sensed when it chose."""
+        # What is noted in a round is said in the next.
+        chosen = max(number - (kind == "note"), 1)
+        where = self.sites[chosen - 1]
+        system = self._system
+        place = system.place_of(where[module])
+        there = {system.place_of(site): other for other, site in enumerate(where)}
+        sensed = [
+            f"sensed module_{there[near]} at {site_text(where[there[near]])}"
+            for near in in_order(set(system.sensed(place)) & there.keys())
+        ]
+        reach = {there[near] for near in set(system.reach(place)) & there.keys()}
+        words = self._record.words[chosen - 1]
+        heard = ("note",) if kind in ("note", "claim", "failed") else ("claim", "verdict")
+        sensed += [
+            f"heard that module_{other} {_text(words[each, other], each)}"
+            for each in heard
+            for other in sorted(reach)
+            if (each, other) in words
+        ]
+        return Divergence(number, module, kind, was, now, site_text(where[module]), tuple(sensed))
+
+
+def _content(said: Part | Report | None) -> object:
+    """Return what counts of what a module said, whatever the format of the recording."""
+    match said:
+        case Note():
+            return tuple(said.note)
+        case Claim():
+            return said.generator, site_from_json(said.at)
+        case Verdict():
+            return said.granted, frozenset(map(site_from_json, said.to))
+        case Report():
+            move = None if said.move is None else (said.move.generator, said.move.at)
+            at = None if move is None else site_from_json(move[1])
+            sites = site_from_json(said.before), site_from_json(said.site)
+            return said.claim, move and move[0], at, sites, said.failed
+        case _:
+            return None
+
+
+def _text(said: Part | Report | None, kind: str) -> str:
+    """Return what a module said as the end of a sentence about it."""
+    match said:
+        case Note():
+            return f"notes {said.note}"
+        case Claim():
+            return f"claims {move_text(GeneratorPlacement(said.generator, said.at))}"
+        case Verdict():
+            how = "granted" if said.granted else "lost"
+            to = ", ".join(map(site_text, in_order(map(site_from_json, said.to))))
+            return f"says that its claim is {how}, to {to}"
+        case Report():
+            gave_up = "" if said.failed is None else f", gives up: {said.failed}"
+            return (
+                f"reports {said.claim}, {move_text(said.move)}, and stands at"
+                f" {site_text(site_from_json(said.site))}{gave_up}"
+            )
+        case _:
+            return {"note": "notes nothing", "claim": "claims nothing"}.get(kind, f"no {kind}")

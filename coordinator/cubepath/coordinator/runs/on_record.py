@@ -1,0 +1,181 @@
+"""What the modules of a recording said and chose, round by round, to be chosen again.
+
+Room: coordinator. Nothing of the recording is taken on trust that the run which repeats it does not
+derive again; here it is only checked that reports and claims fit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from cubepath.agents.processes.orders import OUTSIDE
+from cubepath.agents.rules.recorded import RECORDED, RecordedChoice
+from cubepath.agents.rules.schedule import SCHEDULE
+from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
+from cubepath.coordinator.verification.stages import Stage, spans, stages_in
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import site_from_json, site_text
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.credentials import process_name
+from cubepath.protocol.wire.messages import (
+    Acts,
+    Claim,
+    Note,
+    Part,
+    Ready,
+    Report,
+    Verdict,
+    kind_of,
+)
+
+Words: TypeAlias = dict[tuple[str, int], Part | Report]
+"""What modules said and reported in a round, by kind and module."""
+_KINDS = ("note", "claim", "verdict", "report")
+
+
+@dataclass(frozen=True, slots=True)
+class OnRecord:
+    """The whole rounds of a recording, from the first on."""
+
+    recording: Recording
+    gathered: Gathered
+    words: Sequence[Words]
+    """Of each whole round its notes, claims, verdicts and reports."""
+    choices: dict[int, list[RecordedChoice]]
+    """By module what it chose in each of them."""
+    note_length: int
+    stages: tuple[Stage, ...]
+    """Which rules the modules follow from which rounds on."""
+    max_rounds: int | None
+
+    @property
+    def rounds(self) -> int:
+        """Return the number of whole rounds."""
+        return len(self.words)
+
+    def stage(self, round_number: int) -> Stage:
+        """Return the stage to which a round belongs."""
+        return [each for each in self.stages if each.begins <= max(round_number, 1)][-1]
+
+
+def on_record(recording: Recording) -> OnRecord:
+    """Read what modules said and chose in the whole rounds of a recording.
+
+    InputError in one line if they did not choose by rules in rounds, or if what is on record does
+    not fit together; CheckError as for `gathered`.
+    """
+    _check_kind(recording)
+    found = gathered(recording)
+    words: list[Words] = [{} for _ in range(found.rounds + 1)]
+    own: set[str] = set()
+    own_modules: set[int] = set()
+    for logged in recording.messages((*_KINDS, "ready", "acts")):
+        match logged.message:
+            case Note() | Claim() | Verdict() | Report() as part:
+                if 1 <= part.round <= len(words):
+                    words[part.round - 1][kind_of(part), part.module] = part
+                if isinstance(part, Report) and logged.topic.rpartition("/")[2] in own:
+                    own_modules.add(part.module)
+            case Ready(phase="join", process=process, rule=str()):
+                own.add(process_name(process))
+            case Acts():
+                raise InputError(
+                    f"{recording.path}: its modules were driven from outside, expected a rule"
+                )
+            case _:
+                pass
+    whole = _whole(words[: found.rounds])
+    choices = {
+        module: [
+            _choice(recording, words[place], words[place + 1], module) for place in range(whole)
+        ]
+        for module in range(len(recording.scene.start))
+    }
+    return OnRecord(
+        recording,
+        found,
+        words[:whole],
+        choices,
+        _note_length(words),
+        _stages(recording, own_modules),
+        max_rounds_in(recording.parameters),
+    )
+
+
+def _check_kind(recording: Recording) -> None:
+    """Refuse recordings of modules that chose in another way than by a rule, in rounds."""
+    path, told = recording.path, recording.parameters
+    if recording.clock == "free":
+        raise InputError(
+            f"{path}: a run without rounds, whose modules act when they are ready:"
+            " expected a recording of a run with rounds"
+        )
+    if recording.schedule is not None or "schedule" in told or told.get("rule") == SCHEDULE:
+        raise InputError(
+            f"{path}: its modules carry out a schedule, each its own part, and follow no rule:"
+            " expected a recording of a run by a rule ('cubepath run --schedule' carries it out)"
+        )
+    if told.get("rule") == OUTSIDE:
+        raise InputError(f"{path}: its modules were driven from outside, expected a rule")
+
+
+def _whole(words: Sequence[Words]) -> int:
+    """Return up to which round nothing is missing that is known to have been said."""
+    for place, said in enumerate(words):
+        for report in (each for each in said.values() if isinstance(each, Report)):
+            heard = {(kind, sender) for kind, sender, _ in report.deliveries() if kind in _KINDS}
+            lost = report.claim == "lost" and ("claim", report.module) not in said
+            if lost or not heard <= said.keys():
+                return place
+    return len(words)
+
+
+def _choice(recording: Recording, said: Words, after: Words, module: int) -> RecordedChoice:
+    """Return what a module chose in a round; of the next one only its note counts."""
+    report, claim = said["report", module], said.get(("claim", module))
+    note = after.get(("note", module))
+    assert isinstance(report, Report)  # noqa: S101 - rounds are whole
+    move = report.move
+    if isinstance(claim, Claim):
+        placed = GeneratorPlacement(claim.generator, claim.at)
+        if report.claim == "none" or (report.claim == "granted" and move != placed):
+            raise InputError(
+                f"{recording.path}: round {report.round}, module_{module}: it claims"
+                f" {move_text(placed)}, and reports {report.claim}, {move_text(move)}"
+            )
+        move = placed
+    return RecordedChoice(move, note.note if isinstance(note, Note) else None, report.failed)
+
+
+def _note_length(words: Iterable[Words]) -> int:
+    for said in words:
+        for part in said.values():
+            if isinstance(part, Note):
+                return len(part.note)
+    return 0
+
+
+def _stages(recording: Recording, own: set[int]) -> tuple[Stage, ...]:
+    """Return which rules modules follow, those left out whose process named a rule of its own."""
+    told, path = recording.parameters, recording.path
+    rule, seed, hesitate = told.get("rule"), seed_in(told), hesitation_in(told)
+    stages = stages_in(recording)
+    for key, value in (("rule", rule), ("seed", seed), ("hesitate", hesitate)):
+        if value is None or (key == "rule" and value == RECORDED and not stages):
+            raise InputError(f"{path}: names no {key}, expected who chose how")
+    if stages:
+        return stages
+    modules = [n for n in range(len(recording.scene.start)) if n not in own]
+    return (Stage(1, {str(rule): spans(modules)}, int(seed or 0), float(hesitate or 0.0)),)
+
+
+def move_text(move: GeneratorPlacement | None) -> str:
+    """Return a move as text for people."""
+    if move is None:
+        return "no move"
+    return f"{move.generator} at {site_text(site_from_json(move.at))}"

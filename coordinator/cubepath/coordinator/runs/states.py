@@ -1,0 +1,82 @@
+"""Where modules are after each round of a recording, while it is read.
+
+Room: coordinator. The places follow from the start state and the moves that were reported.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+from cubepath.coordinator.runs.snapshots import snapshots
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.recordings.cuts import is_beginning, left_out
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.whole_rounds import rounds_in_turn
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """The sites of the modules, by number, after a round; without rounds after a level."""
+
+    round: int
+    wall_ns: int
+    """When the last of the round was reported; of the start, when the recording begins."""
+    sites: tuple[Site, ...]
+    moved: Mapping[int, Site]
+    """The modules that have just moved, and from where."""
+    by: Mapping[int, Action]
+    """What each of them made."""
+
+
+def states_of(recording: Recording) -> Iterator[State]:
+    """Yield the start as round 0, and the state after each round, or without rounds each level.
+
+    InputError if the recording does not begin where the run begins, if messages are missing in
+    between, if one cannot be decoded, or if a move is not admissible when its turn comes.
+
+    >>> states = list(states_of(read_recording("logs/golden/hex-5.mcap")))
+    >>> len(states), states[1].moved, states[1].sites[0]
+    (30, {0: (0, 0)}, (1, -1))
+    """
+    if left_out(recording) and not is_beginning(recording):
+        raise InputError(
+            f"{recording.path}: holds {len(recording.records)} messages of a longer recording,"
+            " expected all from its beginning ('cubepath merge' puts parts together)"
+        )
+    first = recording.counts().first_wall_ns or 0
+    ahead: list[tuple[int, int]] = [(0, first)]
+
+    def steps() -> Iterator[list[Action]]:
+        for number, wall_ns, actions in _rounds(recording):
+            ahead.append((number, wall_ns))
+            yield actions
+
+    try:
+        for snapshot in snapshots(recording.scene, steps()):
+            yield State(*ahead[-1], snapshot.sites, snapshot.moved, snapshot.by)
+    except InputError as error:
+        where = f"{recording.path}: "
+        raise InputError(f"{where}{str(error).removeprefix(where)}") from None
+
+
+def _rounds(recording: Recording) -> Iterator[tuple[int, int, list[Action]]]:
+    """Yield each round with the wall time of its last report, and its moves."""
+    system = recording.scene.system
+    for records in rounds_in_turn(recording):
+        ends: dict[int, int] = {}
+        actions: dict[int, list[Action]] = {}
+        if recording.clock != "free":
+            for record in records:
+                if record.kind in ("report", "reports"):
+                    ends[record.round] = max(record.wall_ns, ends.get(record.round, 0))
+        moves = replace(recording, records=records).moves()
+        names = ("round", "wall_ns", "generator", "at")
+        rows = zip(*(moves[name].tolist() for name in names), strict=True)
+        for number, wall_ns, generator, at in rows:
+            ends[number] = max(wall_ns, ends.get(number, 0))
+            actions.setdefault(number, []).append(system.action(generator, at))
+        for number in sorted(ends):
+            yield number, ends[number], actions.get(number, [])

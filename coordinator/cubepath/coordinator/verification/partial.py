@@ -1,0 +1,121 @@
+"""Verifying a part of a run: from where it was attached to, of some topics, or cut from the middle.
+
+Room: coordinator. Part of `cubepath verify`. Where modules stood when it begins is not on record,
+nor what rules remembered; so each message is checked by itself, and what would have to be derived
+is said not to be checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
+from cubepath.coordinator.verification.parameters import check_parameters
+from cubepath.coordinator.verification.transcript import Fail
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, is_beginning, left_out, whole_of
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.wire.free_messages import decode_free, free_topic
+from cubepath.protocol.wire.keys import topic_of
+from cubepath.protocol.wire.messages import Cube, Report, decode, parts_of
+
+_CHECKED = frozenset({"readable", "parameters", "messages"})
+
+
+def why_partial(recording: Recording) -> str | None:
+    """Return in a line why a recording is a part of a run; None if it begins at the start.
+
+    What is missing at the end alone does not make it one.
+    """
+    parameters = recording.parameters
+    for key in LEFT_OUT:
+        if key in parameters:
+            return f"messages were left out ({key} {parameters[key]})"
+    whole = whole_of(recording)
+    if whole is not None and not is_beginning(recording):
+        what = [parameters[FILTERED]] if FILTERED in parameters else []
+        what += [f"part {parameters[SPLIT]}"] if SPLIT in parameters else []
+        told = f" ({'; '.join(what)})" if what else ""
+        return f"{len(recording.records)} of {whole} messages{told}"
+    begins = parameters.get(ATTACHED, "1")
+    if begins == "1":
+        return None
+    what_begins = "level" if recording.clock == "free" else "round"
+    return f"the recording begins in {what_begins} {begins}, when the run was attached to"
+
+
+def verify_partial(
+    recording: Recording, checks: Iterable[str], why: str, progress: Progress | None
+) -> Verification:
+    """Check each message by itself; `rounds` counts the whole ones, of which all have reported.
+
+    The moves and cubes are those on record: nothing is derived.
+    """
+    failures = Failures(checks)
+    fail = failures.stage(0)
+    for problem in recording.problems:
+        fail("readable", problem)
+    check_parameters(recording, fail)
+    reported: dict[int, set[int]] = {}
+    rounds = cubes = count = 0
+    last = -1
+    for record in recording.records:
+        if record.sequence <= last:
+            where = f"message {record.sequence} ({record.topic})"
+            fail("messages", f"{where} stands after message {last}")
+        count, last = count + 1, max(last, record.sequence)
+        for part in _parts(recording, record, fail):
+            if isinstance(part, Cube):
+                cubes += 1
+            elif isinstance(part, Report):
+                known = reported.setdefault(part.round, set())
+                known.add(part.module)
+                if len(known) == len(recording.scene.start):
+                    del reported[part.round]
+                    rounds += 1
+                    if progress is not None:
+                        progress(1)
+    unchecked = {name: f"not checked: {why}" for name in checks if name not in _CHECKED}
+    made = failures.checks(unchecked)
+    return Verification(
+        ok=all(check.ok for check in made),
+        complete=False,
+        missing=Missing(0, max(last + 1 - count, left_out(recording))),
+        checks=made,
+        moves=_moves(recording),
+        rounds=rounds,
+        cubes=cubes,
+        path_digest="",
+    )
+
+
+def _parts(recording: Recording, record: Record, fail: Fail) -> Iterable[Any]:
+    """Check a message by itself; return it and its parts, or nothing if it is none."""
+    where = f"message {record.sequence} ({record.topic})"
+    parts: tuple[Any, ...]
+    try:
+        if recording.clock == "free":
+            free = decode_free(record.data)
+            topic, parts = free_topic(free), (free,)
+        else:
+            said = decode(record.data)
+            topic, parts = topic_of(said), tuple(parts_of(said))
+            found = (said.round, *(part.round for part in parts))
+            other = next((each for each in found if each != record.round), None)
+            if other is not None:
+                fail("messages", f"{where} of round {record.round} is of round {other}")
+    except InputError as error:
+        fail("messages", f"{where}: {error}")
+        return ()
+    if topic != record.topic:
+        fail("messages", f"{where}, round {record.round}: is {topic}")
+    return parts
+
+
+def _moves(recording: Recording) -> int:
+    try:
+        return len(recording.moves()["round"])
+    except InputError:  # told by `messages`
+        return 0

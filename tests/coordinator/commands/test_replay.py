@@ -1,0 +1,166 @@
+"""``cubepath replay`` under options and under keys: a terminal that is left as it was."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import termios
+import time
+from collections.abc import Callable
+
+import pytest
+
+from command_line import GOLDEN, PYTHON, refused
+from cubepath.coordinator.commands.keyboard import keys_in, order_of
+from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.playback.orders import Back, Seek, Step
+
+HEX = str(GOLDEN / "hex-5.mcap")
+Capture = pytest.CaptureFixture[str]
+
+
+def test_keys_have_names_however_they_are_sent() -> None:
+    """Several at a time, and arrows in both forms; what means nothing orders nothing."""
+    keys = keys_in(b" \x1b[C\x1bOD.\x1b[1~q\xff\x1b[5~\x1b")
+    assert keys[:6] == [" ", "right", "left", ".", "0", "q"]
+    assert [order_of(key, "0") for key in keys[6:]] == [None] * 3
+    assert order_of("right", "0") == Step("round")
+    assert order_of("left", "0") == Back("round")
+    assert order_of("0", "3.5s") == Seek("3.5s")
+    for key in " .,+-q":
+        assert order_of(key, "0") is not None
+
+
+@pytest.mark.slow
+def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
+    """The answer says what was not compared and what was not played; the exit code is 0."""
+    words = ["replay", HEX, "--from", "3", "--until", "5", "--topics", "report", "--run", "mine"]
+    assert main([*words, "--exclude", "*/module_4", "--rate", "100x", "--json"]) == 0
+    told = capsys.readouterr()
+    found = json.loads(told.out)
+    assert (found["run"], found["messages"], found["same"]) == ("mine", 12, False)
+    assert found["not_compared"] == ["rounds 1 to 29", "cubes", "summary"]
+    assert found["left_out"]["report"] == 145 - 12
+    assert re.fullmatch(r"cubepath: replaying on \S+ under cubepath/mine/\*\*\n", told.err)
+    assert main(["replay", HEX, "--until", "2"]) == 0
+    out = capsys.readouterr().out
+    assert "not played     26 claim, 19 cube, 29 edges, 87 go, 135 here, 176 ready, 135 rep" in out
+    assert "result         the same as recorded in 2 rounds; not compared: rounds 3 to 29, " in out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--rate 2 --real-time", "--rate and --real-time: expected one of the two"),
+        ("--real-time=0", "argument --real-time: expected a number of at least 0.00001"),
+        ("--rate 0x", "argument --rate: expected a number of at least 0.00001"),
+        ("--from 3.5", "argument --from: expected a round or level such as 12, or a time such as"),
+        ("--until x", "argument --until: expected a round or level such as 12"),
+        ("--from 30", "from 30: nothing is on record there; it goes from round 0 to 29"),
+        ("--topics reports", "topics=reports/*: nothing on record matches, expected topics of"),
+        ("--remap a", "remap=a: expected FROM=TO"),
+        ("--run a/b", "run=a/b: expected a name without any of"),
+        ("--delay -1", "argument --delay: expected 0 or more seconds"),
+        ("--wait-for-subscribers -1", "argument --wait-for-subscribers: expected a whole number"),
+    ],
+)
+def test_bad_options_are_one_line(words: str, said: str) -> None:
+    """Before anything is started."""
+    assert said in refused("replay", HEX, *words.split())
+
+
+class Terminal:
+    """A command in a terminal of its own."""
+
+    def __init__(self, *words: str) -> None:
+        self.mine, theirs = pty.openpty()
+        self.before = termios.tcgetattr(theirs)
+        self._theirs = theirs
+        self.told = ""
+
+        def lead() -> None:
+            os.setsid()
+            os.close(os.open(os.ttyname(0), os.O_RDWR))  # it becomes the controlling terminal
+
+        self.process = subprocess.Popen(
+            [*PYTHON, *words],
+            stdin=theirs,
+            stderr=theirs,
+            stdout=subprocess.PIPE,
+            preexec_fn=lead,  # noqa: PLW1509 - nothing else runs here yet
+        )
+
+    def press(self, keys: str) -> None:
+        os.write(self.mine, keys.encode())
+
+    def wait(self, what: Callable[[], object]) -> None:
+        """Read until something holds."""
+        deadline = time.monotonic() + 30
+        os.set_blocking(self.mine, False)
+        while not what():
+            assert time.monotonic() < deadline, self.told
+            try:
+                self.told += os.read(self.mine, 4096).decode()
+            except BlockingIOError:
+                time.sleep(0.01)
+
+    def shows(self, pattern: str) -> None:
+        """Wait until the last status line is like this."""
+        self.wait(lambda: re.search(pattern, self.told.rpartition("\r")[2]))
+
+    @property
+    def settings(self) -> list[object]:
+        return list(termios.tcgetattr(self._theirs))
+
+    def close(self) -> str:
+        """Return what was answered."""
+        out, _ = self.process.communicate(timeout=30)
+        os.close(self.mine)
+        os.close(self._theirs)
+        return out.decode()
+
+
+@pytest.mark.slow
+def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
+    """Steps and jumps, a stop by the terminal and on again, another rate, the end."""
+    terminal = Terminal("replay", HEX, "--start-paused", "--json")
+    try:
+        terminal.shows(r"paused  round 1 ")
+        assert "space pause, right/left a round on/back" in terminal.told
+        assert terminal.settings != terminal.before
+        terminal.press("\x1b[C\x1b[C")
+        terminal.shows(r"paused  round 3 ")
+        terminal.process.send_signal(signal.SIGTSTP)
+        os.waitpid(terminal.process.pid, os.WUNTRACED)
+        assert terminal.settings == terminal.before
+        terminal.process.send_signal(signal.SIGCONT)
+        terminal.wait(lambda: terminal.settings != terminal.before)
+        terminal.press("\x1b[D-")
+        terminal.shows(r"paused  round 2 .* rate 10")
+        terminal.press("q")
+        found = json.loads(terminal.close())
+        assert (found["rounds_compared"], found["messages"]) == (2, 22)
+    finally:
+        terminal.process.kill()
+    assert terminal.process.returncode == 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals) -> None:
+    """And nothing else of it: exit code 130, in one line."""
+    terminal = Terminal("replay", HEX, "--rate", "0.01")
+    try:
+        terminal.shows(r"playing  round 2 ")
+        terminal.process.send_signal(number)
+        terminal.wait(lambda: terminal.process.poll() is not None)
+        assert terminal.settings == terminal.before
+        assert terminal.close() == ""
+    finally:
+        terminal.process.kill()
+    assert terminal.process.returncode == 130
+    assert terminal.told.rstrip().endswith("cubepath: interrupted")

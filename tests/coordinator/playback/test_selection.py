@@ -1,0 +1,83 @@
+"""Which messages are played, and on which keys."""
+
+from __future__ import annotations
+
+import pytest
+
+from command_line import GOLDEN
+from cubepath.coordinator.playback.selection import Keys, Selection
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.recordings.recording import Record, read_recording
+from recordings import recorded
+
+HEX = read_recording(GOLDEN / "hex-5.mcap")
+
+
+def topics(*patterns: str, exclude: tuple[str, ...] = ()) -> set[str]:
+    """Return the topics that are played."""
+    selection = Selection(HEX, topics=patterns, exclude=exclude)
+    return {record.topic for record in HEX.records if selection.takes(record)}
+
+
+def test_topics_are_chosen_by_patterns() -> None:
+    """Of any kind; a kind stands for all its topics, and what is excluded is left out."""
+    assert topics("edges/*") == {"edges/coordinator"} == topics("edges")
+    assert topics("go", "ready/process_1") == {"go/coordinator", "ready/process_1"}
+    assert topics("re*") == {*topics("report"), *topics("ready")}
+    assert topics("*") == {record.topic for record in HEX.records}
+    assert topics("report", exclude=("*/module_[1-4]",)) == {"report/module_0"}
+    assert topics(exclude=("report", "here")) == topics("claim")
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"topics": ["verdict"]}, r"topics=verdict/\*: nothing on record matches, expected topics"),
+        ({"topics": [""]}, "topics=: expected topics such as"),
+        ({"exclude": ["a#"]}, "exclude=a#: expected topics such as"),
+        ({"kinds": ["go"]}, "unknown kind 'go'"),
+    ],
+)
+def test_what_chooses_nothing_is_refused(given: dict[str, list[str]], said: str) -> None:
+    """A part of a batch is no topic, for example."""
+    with pytest.raises(InputError, match=said):
+        Selection(HEX, **given)
+
+
+def keys(*remap: str) -> dict[str, str]:
+    """Return the first key of each topic of a run in batches."""
+    recording = recorded("hex:n=4", "chain", rounds=5)
+    found = Keys(recording, "r", remap)
+    return {record.topic: found.key(record) for record in reversed(recording.records)}
+
+
+def test_keys_are_remapped_by_topic_and_by_their_own_beginning() -> None:
+    """In whole parts: the first that fits; with a slash outside of the run."""
+    plain = keys()
+    assert plain["reports/process_0"] == "cubepath/r/reports/process_0"
+    assert keys("reports/process_0=left")["reports/process_0"] == "cubepath/r/left"
+    assert keys("reports=b/c")["reports/process_0"] == "cubepath/r/b/c/process_0"
+    assert keys("reports=/b")["reports/process_0"] == "b/process_0"
+    assert keys("report=b")["reports/process_0"] == plain["reports/process_0"]
+    region = plain["said/process_0"].removeprefix("cubepath/r/to/")
+    assert keys("to=from")["said/process_0"] == f"cubepath/r/from/{region}"
+    assert keys("said=heard")["said/process_0"] == "cubepath/r/heard/process_0"
+
+
+def test_what_other_tools_wrote_keeps_its_topic() -> None:
+    """Its bytes are not looked into."""
+    assert Keys(HEX, "r").key(Record("/viewer/scene", b"\0", 0, 0, 0)) == "cubepath/r/viewer/scene"
+
+
+@pytest.mark.parametrize("remap", ["a", "=a", "a=", "a=b=c", "a=/", "a*=b", "a=b//c", "a=b*"])
+def test_what_is_no_key_is_refused(remap: str) -> None:
+    """In one line."""
+    with pytest.raises(InputError, match="remap="):
+        Keys(HEX, "r", [remap])
+
+
+@pytest.mark.parametrize("run", ["", "a/b", "*", "a$b", "a?", "a#", "a\n"])
+def test_what_is_no_part_of_a_key_is_no_run(run: str) -> None:
+    """In one line."""
+    with pytest.raises(InputError, match="run="):
+        Keys(HEX, run)
