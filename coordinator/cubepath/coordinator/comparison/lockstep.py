@@ -1,0 +1,343 @@
+"""Two runs with rounds, gone through side by side: what differs first, round by round.
+
+Room: coordinator. Nothing is derived here: what modules said is compared, each thing once, in the
+order of the run. Memory is that of the rounds in progress and of some numbers for each round.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import zip_longest
+from typing import Any
+
+import msgspec
+
+from cubepath.coordinator.comparison.moves import Path
+from cubepath.coordinator.comparison.reading import Reading, action_text
+from cubepath.coordinator.comparison.results import (
+    Apart,
+    MessageDifference,
+    MoveDifference,
+)
+from cubepath.coordinator.verification.transcript import Round, site_in
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.wire.messages import Claim, Note, Report
+
+_KINDS = ("here", "note", "claim", "verdict", "report", "edges")
+"""What is said in a round, in this order."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is compared: the rounds, and no messages of the kinds that are ignored."""
+
+    first: int = 1
+    last: int | None = None
+    ignored: frozenset[str] = frozenset()
+    context: int = 0
+
+
+@dataclass(frozen=True)
+class Outcomes:
+    """A claim that came of otherwise: what is on record of its round in both runs."""
+
+    round: int
+    module: int
+    a: Round
+    b: Round
+
+
+@dataclass
+class Parting:
+    """What differs, as it is found."""
+
+    message: MessageDifference | None = None
+    choices: dict[int, int] = field(default_factory=dict)
+    """By module the first round in which it chose otherwise."""
+    acted: set[int] = field(default_factory=set)
+    """Those of them that claimed something else in that round, or gave up in one run alone."""
+    outcome: Outcomes | None = None
+    move: MoveDifference | None = None
+    states: list[Apart] = field(default_factory=list)
+    rounds: list[tuple[int, int, int, int]] = field(default_factory=list)
+    moved_apart: dict[int, int] = field(default_factory=dict)
+    """By module that stood elsewhere in the other run when choices first differed, since when."""
+    compared: int = 0
+    """The last round that was compared."""
+    only: tuple[int, int] = (0, 0)
+    """How many rounds each run has on record that the other does not have."""
+    unsaid: tuple[int, int] | None = None
+    """The first round of which one run alone (0 or 1) has no edges, and which."""
+
+
+class SideBySide:
+    """Goes through two recordings at once."""
+
+    def __init__(self, a: Reading, b: Reading, asked: Asked) -> None:
+        """Begin at both starts."""
+        self.readings = a, b
+        self.found = Parting()
+        self.paths = Path(a.recording.scene.system), Path(b.recording.scene.system)
+        self._asked = asked
+        self._states = States(a.recording.scene.start, b.recording.scene.start)
+
+    def go(self) -> Parting:
+        """Compare all rounds; OutOfOrder as for `Reading.rounds`."""
+        only = [0, 0]
+        for one, two in zip_longest(*(each.rounds() for each in self.readings)):
+            known = one or two
+            if known is None or (self._asked.last is not None and known[0] > self._asked.last):
+                break  # every round that is to be compared was
+            if one is not None and two is not None:
+                self._round(known[0], one[1], two[1])
+            else:
+                side = 0 if two is None else 1
+                only[side] += 1
+                self._alone(side, known[1], known[0])
+        self.found.only = (only[0], only[1])
+        self.found.states = self._states.ended()
+        return self.found
+
+    def ends(self) -> tuple[frozenset[Site], frozenset[Site]]:
+        """Return what was on at the end of each run, by the word of its modules."""
+        one, two = (
+            reading.recording.scene.system.filled | frozenset(sites)
+            for reading, sites in zip(self.readings, self._states.sites, strict=True)
+        )
+        return one, two
+
+    def _alone(self, side: int, said: Round, number: int) -> None:
+        """Take the moves of a round that the other run does not have."""
+        for report in said.reports.values():
+            self.paths[side].add(number, report)
+        self._states.round(number, *(said.reports if n == side else {} for n in (0, 1)))
+
+    def _round(self, number: int, a: Round, b: Round) -> None:
+        if number >= self._asked.first:
+            self.found.compared = number
+            if a.said != b.said or a.reports != b.reports or a.edges != b.edges:
+                self._differ(number, a, b)
+        for side, said in enumerate((a, b)):
+            for report in said.reports.values():
+                self.paths[side].add(number, report)
+        self._states.round(number, a.reports, b.reports)
+
+    def _differ(self, number: int, a: Round, b: Round) -> None:
+        """Take down what differs in a round in which something does."""
+        found = self.found
+        lists = _said(a), _said(b)
+        if (a.edges is None) != (b.edges is None):
+            for each in lists:
+                each.pop(("edges", -1), None)
+            found.unsaid = found.unsaid or (number, int(b.edges is None))
+        keys = sorted({*lists[0], *lists[1]}, key=_place)
+        different = [
+            key
+            for key in keys
+            if key[0] not in self._asked.ignored
+            and _told(lists[0].get(key)) != _told(lists[1].get(key))
+        ]
+        if different and found.message is None:
+            found.message = _message(number, different[0], lists, self._asked.context)
+        known = bool(found.choices)
+        self._choices(number, a, b, different)
+        if found.choices and not known:
+            found.moved_apart = dict(self._states.moved_apart)
+        self._moves(number, a, b)
+
+    def _choices(self, number: int, a: Round, b: Round, different: list[tuple[str, int]]) -> None:
+        """Take down who chose otherwise, and the first claim that came of otherwise."""
+        found, ignored = self.found, self._asked.ignored
+        for kind, module in different:
+            # The place from which a note is said follows from moves; what it says was chosen.
+            noted = kind == "note" and note_of(a, module) != note_of(b, module)
+            if noted and number > max(1, self._asked.first):
+                found.choices.setdefault(module, number - 1)
+        if not ignored.isdisjoint(("claim", "report")):
+            return
+        for module in sorted(a.reports.keys() & b.reports.keys()):
+            if chosen(a, module) != chosen(b, module):
+                if found.choices.setdefault(module, number) == number:
+                    found.acted.add(module)
+            elif found.outcome is None and _outcome(a, module) != _outcome(b, module):
+                found.outcome = Outcomes(number, module, a, b)
+
+    def _moves(self, number: int, a: Round, b: Round) -> None:
+        one, two = _moves(a), _moves(b)
+        if one == two:
+            return
+        common = sum(1 for module, move in one.items() if two.get(module) == move)
+        self.found.rounds.append((number, len(one), len(two), common))
+        if self.found.move is None:
+            modules = sorted({*one, *two})
+            module = next(each for each in modules if one.get(each) != two.get(each))
+            mine, theirs = (
+                action_text(*moves[module]) if module in moves else None for moves in (one, two)
+            )
+            self.found.move = MoveDifference(number, module, mine, theirs)
+
+
+class States:
+    """Where modules stand in both runs by their own word, and whether the same sites are on."""
+
+    def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...]) -> None:
+        self.moved_apart: dict[int, int] = {}
+        self.sites: tuple[list[Site], list[Site]] = list(a), list(b)
+        self._balance: dict[Site, int] = {}
+        self._apart: list[Apart] = []
+        self._begin: int | None = None
+        for side, sites in enumerate((a, b)):
+            for site in sites:
+                self._count(site, 1 - 2 * side)
+        for module in range(max(len(a), len(b))):
+            if a[module : module + 1] != b[module : module + 1]:
+                self.moved_apart[module] = 0
+        self._note(0)
+
+    def round(self, number: int, a: dict[int, Report], b: dict[int, Report]) -> None:
+        """Take the reports at the end of a round."""
+        touched: set[int] = set()
+        for side, reports in enumerate((a, b)):
+            sites = self.sites[side]
+            for module, report in reports.items():
+                if report.site == report.before:
+                    continue
+                site = site_in(report.site)
+                if site is not None and site != sites[module]:
+                    self._count(sites[module], 2 * side - 1)
+                    self._count(site, 1 - 2 * side)
+                    sites[module] = site
+                    touched.add(module)
+        one, two = self.sites
+        for module in touched:
+            if one[module : module + 1] == two[module : module + 1]:
+                self.moved_apart.pop(module, None)
+            else:
+                self.moved_apart.setdefault(module, number)
+        self._note(number)
+
+    def ended(self) -> list[Apart]:
+        """Return from when to when the states differed."""
+        if self._begin is not None:
+            self._apart.append(Apart(self._begin, None))
+        return self._apart
+
+    def _count(self, site: Site, by: int) -> None:
+        now = self._balance.get(site, 0) + by
+        if now:
+            self._balance[site] = now
+        else:
+            self._balance.pop(site, None)
+
+    def _note(self, number: int) -> None:
+        if self._balance and self._begin is None:
+            self._begin = number
+        elif not self._balance and self._begin is not None:
+            self._apart.append(Apart(self._begin, number))
+            self._begin = None
+
+
+_Said = dict[tuple[str, int], Any]
+
+
+def _said(this: Round) -> _Said:
+    """Return what is said in a round, by kind and module."""
+    found: _Said = dict(this.said)
+    found.update((("report", module), report) for module, report in this.reports.items())
+    if this.edges is not None:
+        found["edges", -1] = this.edges
+    return found
+
+
+def _place(key: tuple[str, int]) -> tuple[int, int]:
+    return _KINDS.index(key[0]), key[1]
+
+
+def _told(message: Any) -> dict[str, Json] | None:
+    """Return the fields of a message, in the one form that both formats have."""
+    if message is None:
+        return None
+    found: dict[str, Json] = msgspec.to_builtins(message)
+    if isinstance(message, Report):
+        heard: dict[str, list[int]] = {}
+        for kind, sender, _ in message.deliveries():
+            heard.setdefault(kind, []).append(sender)
+        found["heard"] = {kind: sorted(heard[kind]) for kind in sorted(heard)}
+    return found
+
+
+def _message(
+    number: int, key: tuple[str, int], lists: tuple[_Said, _Said], context: int
+) -> MessageDifference:
+    kind, module = key
+    a, b = (_told(each.get(key)) for each in lists)
+    names = [*(a or {}), *(name for name in b or {} if name not in (a or {}))]
+    absent = object()
+    fields = tuple(
+        name for name in names if (a or {}).get(name, absent) != (b or {}).get(name, absent)
+    )
+    around = tuple(_around(key, lists, context)) if context else ()
+    return MessageDifference(number, kind, None if module < 0 else module, a, b, fields, around)
+
+
+def _around(
+    key: tuple[str, int], lists: tuple[_Said, _Said], context: int
+) -> Iterator[tuple[str, str]]:
+    """Yield the messages of the round before and after one, in both runs."""
+    keys = sorted({*lists[0], *lists[1]}, key=_place)
+    at = keys.index(key)
+    for each in keys[max(0, at - context) : at + context + 1]:
+        one, two = (message_text(each[0], _told(said.get(each))) for said in lists)
+        yield one, two
+
+
+def message_text(kind: str, fields: dict[str, Json] | None) -> str:
+    """Return a message in one line, empty if there is none."""
+    if fields is None:
+        return ""
+    inside = (
+        f"{name}={msgspec.json.encode(value).decode()}"
+        for name, value in fields.items()
+        if name not in ("kind", "round", "module")
+    )
+    who = f" of module_{fields['module']}" if "module" in fields else ""
+    return f"{kind}{who}: {' '.join(inside)}"
+
+
+Chosen = tuple[str, Site | None] | None
+"""The move that a module chose, by generator and place; None if it stayed."""
+
+
+def chosen(this: Round, module: int) -> tuple[Chosen, str | None]:
+    """Return what a module chose: its move, and why it gave up.
+
+    A claim that nobody could hear was not said; of that the report tells, if it was granted.
+    """
+    claim, report = this.said.get(("claim", module)), this.reports.get(module)
+    failed = None if report is None else report.failed
+    if isinstance(claim, Claim):
+        return (claim.generator, site_in(claim.at)), failed
+    if report is not None and report.move is not None:
+        return (report.move.generator, site_in(report.move.at)), failed
+    return None, failed
+
+
+def note_of(this: Round, module: int) -> tuple[int, ...] | None:
+    """Return the note that a module said in a round."""
+    note = this.said.get(("note", module))
+    return tuple(note.note) if isinstance(note, Note) else None
+
+
+def _outcome(this: Round, module: int) -> str | None:
+    report = this.reports.get(module)
+    return None if report is None else report.claim
+
+
+def _moves(this: Round) -> dict[int, tuple[str, Json]]:
+    return {
+        module: (report.move.generator, report.move.at)
+        for module, report in this.reports.items()
+        if report.move is not None
+    }

@@ -1,0 +1,215 @@
+"""Two edge paths as a whole: equal in the same rounds, up to swapping, up to cancelling.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from itertools import zip_longest
+from typing import Any, NamedTuple
+
+from cubepath.coordinator.comparison.results import MoveDifference, Paths
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.shortening.path_input import read_input
+from cubepath.coordinator.verification.equality import difference
+from cubepath.coordinator.verification.transcript import site_in
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.names import Json
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.system import Scene, System
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Report
+
+
+class Path:
+    """The moves of a run: for each its round, mover and action, in 16 bytes."""
+
+    def __init__(self, system: System) -> None:
+        """Begin without moves."""
+        self._system = system
+        self._numbers: dict[tuple[str, Site], int] = {}
+        self._actions: list[Action] = []
+        self._moves = array("i")
+        self._places = array("q")
+        self.wrong: str | None = None
+        """Why the path is not known, if a move is none of the system."""
+
+    def add(self, number: int, report: Report) -> None:
+        """Add what a module reports to have done in a round."""
+        if report.move is not None:
+            self.move(number, report.module, report.move.generator, report.move.at)
+
+    def move(self, number: int, module: int, generator: str, at: Json) -> None:
+        """Add a move."""
+        place: Any = site_in(at)  # what is none is none of the system
+        known = self._numbers.get((generator, place))
+        if known is None:
+            try:
+                action = self._system.action(generator, place)
+            except (InputError, TypeError, ValueError, IndexError) as error:
+                self.wrong = self.wrong or f"round {number}, module_{module}: {error}"
+                return
+            known = self._numbers[generator, place] = len(self._actions)
+            self._actions.append(action)
+        self._moves.append(known)
+        self._places.extend((number, module))
+
+    @property
+    def actions(self) -> list[Action]:
+        """The actions in order."""
+        return [self._actions[number] for number in self._moves]
+
+    def identical(self, other: Path) -> bool:
+        """Return whether both have equal moves, by the same modules in the same rounds."""
+        return self._places == other._places and all(
+            one is two or one == two for one, two in zip(self.actions, other.actions, strict=True)
+        )
+
+
+def compare_paths(
+    one: Sequence[Action],
+    other: Sequence[Action],
+    starts: tuple[AbstractSet[Site] | None, AbstractSet[Site] | None],
+    ends: tuple[AbstractSet[Site] | None, AbstractSet[Site] | None],
+    *,
+    identical: bool,
+) -> Paths:
+    """Return how two paths compare as a whole."""
+    # Equal moves in equal rounds from one start need no comparing.
+    known = identical and starts[0] == starts[1]
+    same = None if known else difference(one, other, starts)
+    homotopic = same and difference(one, other, starts, homotopic=True)
+    cubes = _cubes(one)
+    return Paths(
+        (len(one), len(other)),
+        (cubes, cubes if known else _cubes(other)),
+        identical,
+        same,
+        homotopic,
+        states_text(*ends),
+    )
+
+
+def _cubes(actions: Sequence[Action]) -> int:
+    heap = FastHeap()
+    heap.extend(actions)
+    return heap.cubes
+
+
+def states_text(a: AbstractSet[Site] | None, b: AbstractSet[Site] | None) -> str | None:
+    """Return in one line how two states differ, None if they do not or are not known."""
+    if a is None or b is None or a == b:
+        return None
+    told = [
+        f"{', '.join(map(site_text, in_order(some)))} in {name} alone"
+        for some, name in ((a - b, "the first"), (b - a, "the second"))
+        if some
+    ]
+    return f"on are {'; '.join(told)}"
+
+
+def scenes_text(a: Scene, b: Scene) -> str | None:
+    """Return in one line how two scenes differ first, None if they are equal."""
+    if a.system.to_table() != b.system.to_table():
+        return f"the systems differ: {a.spec}, {b.spec}"
+    if len(a.start) != len(b.start):
+        return f"the numbers of modules differ: {len(a.start)}, {len(b.start)}"
+    for module, sites in enumerate(zip(a.start, b.start, strict=True)):
+        if sites[0] != sites[1]:
+            one, two = map(site_text, sites)
+            return f"the starts differ: module_{module} at {one}, at {two}"
+    return _goals_text(a, b)
+
+
+def _goals_text(a: Scene, b: Scene) -> str | None:
+    if a.goal != b.goal:
+        return f"the goals differ: {states_text(a.goal or frozenset(), b.goal or frozenset())}"
+    for module, goals in enumerate(zip(a.goals, b.goals, strict=False)):
+        if goals[0] != goals[1]:
+            one, two = (", ".join(map(site_text, each)) or "none" for each in goals)
+            return f"the goals of module_{module} differ: {one}; {two}"
+    if len(a.goals) != len(b.goals):
+        return "the goals differ: modules know their own in one of the scenes alone"
+    return None
+
+
+def compare_files(
+    a: Recording | Source, b: Recording | Source, system: str | None
+) -> tuple[MoveDifference | None, Paths, str | None]:
+    """Compare the moves of two files of any kind; errors as for `read_input`."""
+    one, two = (_moves_in(each, system) for each in (a, b))
+    first = next(
+        (
+            number
+            for number, moves in enumerate(zip_longest(one.actions, two.actions))
+            if moves[0] != moves[1]
+        ),
+        None,
+    )
+    move = None
+    if first is not None:
+        labels = [_label(each.actions, first) for each in (one, two)]
+        move = MoveDifference(first + 1, None, labels[0], labels[1])
+    scene = None
+    if one.scene is not None and two.scene is not None:
+        scene = scenes_text(one.scene, two.scene)
+    starts = one.start, two.start
+    if (one.scene is None or two.scene is None) and one.start is not None and two.start is not None:
+        # Only of sites that moves of both touch is it known whether they are on.
+        common = _touched(one) & _touched(two)
+        starts = one.start & common, two.start & common
+    ends = _end(one), _end(two)
+    if starts[0] is None or starts[1] is None or one.scene is None or two.scene is None:
+        ends = None, None
+    identical = first is None and starts[0] == starts[1]
+    paths = compare_paths(one.actions, two.actions, starts, ends, identical=identical)
+    return move, paths, scene
+
+
+class _Moves(NamedTuple):
+    actions: Sequence[Action]
+    start: AbstractSet[Site] | None
+    scene: Scene | None
+
+
+def _moves_in(source: Recording | Source, system: str | None) -> _Moves:
+    if isinstance(source, Recording):
+        path = gathered(source)
+        return _Moves(path.path, source.scene.start_state, source.scene)
+    given = read_input(source, system)
+    return _Moves(given.actions, given.start, given.given_scene)
+
+
+def _label(actions: Sequence[Action], place: int) -> str | None:
+    if place >= len(actions):
+        return None
+    action = actions[place]
+    return action.label or f"the move of {', '.join(map(site_text, in_order(action.trace)))}"
+
+
+def _touched(moves: _Moves) -> frozenset[Site]:
+    return frozenset[Site]().union(*(action.support for action in moves.actions))
+
+
+def _end(moves: _Moves) -> frozenset[Site] | None:
+    if moves.start is None:
+        return None
+    state = set(moves.start)
+    for action in moves.actions:
+        advance(state, action)
+    return frozenset(state)
+
+
+def advance(state: set[Site], action: Action) -> None:
+    """Make a move in place; of one that is not admissible, as in a damaged record, what it can."""
+    on = frozenset(site for site in action.support - action.free if site in state)
+    one, other = action.ends
+    gone, come = (one, other) if on == one else (other, one)
+    state -= gone
+    state |= come

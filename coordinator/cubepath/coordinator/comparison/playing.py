@@ -1,0 +1,166 @@
+"""One module's rule asked again, with every number that it drew.
+
+Room: coordinator. As `auditing` does for all modules: an actor with the random streams of the seed
+is given what the module observed, round by round. Here one module is played, with the rule, the
+seed and the hesitation of either run, so that it can be told what made it choose otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from cubepath.agents.rules.actor import Actor
+from cubepath.agents.rules.registry import rule_named
+from cubepath.agents.rules.rule import Choice, InitialKnowledge, RuleType
+from cubepath.agents.rules.schedule import SCHEDULE
+from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
+from cubepath.coordinator.verification.choices import Arrays
+from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
+from cubepath.protocol.core.errors import CubepathError, RuleError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Recording
+
+DRAWS_MAX = 1024
+"""Of more numbers that a rule draws in one choice none are told."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """How modules of a run choose: their rule, and what its randomness follows from."""
+
+    rule: str | None
+    seed: int | None
+    hesitate: float | None
+    schedule: bytes | None = None
+    own: str | None = None
+    """The rule of its own that a process names for the module; nobody can ask it again."""
+
+    def exchanged(self, name: str, other: Way) -> Way:
+        """Return this way with one thing of another: "rule", "seed" or "hesitate"."""
+        if name == "rule":
+            return replace(self, rule=other.rule, schedule=other.schedule, own=other.own)
+        return replace(self, **{name: getattr(other, name)})
+
+    def differs(self, other: Way) -> list[str]:
+        """Return what can be exchanged."""
+        return [
+            name for name in ("rule", "seed", "hesitate") if self.exchanged(name, other) != self
+        ]
+
+
+def way_of(recording: Recording, own: str | None, *, repaired: bool = False) -> Way:
+    """Return how a module chose by the parameters; `repaired` once its schedule is over."""
+    told = recording.parameters
+    name = told.get("repair" if repaired else "rule")
+    schedule = None if repaired else recording.schedule
+    return Way(name, seed_in(told), hesitation_in(told), schedule, own)
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a rule chose, and the numbers that were drawn for it."""
+
+    action: tuple[str, Site] | None
+    note: tuple[int, ...] | None
+    """The last note that it said, in this choice or before."""
+    failed: str | None
+    drew: tuple[float, ...] | None
+    doubt: float | None
+    choice: Choice
+
+
+class Player:
+    """The rule of one module, from its birth on; `why` says why it cannot be asked."""
+
+    def __init__(self, scene: Scene, module: int, way: Way, start: Site, clock: str) -> None:
+        """Make the rule."""
+        self.why: str | None = None
+        self.length = 0
+        self._scene = scene
+        self._note: tuple[int, ...] | None = None
+        self._actor: Actor | None = None
+        self._doubt: np.random.Generator | None = None
+        rule = self._found(way, clock)
+        if rule is None or way.seed is None or way.hesitate is None:
+            return
+        self._random = stream(way.seed, module, RULE)
+        self._doubt = stream(way.seed, module, HESITATE) if way.hesitate else None
+        knowledge = InitialKnowledge(
+            system=scene.system,
+            module=module,
+            modules=len(scene.start),
+            start=start,
+            goals=scene.goals[module] if scene.goals else (),
+            random=self._random,
+        )
+        try:
+            self.length = rule.length(len(scene.start), clock)
+            self._actor = Actor(
+                rule, knowledge, hesitate=way.hesitate, doubt=self._doubt, clock=clock
+            )
+        except CubepathError as error:
+            self.why = str(error)
+
+    def _found(self, way: Way, clock: str) -> RuleType | None:
+        missing = [key for key in ("rule", "seed", "hesitate") if getattr(way, key) is None]
+        if way.own is not None:
+            self.why = f"its process names a rule of its own: {way.own!r}"
+        elif missing:
+            self.why = f"the recording names no {missing[0]}"
+        elif way.schedule is not None or way.rule == SCHEDULE:
+            self.why = "it follows a schedule"
+        else:
+            try:
+                return rule_named(way.rule or "", self._scene.system, clock)
+            except CubepathError as error:
+                self.why = str(error)
+        return None
+
+    def play(self, site: Site, seen: Arrays) -> Played | None:
+        """Return what the rule chooses; None if it cannot be asked, or has failed before."""
+        actor = self._actor
+        if actor is None:
+            return None
+        before = self._random.bit_generator.state
+        doubted = None if self._doubt is None else self._doubt.bit_generator.state
+        try:
+            choice = actor.act(seen)
+        except RuleError as error:
+            self._actor, self.why = None, str(error)
+            choice = Choice(failed=str(error))
+        if choice.note:
+            self._note = tuple(choice.note)
+        drew = _drawn(before, self._random.bit_generator.state)
+        doubt = None
+        if self._doubt is not None and doubted is not None:
+            doubts = _drawn(doubted, self._doubt.bit_generator.state)
+            doubt = doubts[0] if doubts else None
+        return Played(self._move(site, choice), self._note, choice.failed, drew, doubt, choice)
+
+    def _move(self, site: Site, choice: Choice) -> tuple[str, Site] | None:
+        if not choice.action:
+            return None
+        move = self._scene.system.moves(site)[choice.action - 1]
+        return None if move is None else (move.generator, move.at)
+
+
+def _drawn(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[float, ...] | None:
+    """Return the numbers that were drawn between two states of a stream, as fractions.
+
+    PCG64 gives 64 bits a step; as numpy does for a random float, the upper 53 make the fraction.
+    Of a rule that draws 32 bits numpy keeps the upper half of a number for the next time.
+    """
+    if before["state"] == after["state"] and before["has_uint32"] > after["has_uint32"]:
+        return (before["uinteger"] * 2.0**-32,)
+    copy = stream_at(before).bit_generator
+    found: list[float] = []
+    while copy.state["state"] != after["state"]:
+        if len(found) >= DRAWS_MAX:
+            return None
+        found.append((int(copy.random_raw()) >> 11) * 2.0**-53)
+    return tuple(found)

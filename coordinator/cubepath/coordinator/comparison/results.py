@@ -1,0 +1,183 @@
+"""What comparing two runs finds, as data.
+
+Room: coordinator. Whatever has two sides has them as `a` and `b`, in the order of the arguments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, TypeAlias
+
+from cubepath.protocol.core.names import Json
+
+Cause: TypeAlias = Literal["rule", "seed", "hesitate", "inputs", "together", "record", "unknown"]
+"""Why two choices differ.
+
+Where both rules could be asked again, ``rule``, ``seed``, ``hesitate`` or ``inputs`` is what makes
+the module of `a` choose as that of `b` did, when it alone is exchanged; ``together`` if only all
+that differs does. ``record``: a choice on record is not what the installed rule chooses.
+``unknown``: nothing that is known tells why.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class MessageDifference:
+    """The first message that differs, in the order of the run: round, phase, kind, module.
+
+    `a` and `b` are its fields, None in the run that does not have it; `fields` names those that
+    differ. `around` has the messages before and after it, if they were asked for: for each the
+    line in `a` and the line in `b`, empty where it is missing. Without rounds `round` is a level.
+    """
+
+    round: int
+    kind: str
+    module: int | None
+    a: dict[str, Json] | None
+    b: dict[str, Json] | None
+    fields: tuple[str, ...]
+    around: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Side:
+    """What a module sensed, was told, drew and chose in one of the runs.
+
+    `sensed` says of each place that it senses what is there: a module, ``empty``, ``closed``
+    (outside the workspace) or ``filled`` (an obstacle); `told` is what modules within reach said in
+    their notes. `drew` are the numbers that its rule drew from its random stream in this choice, 64
+    bits each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it
+    hesitates. Both are None if the rule could not be asked again. `by_rule` is what the installed
+    rule chooses; `versions`, without rounds, are those of what it was shown.
+    """
+
+    site: str
+    sensed: dict[str, str]
+    told: dict[str, list[int]]
+    chose: str
+    by_rule: str | None = None
+    drew: tuple[float, ...] | None = None
+    doubt: float | None = None
+    versions: dict[str, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ChoiceDifference:
+    """The first choice that differs: of which module, in which round, and why.
+
+    `also` are the modules that chose something else in the same round. `causes` says why in words
+    for machines, and `why` in lines for people. Without rounds `round` is the level of the move
+    that came of it, and `number` says which of the module's moves that is, from 1.
+    """
+
+    round: int
+    module: int
+    a: Side
+    b: Side
+    causes: tuple[Cause, ...]
+    why: tuple[str, ...]
+    also: tuple[int, ...] = ()
+    number: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeDifference:
+    """The first claim that was made in both runs, and granted in one of them alone."""
+
+    round: int
+    module: int
+    claim: str
+    a: str
+    b: str
+    why: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MoveDifference:
+    """The first move that differs; None in the run in which the module makes none there."""
+
+    round: int
+    module: int | None
+    a: str | None
+    b: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Paths:
+    """The two edge paths as a whole; None where a path is not known.
+
+    `same` is None if they are equal up to swapping moves that commute, and otherwise one line on
+    the first difference; `homotopic` likewise, with moves that are undone taken out.
+    """
+
+    moves: tuple[int, int]
+    cubes: tuple[int, int]
+    identical: bool
+    """Whether both have the same moves in the same rounds, so the same digest."""
+    same: str | None
+    homotopic: str | None
+    end: str | None
+    """One line on how the states at the end differ, None if they do not."""
+
+
+@dataclass(frozen=True, slots=True)
+class Apart:
+    """From the end of which round to the end of which the states differ; None: to the end."""
+
+    begin: int
+    end: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Where two runs part, and why.
+
+    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
+    >>> found.same, found.choice, found.paths.cubes
+    (True, None, (19, 19))
+    """
+
+    a: str
+    b: str
+    clock: str
+    """"lockstep", "free", or "moves" if only the moves can be compared."""
+    same: bool
+    """Whether nothing differs that modules said and did."""
+    identical: bool
+    """Whether both files have the same bytes."""
+    parameters: dict[str, tuple[str | None, str | None]]
+    """The parameters that differ; None where one is missing."""
+    scene: str | None
+    """One line on the first difference of the scenes, None if they are equal."""
+    compared: str
+    """What was compared, in one line."""
+    notes: tuple[str, ...]
+    """What is odd with a recording, and what was not compared."""
+    message: MessageDifference | None = None
+    choice: ChoiceDifference | None = None
+    outcome: OutcomeDifference | None = None
+    move: MoveDifference | None = None
+    parted: dict[int, int] | None = None
+    """By module the first round in which it chose otherwise."""
+    states: tuple[Apart, ...] = ()
+    rounds: tuple[tuple[int, int, int, int], ...] = ()
+    """For each round with other moves: its number, the moves in `a`, in `b`, and in both."""
+    ends: tuple[str, str] | None = None
+    """How each run ended, if they ended otherwise."""
+    paths: Paths | None = None
+
+    @property
+    def answer(self) -> str:
+        """Where they part, in one line."""
+        from cubepath.coordinator.comparison.told import answer  # noqa: PLC0415 - it takes this
+
+        return answer(self)
+
+    def __str__(self) -> str:
+        """Return what is found, for people."""
+        from cubepath.coordinator.comparison.told import told  # noqa: PLC0415 - it takes this
+
+        return told(self)
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of ``cubepath diff --json``."""
+        return asdict(self)
