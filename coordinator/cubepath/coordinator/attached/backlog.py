@@ -1,0 +1,65 @@
+"""What was heard and waits to be written: a bounded queue of zenoh's, and what is taken from it.
+
+Room: coordinator. The queue is filled without Python, whose threads would otherwise take turns at
+every message; who fills a full one waits, so publishers that block are held up by the link.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import zenoh
+
+OVERHEAD_BYTES = 200
+"""What a message takes beside its bytes, once it was taken."""
+_QUEUED_BYTES = 4096
+"""What a message takes in the queue, a page of memory: most are smaller."""
+_QUEUE_MIN, _QUEUE_MAX = 4, 1 << 17
+_IDLE_S = 0.01
+
+
+class Heard(NamedTuple):
+    """A message as it came."""
+
+    key: str
+    data: bytes
+    wall_ns: int
+    source: tuple[str, int] | None
+    """Who numbers its messages, and the number of this one."""
+
+
+class Backlog:
+    """What came on a key expression and was not taken yet, of so many bytes at most."""
+
+    def __init__(self, session: zenoh.Session, key: str, bytes_max: int) -> None:
+        """Listen from now on."""
+        self.most = max(_QUEUE_MIN, min(bytes_max // _QUEUED_BYTES, _QUEUE_MAX))
+        """So many messages wait at most."""
+        queue: Any = zenoh.handlers.FifoChannel(self.most)
+        self._subscriber = session.declare_subscriber(key, queue)
+
+    def take(self, seconds: float) -> Iterator[Heard]:
+        """Yield what waits, for so long at most; wait a moment if there is nothing."""
+        take = self._subscriber.try_recv
+        until = time.monotonic() + seconds
+        found = take()
+        if found is None:
+            time.sleep(min(_IDLE_S, seconds))
+            found = take()
+        while found is not None:
+            if found.kind == zenoh.SampleKind.PUT:
+                yield _heard(found)
+            if time.monotonic() > until:
+                return
+            found = take()
+
+
+def _heard(sample: zenoh.Sample) -> Heard:
+    told = sample.source_info
+    source = None
+    if told is not None:
+        of = told.source_id
+        source = f"{of.zid}/{of.eid}", int(told.source_sn)
+    return Heard(str(sample.key_expr), sample.payload.to_bytes(), time.time_ns(), source)

@@ -1,0 +1,143 @@
+"""The files of a recorder: one, or one after another when each has its size or its time.
+
+Room: coordinator. Each is a recording by itself, closed before the next is begun.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.coordinator.runs.about import About
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.description import ATTACHED, PART
+from cubepath.protocol.recordings.writing import RecordingWriter
+from cubepath.protocol.scenes.toml import scene_from_toml
+
+NOTES = "cubepath-attached"
+"""The name of the metadata record that tells what is missing."""
+_PARTS_MAX = 1_000_000
+_OVER_S, _OVER_BYTES = 1.0, 1 << 20
+"""A file that is full goes on until a round begins, for so long, and by so many bytes at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Splitting:
+    """When a file is full; None means never."""
+
+    bytes: int | None = None
+    seconds: float | None = None
+
+    def __bool__(self) -> bool:
+        """Return whether there may be several files."""
+        return self.bytes is not None or self.seconds is not None
+
+
+class Parts:
+    """Writes messages to a file, or to one file after another."""
+
+    def __init__(
+        self,
+        about: About,
+        path: Path,
+        splitting: Splitting,
+        notes: Callable[[], Mapping[str, str]],
+        parameters: Mapping[str, str],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Begin no file yet; `notes` is asked for the last record of each.
+
+        InputError if the first file exists already.
+        """
+        self.paths: list[Path] = []
+        self.messages = 0
+        self._about = about
+        self._path = path
+        self._splitting = splitting
+        self._notes = notes
+        self._parameters = parameters
+        self._clock = clock
+        self._scene: Scene = scene_from_toml(about.scene, f"run {about.run} (scene)")
+        self._writer: RecordingWriter | None = None
+        self._until = 0.0
+        first = self._next()
+        if first.exists():
+            raise InputError(f"{first}: exists already, expected a new file")
+
+    def _next(self) -> Path:
+        if not self._splitting:
+            return self._path
+        return numbered(self._path, len(self.paths))
+
+    def write(
+        self, topic: str, data: bytes, *, at: int, wall_ns: int, begins: int, round_begins: bool
+    ) -> None:
+        """Write a message at its log time; CheckError if it cannot be written.
+
+        `begins` is the first whole round of a file that begins with it.
+        """
+        writer = self._writer
+        if writer is not None and self._is_full(writer, round_begins=round_begins):
+            self._end(writer)
+            writer = None
+        if writer is None:
+            writer = self._begin(begins)
+        writer.write(topic, data, round_number=at, wall_ns=wall_ns)
+        self.messages += 1
+
+    def _is_full(self, writer: RecordingWriter, *, round_begins: bool) -> bool:
+        most, splitting = self._splitting.bytes, self._splitting
+        if most is not None and writer.has(most):
+            return round_begins or writer.has(most + _OVER_BYTES)
+        if splitting.seconds is None:
+            return False
+        over = self._clock() - self._until
+        return over >= 0 and (round_begins or over >= _OVER_S)
+
+    def _begin(self, begins: int) -> RecordingWriter:
+        path = self._next()
+        parameters = {**self._about.parameters, **self._parameters, ATTACHED: str(begins)}
+        if self._splitting:
+            parameters[PART] = str(len(self.paths))
+        schedule = self._about.schedule
+        writer = self._writer = RecordingWriter(
+            path,
+            self._scene,
+            parameters,
+            None if schedule is None else schedule.encode(),
+            written_as=self._about.format,
+        )
+        self.paths.append(path)
+        self._until = self._clock() + (self._splitting.seconds or 0.0)
+        return writer
+
+    def _end(self, writer: RecordingWriter) -> None:
+        self._writer = None
+        try:
+            writer.note(NOTES, self._notes())
+        finally:
+            writer.close()
+
+    def flush_if_due(self) -> None:
+        """Write what has waited for long."""
+        if self._writer is not None:
+            self._writer.flush_if_due()
+
+    def close(self) -> None:
+        """End the last file; if nothing came there is one without messages."""
+        writer = self._writer
+        if writer is None and not self.paths:
+            writer = self._begin(0)
+        if writer is not None:
+            self._end(writer)
+
+
+def numbered(path: Path, number: int) -> Path:
+    """Return the path of a file of several, as NAME-000.mcap."""
+    if number >= _PARTS_MAX:
+        raise InputError(f"{path}: expected fewer than {_PARTS_MAX} files")
+    return path.with_name(f"{path.stem}-{number:03}{path.suffix}")
