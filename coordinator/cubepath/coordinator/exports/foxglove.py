@@ -1,0 +1,257 @@
+"""The robot in messages of Foxglove: a scene, transforms and poses, as protobuf.
+
+Room: coordinator. The library is an extra, and is imported when something is encoded.
+
+Each message holds all modules, so that a viewer that jumps to any time shows them all: viewers take
+the last message of a topic before that time, and no other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib import import_module
+from math import cos, pi, sin
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from cubepath.agents.rendering.pen import Colour
+from cubepath.agents.rendering.pictures import colours, solid_of
+from cubepath.agents.rendering.solids import Solid
+from cubepath.agents.rendering.themes import GOAL, INK, WALL
+from cubepath.coordinator.runs.states import State
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+
+FRAME = "robot"
+"""The frame in which everything lies: x and y as in a picture, z upwards, in cells."""
+TOPICS: Mapping[str, str] = {
+    "/robot/ground": "SceneUpdate",
+    "/robot/modules": "SceneUpdate",
+    "/robot/poses": "PosesInFrame",
+    "/tf": "FrameTransforms",
+}
+"""The topics and the schemas of their messages."""
+_GHOST = 0.3
+_NS = 1_000_000_000
+
+
+class Encoded(NamedTuple):
+    """A message for viewers."""
+
+    topic: str
+    data: bytes
+
+
+def library() -> ModuleType:
+    """Return the messages of the library; InputError says how to install it."""
+    try:
+        return import_module("foxglove.messages")
+    except ImportError:
+        raise InputError(
+            "messages of Foxglove take the library foxglove-sdk: pip install 'cubepath[viewers]'"
+        ) from None
+
+
+class Stage:
+    """Encodes the states of a scene; bodies are worked out once for each site."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Begin with nothing encoded; InputError if the library is missing."""
+        self._scene = scene
+        self._messages: Any = library()
+        self._solids_at: dict[Site, Solid | None] = {}
+        self._resting: dict[int, tuple[Site, Colour, dict[str, list[Any]]]] = {}
+        """By module its site, its colour and the parts of its entity there."""
+
+    def schemas(self) -> dict[str, tuple[str, str, bytes]]:
+        """Return name, encoding and bytes of the schema of each topic."""
+        found = {
+            topic: getattr(self._messages, name).get_schema() for topic, name in TOPICS.items()
+        }
+        return {topic: (each.name, each.encoding, each.data) for topic, each in found.items()}
+
+    def body(self, site: Site) -> Solid | None:
+        """Return what stands at a site."""
+        if site not in self._solids_at:
+            self._solids_at[site] = solid_of(self._scene, site)
+        return self._solids_at[site]
+
+    def ground(self, log_time: int) -> Encoded:
+        """Return what does not move: obstacles, the goal, and lines between places."""
+        messages, system = self._messages, self._scene.system
+        goal = self._scene.goal or ()
+        entities = [
+            self._flat("obstacles", log_time, system.filled, WALL, 1.0),
+            self._flat("goal", log_time, goal, GOAL, 0.1),
+        ]
+        lines = [
+            self._line([self._middle(one), self._middle(other)], 0.04, _rgb(WALL))
+            for one, other in system.lines()
+        ]
+        entities.append(self._entity("lines", log_time, lines=lines))
+        return Encoded("/robot/ground", messages.SceneUpdate(entities=entities).encode())
+
+    def _middle(self, place: Site) -> tuple[float, float, float]:
+        label = self._scene.system.labels
+        found = self.body(place if label is None else (place, 0))
+        return (0.0, 0.0, 0.0) if found is None else found.middle
+
+    def _flat(
+        self, name: str, log_time: int, sites: Iterable[Site], colour: str, height: float
+    ) -> Any:
+        """Return bodies as an entity, of a part of their height, their feet at those of modules."""
+        parts: dict[str, list[Any]] = {"cubes": [], "cylinders": []}
+        for site in sites:
+            body = self.body(site)
+            if body is not None:
+                x, y, z = body.middle
+                wide, deep, tall = body.size
+                low = Solid(
+                    (x, y, z - tall * (1 - height) / 2 - (0 if height == 1.0 else tall * height)),
+                    (wide, deep, tall * height),
+                    body.angle,
+                    body.is_round,
+                )
+                self._solid(parts, low, _rgb(colour), 0.6)
+        return self._entity(name, log_time, **parts)
+
+    def state(self, state: State, log_time: int) -> Iterator[Encoded]:
+        """Yield the messages of a state: the scene, the poses and the transforms."""
+        messages = self._messages
+        hues = colours(self._scene, state.sites)
+        bodies = [self.body(site) for site in state.sites]
+        shown = [number for number, body in enumerate(bodies) if body is not None]
+        entities = [
+            self._module(number, state, log_time, hues[number]) for number in range(len(bodies))
+        ]
+        yield Encoded("/robot/modules", messages.SceneUpdate(entities=entities).encode())
+        at = self._timestamp(log_time)
+        poses = [self._pose(bodies[number]) for number in shown]
+        yield Encoded(
+            "/robot/poses",
+            messages.PosesInFrame(timestamp=at, frame_id=FRAME, poses=poses).encode(),
+        )
+        transforms = [
+            messages.FrameTransform(
+                timestamp=at,
+                parent_frame_id=FRAME,
+                child_frame_id=f"module_{number}",
+                translation=messages.Vector3(**_xyz(pose.middle)),
+                rotation=self._turn(pose.angle),
+            )
+            for number in shown
+            if (pose := bodies[number]) is not None
+        ]
+        yield Encoded("/tf", messages.FrameTransforms(transforms=transforms).encode())
+
+    def _module(self, number: int, state: State, log_time: int, hue: Colour) -> Any:
+        """Return the entity of a module: empty where nothing stands."""
+        site, before = state.sites[number], state.moved.get(number)
+        parts = self._at_rest(number, site, hue)
+        if before is not None:
+            parts = {name: [*values] for name, values in parts.items()}
+            body, left = self.body(site), self.body(before)
+            if body is not None:
+                parts["lines"].append(self._line(_rim(body), 0.06, _rgb(INK)))
+            if left is not None:
+                self._solid(parts, left, hue, _GHOST)
+        return self._entity(f"module_{number}", log_time, **parts)
+
+    def _at_rest(self, number: int, site: Site, hue: Colour) -> dict[str, list[Any]]:
+        """Return the parts of a module that has not moved, made once while it stays."""
+        known = self._resting.get(number)
+        if known is not None and known[:2] == (site, hue):
+            return known[2]
+        parts: dict[str, list[Any]] = {"cubes": [], "cylinders": [], "lines": [], "texts": []}
+        body = self.body(site)
+        if body is not None:
+            self._solid(parts, body, hue, 1.0)
+            parts["texts"].append(self._text(body, number))
+        self._resting[number] = site, hue, parts
+        return parts
+
+    def _solid(self, parts: dict[str, list[Any]], body: Solid, hue: Colour, alpha: float) -> None:
+        messages = self._messages
+        red, green, blue = hue
+        given = {
+            "pose": self._pose(body),
+            "size": messages.Vector3(**_xyz(body.size)),
+            "color": messages.Color(r=red, g=green, b=blue, a=alpha),
+        }
+        if body.is_round:
+            parts["cylinders"].append(
+                messages.CylinderPrimitive(bottom_scale=1.0, top_scale=1.0, **given)
+            )
+        else:
+            parts["cubes"].append(messages.CubePrimitive(**given))
+
+    def _text(self, body: Solid, number: int) -> Any:
+        messages = self._messages
+        x, y, z = body.middle
+        above = Solid((x, y, z + body.size[2] / 2 + 0.15), body.size)
+        return messages.TextPrimitive(
+            pose=self._pose(above),
+            billboard=True,
+            font_size=0.3,
+            scale_invariant=False,
+            color=messages.Color(r=0.0, g=0.0, b=0.0, a=1.0),
+            text=str(number) if body.word is None else body.word,
+        )
+
+    def _line(self, points: Sequence[tuple[float, float, float]], wide: float, hue: Colour) -> Any:
+        messages = self._messages
+        red, green, blue = hue
+        return messages.LinePrimitive(
+            type=messages.LinePrimitiveLineType.LineStrip,
+            pose=self._pose(None),
+            thickness=wide,
+            scale_invariant=False,
+            points=[messages.Point3(**_xyz(point)) for point in points],
+            color=messages.Color(r=red, g=green, b=blue, a=1.0),
+        )
+
+    def _entity(self, name: str, log_time: int, **parts: Any) -> Any:
+        return self._messages.SceneEntity(
+            timestamp=self._timestamp(log_time), frame_id=FRAME, id=name, **parts
+        )
+
+    def _timestamp(self, log_time: int) -> Any:
+        return self._messages.Timestamp(log_time // _NS, log_time % _NS)
+
+    def _pose(self, body: Solid | None) -> Any:
+        messages = self._messages
+        middle, angle = ((0.0, 0.0, 0.0), 0.0) if body is None else (body.middle, body.angle)
+        return messages.Pose(
+            position=messages.Vector3(**_xyz(middle)), orientation=self._turn(angle)
+        )
+
+    def _turn(self, angle: float) -> Any:
+        return self._messages.Quaternion(x=0.0, y=0.0, z=sin(angle / 2), w=cos(angle / 2))
+
+
+def _xyz(point: tuple[float, float, float]) -> dict[str, float]:
+    x, y, z = point
+    return {"x": x, "y": y, "z": z}
+
+
+def _rgb(colour: str) -> Colour:
+    red, green, blue = bytes.fromhex(colour[1:])
+    return red / 255, green / 255, blue / 255
+
+
+def _rim(body: Solid) -> list[tuple[float, float, float]]:
+    """Return a closed line around the top of a body."""
+    (x, y, z), (wide, deep, tall) = body.middle, body.size
+    if body.is_round:
+        turns = [2 * pi * number / 12 for number in range(13)]
+        outline = [(wide / 2 * cos(turn), deep / 2 * sin(turn)) for turn in turns]
+    else:
+        outline = [
+            (a * wide / 2, b * deep / 2) for a, b in [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 1)]
+        ]
+    turned = [
+        (a * cos(body.angle) - b * sin(body.angle), a * sin(body.angle) + b * cos(body.angle))
+        for a, b in outline
+    ]
+    return [(x + a, y + b, z + tall / 2) for a, b in turned]

@@ -1,0 +1,167 @@
+"""The tables of a recording, some rows at a time, so that memory does not grow with the recording.
+
+Room: coordinator. What a row is, `Recording.moves` and `Recording.claims` say: here these are asked
+for the rounds that are complete, over and over. Without rounds a commit may be told again at the
+very end, so there the moves and claims of a run are taken at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import inf
+from typing import Any, TypeAlias
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.core.suggestions import did_you_mean
+from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.whole_rounds import rounds_in_turn
+
+Rows: TypeAlias = list[tuple[Any, ...]]
+"""Rows of numbers and texts, in the order of the columns."""
+SITES = ("at", "from", "to", "site")
+"""Columns of sites, as JSON."""
+DOCUMENTS = ("message",)
+"""Columns of JSON documents."""
+TEXTS = (*SITES, *DOCUMENTS, "generator", "outcome", "kind", "sender")
+"""Columns of texts; all others hold whole numbers of at most 64 bits."""
+TABLES = ("moves", "claims", "messages", "rounds")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """What is wanted of a recording: a table, and which of its rows.
+
+    `selection` has the range of rounds, and for messages the topics. `kinds` are for messages: the
+    parts of batches are kinds too.
+    """
+
+    table: str = "moves"
+    selection: Selection = Selection()  # noqa: RUF009 - it is not changed
+    kinds: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table: the names of its columns, and its rows, some at a time."""
+
+    columns: tuple[str, ...]
+    batches: Iterator[Rows]
+
+
+def table_of(recording: Recording, wanted: Wanted) -> Table:
+    """Return a table of a recording; its rows are read while they are asked for.
+
+    InputError if there is no such table or kind, if topics are asked of another table than that of
+    messages, and, while rows are read, where a message cannot be decoded.
+
+    >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), Wanted("rounds"))
+    >>> found.columns[:3], next(found.batches)[1][:3]
+    (('round', 'messages', 'bytes'), (1, 21, 2177))
+    """
+    name, selection = wanted.table, wanted.selection
+    if name not in TABLES:
+        near = did_you_mean(name, TABLES)
+        raise InputError(f"unknown table {name!r}{near}, expected one of {', '.join(TABLES)}")
+    if name != "messages" and (selection.topics or selection.exclude or wanted.kinds):
+        raise InputError(f"table {name}: has no topics and kinds, expected them for messages")
+    if wanted.kinds:
+        recording.messages(wanted.kinds)  # refuses unknown kinds
+    if name == "messages":
+        return Table(_MESSAGES, _messages(recording, wanted))
+    if name == "rounds":
+        return Table(_ROUNDS, _within(_rounds(recording), selection))
+    columns = _columns(recording.moves if name == "moves" else recording.claims, recording)
+    return Table(columns, _within(_derived(recording, name), selection))
+
+
+def _columns(made: Callable[[], Mapping[str, Any]], recording: Recording) -> tuple[str, ...]:
+    """Return the columns of moves or claims, which those of no message at all have too."""
+    return tuple(getattr(replace(recording, records=()), made.__name__)())
+
+
+def _within(batches: Iterable[Rows], selection: Selection) -> Iterator[Rows]:
+    """Yield the rows of a range of rounds; the round is the first column."""
+    first = 0 if selection.first is None else selection.first
+    last = inf if selection.until is None else selection.until
+    for rows in batches:
+        yield [row for row in rows if first <= row[0] <= last]
+
+
+def _derived(recording: Recording, name: str) -> Iterator[Rows]:
+    for records in rounds_in_turn(recording):
+        some = replace(recording, records=records)
+        columns = some.moves() if name == "moves" else some.claims()
+        lists = [
+            [site_text(value) for value in values] if column in SITES else values.tolist()
+            for column, values in columns.items()
+        ]
+        yield list(zip(*lists, strict=True))
+
+
+_MESSAGES = ("round", "wall_ns", "sequence", "kind", "sender", "bytes", "message")
+
+
+def _messages(recording: Recording, wanted: Wanted) -> Iterator[Rows]:
+    selection, kinds = wanted.selection, wanted.kinds
+    for records, _ in recording.blocks():
+        found: Iterable[Record] = filter(selection.keeps, records)
+        if kinds:
+            found = replace(recording, records=tuple(found)).of_kind(*kinds)
+        yield [_message(recording, record) for record in found]
+
+
+def _message(recording: Recording, record: Record) -> tuple[Any, ...]:
+    kind, _, sender = record.topic.partition("/")
+    data = record.data
+    where = f"{recording.path}: message {record.sequence} ({record.topic})"
+    if record.round >= 1 << 63 or record.wall_ns >= 1 << 63:
+        raise InputError(f"{where}: a time of 64 bits, expected less than 2^63")
+    try:
+        text = data.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"{where}: not UTF-8 text (byte {error.start})") from None
+    return record.round, record.wall_ns, record.sequence, kind, sender, len(data), text
+
+
+_ROUNDS = (
+    "round",
+    "messages",
+    "bytes",
+    "moves",
+    "granted",
+    "lost",
+    "first_wall_ns",
+    "last_wall_ns",
+)
+
+
+def _rounds(recording: Recording) -> Iterator[Rows]:
+    """Yield a row for each round that has a message, and what its modules did."""
+    if recording.clock == "free" and recording.parameters.get("log_time") == "wall":
+        raise InputError(
+            f"{recording.path}: its log time is the wall clock, so its messages have no levels"
+        )
+    for records in rounds_in_turn(recording):
+        found: dict[int, list[int]] = {}
+        for record in records:
+            row = found.get(record.round)
+            if row is None:
+                row = [0, 0, 0, 0, 0, record.wall_ns, record.wall_ns]
+                found[record.round] = row
+            row[0] += 1
+            row[1] += len(record.data)
+            row[5] = min(row[5], record.wall_ns)
+            row[6] = max(row[6], record.wall_ns)
+        some = replace(recording, records=records)
+        moves = some.moves()
+        for number, wall_ns in zip(moves["round"].tolist(), moves["wall_ns"].tolist(), strict=True):
+            # Without rounds a commit may be told when a higher level was reached already.
+            found.setdefault(number, [0, 0, 0, 0, 0, wall_ns, wall_ns])[2] += 1
+        claims = some.claims()
+        for number, outcome in zip(claims["round"].tolist(), claims["outcome"], strict=True):
+            if outcome:
+                found[number][3 if outcome == "granted" else 4] += 1
+        yield [(number, *found[number]) for number in sorted(found)]

@@ -1,0 +1,79 @@
+"""`cubepath filter`, `split` and `merge`: recordings in, recordings out."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from command_line import GOLDEN, refused
+from cubepath.coordinator.commands.main import main
+from cubepath.protocol.recordings.recording import read_recording
+
+Capture = pytest.CaptureFixture[str]
+LOG = str(GOLDEN / "agv-3.mcap")
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Go to an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def answered(capsys: Capture, *arguments: str) -> Any:
+    """Return the JSON document of a command."""
+    assert main([*arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_split_and_merged_it_is_the_recording(capsys: Capture) -> None:
+    """The parts are named after the recording, and all of them make it again."""
+    found = answered(capsys, "split", LOG, "-o", "parts", "--rounds", "6")
+    assert found["parts"] == [f"parts/agv-3-00{number}.mcap" for number in range(3)]
+    told = answered(capsys, "merge", *reversed(found["parts"]), "-o", "whole.mcap")
+    assert told == {"messages": 276, "recordings": 3, "output": "whole.mcap"}
+    whole = read_recording(Path("whole.mcap"))
+    assert list(whole.records) == list(read_recording(LOG).records)
+
+
+def test_a_filter_says_how_much_it_took(capsys: Capture) -> None:
+    """Patterns may be given several times; the parameters of the result say what was taken."""
+    arguments = ["--topics", "report", "--topics", "ready/*", "--exclude", "*_1", "--until", "4"]
+    found = answered(capsys, "filter", LOG, "some.mcap", *arguments)
+    kept = list(read_recording(Path("some.mcap")).records)
+    assert found == {"messages": len(kept), "of": 276, "output": "some.mcap"}
+    assert {record.topic for record in kept} == {
+        *("report/module_0", "report/module_2", "ready/process_0")
+    }
+    told = answered(capsys, "info", "some.mcap")["parameters"]
+    assert told["filtered"] == "topics report ready/*, without *_1, until 4"
+    assert told["whole_messages"] == "276"
+    assert main(["verify", "some.mcap"]) == 0
+    assert f"{len(kept)} of 276 messages (topics report" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("filter", LOG, LOG), "is an input"),
+        (("filter", LOG, "new.mcap", "--from", "5", "--until", "3"), "from 5 until 3"),
+        (("filter", LOG, "new.mcap", "--topics", ""), "expected a pattern"),
+        (("filter", LOG, "old.mcap"), "is a recording, which is kept"),
+        (("split", LOG, "-o", "new", "--size", "0"), "expected a number above 0"),
+        (("split", LOG, "-o", "new"), "--parts --rounds --seconds --size is required"),
+        (("split", LOG, "-o", "old.mcap", "--parts", "2"), "not a folder"),
+        (("merge", LOG, "old.mcap", "-o", "old.mcap"), "is an input"),
+        (("merge", LOG, str(GOLDEN / "hex-5.mcap"), "-o", "new.mcap"), "another scene than in"),
+    ],
+)
+def test_what_cannot_be_is_told_in_one_line(
+    folder: Path, arguments: tuple[str, ...], why: str
+) -> None:
+    """With exit code 2, and nothing is written."""
+    shutil.copy(LOG, "old.mcap")
+    assert why in refused(*arguments)
+    assert [path.name for path in folder.iterdir()] == ["old.mcap"]
