@@ -1,0 +1,222 @@
+"""A run elsewhere as a page: what it tells whoever may listen, step by step.
+
+Room: coordinator. Who watches is a guest of the run's router; the run is not touched.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from cubepath.coordinator.live.feed import Feed
+from cubepath.coordinator.live.server import Server
+from cubepath.coordinator.runs.about import About, about_key, find_run
+from cubepath.coordinator.runs.asking import ask
+from cubepath.coordinator.viewing.pages import page_text
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.given import seconds
+from cubepath.protocol.core.sites import site_from_json
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.description import FREE_FORMAT
+from cubepath.protocol.scenes.toml import scene_from_toml
+from cubepath.protocol.wire.credentials import GUEST, Credentials
+from cubepath.protocol.wire.keys import topic_key
+from cubepath.protocol.wire.messages import Edges, Message, Summary, decode
+from cubepath.protocol.wire.router import check_secure
+from cubepath.protocol.wire.sessions import (
+    check_endpoint,
+    open_client,
+    routers_of,
+    subscribe,
+    watch,
+)
+from cubepath.protocol.wire.sockets import is_private
+
+_QUIET_S = 1.0
+"""A run whose token has gone, and of which nothing more comes for so long, has ended."""
+_WAITING_MAX = 100_000
+"""So many steps wait at most to be looked at; who falls behind more has missed some."""
+
+
+class Watched:
+    """A run elsewhere, with the page that shows it; as a context manager it leaves both."""
+
+    def __init__(
+        self, endpoint: str, *, run: str | None, port: int, secure: Path | None, patience_s: float
+    ) -> None:
+        """Attach to the run, and serve the page; the errors are those of `watch_run`."""
+        self.ended: str | None = None
+        """How the run has ended, or why it is watched no more; None while it goes on."""
+        self.error: str | None = None
+        """What went wrong, in a line, if anything did."""
+        self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
+        self._news = threading.Event()
+        self._gone_s: float | None = None
+        credentials = GUEST if secure is None else Credentials(GUEST.name, "", str(secure))
+        self._session = open_client(endpoint, patience_s, credentials=credentials)
+        try:
+            about = self._about = find_run(self._session, endpoint, run, patience_s)
+            self.run = about.run
+            self._listen(about)
+            status = ask(endpoint, about.run, credentials=credentials, timeout_s=patience_s)
+            self.round = status.round
+            """The last round that the page shows."""
+            self.begins = status.round
+            """How many rounds were over before: the page has none of these."""
+            told = scene_from_toml(about.scene, f"run {about.run}")
+            self.scene: Scene = dataclasses.replace(told, start=status.sites)
+            self._feed = Feed(self.scene, facts=self._facts(about), before=self.begins)
+        except BaseException:
+            self._session.close()
+            raise
+        try:
+            self._server = Server(
+                page_text(self._feed.document, live=True), self._feed, None, port=port
+            )
+        except BaseException:
+            self._session.close()
+            self._feed.close()
+            raise
+        self.address = self._server.address
+        """Where the page is."""
+
+    def _listen(self, about: About) -> None:
+        if about.format == FREE_FORMAT:
+            raise InputError(
+                f"run {about.run}: has no rounds (clock=free), expected one with rounds to watch"
+            )
+        session = self._session
+        self._subscribers = [
+            subscribe(session, topic_key(about.run, kind), self._hear)
+            for kind in ("edges", "summary")
+        ]
+        self._token = watch(session, about_key(about.run), self._tell_alive)
+
+    def _facts(self, about: About) -> list[tuple[str, str]]:
+        known = about.parameters
+        facts: list[tuple[str, str]] = [
+            (key, known[key]) for key in ("rule", "seed") if key in known
+        ]
+        facts.append(("run", about.run))
+        if self.begins:
+            facts.append(("", f"watched from the end of round {self.begins} on"))
+        return facts
+
+    # In threads of zenoh.
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        try:
+            message = decode(sample.payload.to_bytes())
+        except CubepathError:  # others may say anything at a router that is open to all
+            return
+        self._waiting.append(message)
+        self._news.set()
+
+    def _tell_alive(self, _key: str, alive: bool) -> None:  # noqa: FBT001 - as `watch` tells it
+        self._gone_s = None if alive else time.monotonic()
+        self._news.set()
+
+    # For who watches.
+
+    def wait(self, timeout_s: float) -> bool:
+        """Feed the page for so many seconds, or until the run ends; return whether it has ended."""
+        until = time.monotonic() + timeout_s
+        while self.ended is None:
+            self._news.clear()
+            while self._waiting and self.ended is None:
+                self._take(self._waiting.popleft())
+            if self.ended is None:
+                self._look()
+            left = until - time.monotonic()
+            if self.ended is not None or left <= 0:
+                break
+            self._news.wait(min(left, _QUIET_S / 4))
+        return self.ended is not None
+
+    def _take(self, message: Message) -> None:
+        match message:
+            case Edges(round=number) if number == self.round + 1:
+                self.round = number
+                self._feed.give(number - 1 - self.begins, [self._actions(message)])
+            case Edges(round=number) if number > self.round + 1:
+                self._end("missed", f"round {self.round + 1} was not heard, but {number}")
+            case Summary(ended=ended, error=error):
+                self._end(ended, error)
+            case _:
+                pass
+
+    def _actions(self, edges: Edges) -> tuple[Action, ...]:
+        action = self.scene.system.action
+        return tuple(action(move.generator, site_from_json(move.at)) for move in edges.moves)
+
+    def _look(self) -> None:
+        gone = self._gone_s is not None and time.monotonic() - self._gone_s > _QUIET_S
+        if gone or not routers_of(self._session):
+            self._end("gone", "the run is gone, and has not said how it ended")
+
+    def _end(self, ended: str, error: str | None) -> None:
+        self.ended, self.error = ended, error
+        told: dict[str, Any] = {"ended": ended, "error": error}
+        self._feed.end(told)
+
+    def __enter__(self) -> Self:
+        """Return the run, which is watched."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the run, and serve the page no more."""
+        if self.ended is None:
+            self._end("left", "whoever fed this page has left the run")
+        self._session.close()
+        try:
+            self._server.leave()
+        finally:
+            self._feed.close()
+
+
+def watch_run(
+    endpoint: str,
+    run: str | None = None,
+    *,
+    port: int = 0,
+    secure: Path | str | None = None,
+    patience_s: float = 10.0,
+) -> Watched:
+    """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
+
+    `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
+    are several. The page begins where the run stands. It has an `address`, and is fed by `wait`.
+    `secure` is a folder with the certificate of `guest`.
+
+    InputError for a run without rounds, CheckError if no run answers within `patience_s` seconds,
+    CubepathError if there is no router at the endpoint.
+
+    >>> with start("hex:n=4", processes=1, log="logs/far.mcap") as running:
+    ...     running.step(2)
+    ...     with watch_run(running.endpoint) as watched:
+    ...         outcome = running.play()
+    ...         watched.wait(10), watched.begins, watched.round == outcome.rounds
+    True
+    (True, 2, True)
+    """
+    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
+    folder = None if secure is None else Path(secure)
+    if not is_private(endpoint):
+        check_endpoint(endpoint, connect=True)
+        check_secure(endpoint, folder)
+    patience_s = seconds("patience_s", patience_s)
+    return Watched(endpoint, run=run, port=port, secure=folder, patience_s=patience_s)

@@ -1,0 +1,90 @@
+// The plane of a chart: time steps from left to right, below the slider, and lanes from top to bottom.
+(function (cubepath) {
+  "use strict";
+
+  const LEFT = 34, RIGHT = 12, TOP = 4, BOTTOM = 20;
+  document.documentElement.style.setProperty("--left", `${LEFT}px`);
+  document.documentElement.style.setProperty("--right", `${RIGHT}px`);
+
+  /** Multiples of a round number, at most `most` of them. */
+  function ticks(first, last, most) {
+    let step = 1;
+    for (let digits = 1; Math.floor(last / step) - Math.floor((first - 1) / step) > most; digits++) {
+      step = [1, 2, 5][digits % 3] * 10 ** Math.floor(digits / 3);
+    }
+    const found = [];
+    for (let tick = Math.ceil(first / step) * step; tick <= last; tick += step) found.push(tick);
+    return found;
+  }
+
+  class Lanes {
+    /** Lay out a chart of so many steps and lanes in a box of CSS pixels. */
+    constructor(width, height, steps, count) {
+      Object.assign(this, { width, height, steps, count });
+      this.wide = Math.max(1, width - LEFT - RIGHT);
+      this.tall = Math.max(1, height - TOP - BOTTOM);
+      this.lane = Math.min(this.tall / Math.max(1, count), 44);
+      this.step = this.wide / Math.max(1, steps);
+    }
+
+    x(t) {
+      return LEFT + t * this.step;
+    }
+
+    y(lane) {
+      return TOP + lane * this.lane;
+    }
+
+    /** The time and the lane at a point; null outside. */
+    at(x, y) {
+      const t = (x - LEFT) / this.step, lane = Math.floor((y - TOP) / this.lane);
+      if (t < 0 || t > this.steps || lane < 0 || lane >= this.count) return null;
+      return { t, lane };
+    }
+
+    /** Draw bands, ticks and the names of the lanes. */
+    ground(context, names) {
+      const bottom = this.y(this.count);
+      context.fillStyle = cubepath.colour("band");
+      if (this.lane >= 4) {
+        for (let lane = 0; lane < this.count; lane += 2) {
+          context.fillRect(LEFT, this.y(lane), this.wide, this.lane);
+        }
+      }
+      context.fillStyle = cubepath.colour("quiet");
+      context.font = '11px system-ui, "DejaVu Sans", sans-serif';
+      context.textAlign = "right";
+      context.textBaseline = "middle";
+      for (const lane of ticks(0, this.count - 1, this.tall / 15)) {
+        // A name that is too long would be unreadable if it were squeezed, and hide others if not.
+        const name = names(lane);
+        if (context.measureText(name).width <= LEFT - 8) context.fillText(name, LEFT - 7, this.y(lane + 0.5));
+      }
+      context.textAlign = "center";
+      context.textBaseline = "top";
+      for (const step of ticks(1, this.steps, this.wide / 60)) {
+        context.fillText(String(step), this.x(step - 0.5), bottom + 5);
+      }
+    }
+
+    /** Draw where the clock is, and the part that is repeated. */
+    cursor(context, clock) {
+      const bottom = this.y(this.count);
+      if (clock.looping && clock.loop) {
+        context.save();
+        context.globalAlpha = 0.1;
+        context.fillStyle = cubepath.colour("accent");
+        context.fillRect(this.x(clock.loop[0]), TOP, (clock.loop[1] - clock.loop[0]) * this.step, bottom - TOP);
+        context.restore();
+      }
+      context.strokeStyle = cubepath.colour("accent");
+      context.lineWidth = 1.5;
+      context.beginPath();
+      context.moveTo(this.x(clock.t), TOP - 4);
+      context.lineTo(this.x(clock.t), bottom + 3);
+      context.stroke();
+    }
+  }
+
+  cubepath.Lanes = Lanes;
+})((globalThis.cubepath ??= {}));

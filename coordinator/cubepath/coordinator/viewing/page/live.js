@@ -1,0 +1,304 @@
+// A run that goes on: steps come in, the newest is shown, and the run is told to pause or to step.
+(function (cubepath) {
+  "use strict";
+
+  const byId = (id) => document.getElementById(id);
+  const SECONDS = 1; // within which the newest step is shown, however many have come
+  const FASTEST = 1024; // steps a second
+  const pristine = document.documentElement.cloneNode(true);
+  const open = cubepath.open;
+  let live = null;
+
+  /** Open the document, whose lists grow from now on, and follow the run. */
+  cubepath.open = function (data) {
+    const view = open(growing(data));
+    live = new Live(view, data);
+    cubepath.live = live;
+    return view;
+  };
+
+  /** The same document with lists in the place of arrays, but for what never changes. */
+  function growing(value) {
+    if (ArrayBuffer.isView(value)) return Array.from(value);
+    if (Array.isArray(value)) return value.map(growing);
+    if (value === null || typeof value !== "object") return value;
+    for (const key of Object.keys(value)) value[key] = growing(value[key]);
+    return value;
+  }
+
+  class Live {
+    constructor(view, data) {
+      this.view = view;
+      this.data = data;
+      for (const path of view.paths) path.goesOn = true;
+      this.waiting = [];
+      this.state = null;
+      this.ending = null;
+      this.before = 0;
+      this._bar();
+      // The newest step is shown where the clock is: at the start there is none.
+      view.clock.t = 0;
+      // It comes back by itself when the connection is lost, and goes on behind the last step.
+      const source = new EventSource("events");
+      this.connected = true;
+      for (const kind of ["steps", "schedule", "state", "end"]) {
+        source.addEventListener(kind, (event) => this._heard(kind, JSON.parse(event.data)));
+      }
+      source.addEventListener("open", () => {
+        this.connected = true;
+        this._say();
+      });
+      source.addEventListener("error", () => {
+        this.connected = false;
+        if (this.ending) source.close();
+        this._say();
+      });
+      this.source = source;
+      this._say();
+    }
+
+    _bar() {
+      const button = (id, text, title) => cubepath.element("button", { type: "button", id, title }, text);
+      this.said = cubepath.element("p", { id: "live-said", role: "status", "aria-live": "polite" });
+      this.newest = button("live-newest", "newest", "Show the newest step, and follow the run (N)");
+      this.pause = button("live-pause", "pause run", "Let the run wait before its next round (P)");
+      this.step = button("live-step", "step run", "Let the run play one round, and wait (S)");
+      this.rate = cubepath.element("select", { id: "live-rate", "aria-label": "Rounds a second at most" },
+        ...["", "0.5", "1", "2", "5", "10", "20", "50"].map((rate) =>
+          cubepath.element("option", { value: rate }, rate ? `${rate} rounds/s` : "full speed")));
+      this.keep = button("live-save", "save", "Save this page with all steps so far, to be opened without a network");
+      const group = cubepath.element("div", { class: "group" }, this.newest, this.pause, this.step, this.rate, this.keep);
+      byId("player").append(cubepath.element("div", { class: "row", id: "live" }, group, this.said));
+      this.newest.addEventListener("click", () => this.goToNewest());
+      this.pause.addEventListener("click", () => this.order(this.state?.paused ? "resume" : "pause"));
+      this.step.addEventListener("click", () => this.order("step"));
+      this.rate.addEventListener("change", () => this.order("rate", this.rate.value ? Number(this.rate.value) : null));
+      this.keep.addEventListener("click", () => this.save());
+      const keys = { n: this.newest, p: this.pause, s: this.step };
+      addEventListener("keydown", (event) => {
+        if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+        const pressed = keys[event.key.toLowerCase()];
+        if (!pressed || pressed.disabled || pressed.hidden) return;
+        pressed.click();
+        event.preventDefault();
+      });
+      const list = byId("keys").querySelector("dl");
+      for (const [key, what] of [["N", "the newest step"], ["P", "pause the run, and resume it"], ["S", "a round of the run"]]) {
+        list.append(cubepath.element("dt", {}, cubepath.element("kbd", {}, key)), cubepath.element("dd", {}, what));
+      }
+    }
+
+    /** The steps so far, as the run made them. */
+    get path() {
+      return this.view.paths[0];
+    }
+
+    /** Tell the run something; what it refuses is shown. */
+    async order(order, value = null) {
+      try {
+        const answer = await fetch("orders", {
+          method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ order, value }),
+        });
+        this.refused = answer.ok ? "" : (await answer.text()).trim();
+      } catch {
+        this.refused = "the run cannot be reached";
+      }
+      this._say();
+    }
+
+    _heard(kind, told) {
+      this.waiting.push({ kind, told });
+      this._later();
+    }
+
+    /** Take what came all at once, and not again before as much time has gone by. */
+    _later() {
+      if (this.asked) return;
+      this.asked = setTimeout(() => {
+        const begun = performance.now();
+        this.asked = null;
+        this._take();
+        this.pauseMs = Math.min(500, performance.now() - begun);
+      }, this.pauseMs ?? 0);
+    }
+
+    _take() {
+      const { view, path } = this, { clock } = view;
+      const follows = clock.way > 0 || clock.t >= path.steps;
+      clock.t = Math.min(clock.t, path.steps);
+      const waiting = this.waiting;
+      this.waiting = [];
+      for (const { kind, told } of waiting) {
+        if (kind === "steps") this._steps(told);
+        else if (kind === "schedule") this._schedule(told);
+        else if (kind === "state") this._paced(told);
+        else this._end(told);
+      }
+      view.fit();
+      const left = path.steps - clock.t;
+      if (follows && left > 0 && !clock.looping) {
+        const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
+        if (still || left > FASTEST) clock.t = path.steps;
+        else {
+          clock.way = 1;
+          clock.speed = Math.max(1, 2 ** Math.ceil(Math.log2(left / SECONDS)));
+        }
+      }
+      view.changed();
+      this._say();
+    }
+
+    _steps({ from, before, world, rows }) {
+      this.before = before;
+      if (world) grow(this.path.world, world);
+      if (from < this.path.steps) truncate(this.path, from);
+      const { path } = this;
+      for (const step of rows) {
+        // What they wait for, and cancel with, is known when the schedule of these moves comes.
+        path.append({ rows: step, below: step.map(() => -1), depth: step.map(() => path.steps + 1) });
+        path.data.partner.push(...step.map(() => -1));
+        path.data.level.push(...step.map(() => 1));
+      }
+    }
+
+    _schedule({ normal, chain, ...told }) {
+      const { path, view } = this;
+      for (const [of, key] of listsOf(path)) {
+        told[key].slice(0, path.rows.length).forEach((value, move) => { of[key][move] = value; });
+      }
+      path._chain = undefined;
+      path.data.chain = chain;
+      const before = view.paths[1];
+      const after = new cubepath.Path(before.world, { ...before.data, ...normal });
+      after.goesOn = true;
+      view.paths[1] = after;
+      for (const stage of view.stages) if (stage.path === before) stage.show(after);
+      if (view.move?.path === before) view.move = null;
+    }
+
+    _paced(state) {
+      this.state = state;
+      this.rate.value = state.rate === null ? "" : String(state.rate);
+      if (this.rate.selectedIndex < 0) {
+        this.rate.append(cubepath.element("option", { value: String(state.rate) }, `${state.rate} rounds/s`));
+        this.rate.value = String(state.rate);
+      }
+    }
+
+    _end(ending) {
+      this.ending = ending;
+      for (const path of this.view.paths) path.goesOn = false;
+      this.source.close();
+      this.connected = false;
+    }
+
+    /** Show the newest step from now on. */
+    goToNewest() {
+      const { clock } = this.view;
+      clock.looping = false;
+      clock.play(0);
+      clock.seek(this.path.steps);
+      this.view.changed();
+    }
+
+    _say() {
+      const { state, ending } = this;
+      const round = `${this.path.name} ${this.before + this.path.steps}`;
+      const how = { goal: "goal reached", "max-rounds": "as many rounds as it may have" };
+      let said = `${round}: goes on`;
+      if (ending) said = `ended in ${round}: ${ending.error ?? how[ending.ended] ?? ending.ended}`;
+      else if (!this.connected) said = `${round}: waiting for whoever feeds this page`;
+      else if (state?.paused && !state.steps) said = `${round}: paused`;
+      if (this.refused) said += ` (${this.refused})`;
+      if (this.said.textContent !== said) this.said.textContent = said;
+      const controlled = Boolean(state) && !ending;
+      for (const each of [this.pause, this.step, this.rate]) {
+        each.hidden = !state;
+        each.disabled = !controlled || !this.connected;
+      }
+      this.pause.textContent = state?.paused ? "resume run" : "pause run";
+      this.pause.setAttribute("aria-pressed", String(Boolean(state?.paused)));
+    }
+
+    /** The page with all that it shows, as a text that needs nobody who feeds it. */
+    async saved() {
+      const { view, data } = this;
+      const paths = view.paths.map((path) => {
+        const { ends, rows, below, depth } = path;
+        return { ...path.data, ends, rows, below, depth };
+      });
+      const worlds = data.worlds.map((world, number) =>
+        Object.fromEntries(Object.keys(world).map((key) => [key, view.worlds[number][key]])));
+      const page = pristine.cloneNode(true);
+      page.querySelector("script[data-live]").remove();
+      const policy = page.querySelector('meta[name="saved-policy"]');
+      policy.removeAttribute("name");
+      policy.setAttribute("http-equiv", "Content-Security-Policy");
+      page.querySelector("#data").textContent = await pack({ ...data, worlds, paths });
+      return `<!doctype html>\n${page.outerHTML}\n`;
+    }
+
+    async save() {
+      const link = cubepath.element("a", {
+        href: URL.createObjectURL(new Blob([await this.saved()], { type: "text/html" })), download: "run.html",
+      });
+      link.click();
+      setTimeout(() => URL.revokeObjectURL(link.href), 60000);
+    }
+  }
+
+  /** Take what has come to a world. */
+  function grow(world, { sites, rows, ...frame }) {
+    // There is no JSON for a number that is none: of a move that goes straight.
+    const corner = rows.corner.map((value) => value ?? NaN);
+    world.extend({ sites, rows: { ...rows, corner } });
+    Object.assign(world, frame);
+  }
+
+  /** The lists of a path that have an entry for each move, by whose they are. */
+  function listsOf(path) {
+    return [[path, "below"], [path, "depth"], [path.data, "partner"], [path.data, "level"]];
+  }
+
+  /** Take back the steps of a path after the first so many. */
+  function truncate(path, steps) {
+    path.goTo(steps);
+    const moves = path.begin(steps + 1);
+    for (const own of path.movesOf) while (own.length && own.at(-1) >= moves) own.pop();
+    path.ends.length = steps;
+    path.rows.length = moves;
+    path.by.length = path.firstBy[moves];
+    path.firstBy.length = moves + 1;
+    for (const [of, key] of listsOf(path)) of[key].length = moves;
+    path._chain = undefined;
+    path.largest = 0;
+    for (let step = 1; step <= steps; step++) path.largest = Math.max(path.largest, path.ends[step - 1] - path.begin(step));
+  }
+
+  /** The text of a document, as `packing.py` writes it. */
+  async function pack(data) {
+    const parts = [];
+    let size = 0;
+    const aside = (key, value) => {
+      const numbers = Array.isArray(value) && value.length > 0 && value.every((each) => typeof each === "number");
+      if (!numbers || key === "box" || key === "beside") return value;
+      const kind = value.every(Number.isInteger) ? "i4" : "f4";
+      const bytes = new Uint8Array((kind === "i4" ? Int32Array : Float32Array).from(value).buffer);
+      const found = { array: kind, at: size, length: value.length };
+      const padded = new Uint8Array(Math.ceil(bytes.length / 8) * 8);
+      padded.set(bytes);
+      parts.push(padded);
+      size += padded.length;
+      return found;
+    };
+    const head = new TextEncoder().encode(JSON.stringify(data, aside));
+    const begin = new Uint8Array(8 + Math.ceil(head.length / 8) * 8).fill(32, 8);
+    begin.set(head, 8);
+    new DataView(begin.buffer).setUint32(0, begin.length - 8, true);
+    const stream = new Blob([begin, ...parts]).stream().pipeThrough(new CompressionStream("deflate"));
+    const packed = new Uint8Array(await new Response(stream).arrayBuffer());
+    let text = "";
+    for (let each = 0; each < packed.length; each += 0x8000) text += String.fromCharCode(...packed.subarray(each, each + 0x8000));
+    return btoa(text);
+  }
+})((globalThis.cubepath ??= {}));

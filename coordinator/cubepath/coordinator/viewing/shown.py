@@ -1,0 +1,157 @@
+"""A run, or another path, as the data of a page: as it was executed, and its normal cube path.
+
+Room: coordinator. `docs/viewing.md` has the document's fields.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cubepath.coordinator.complexes.exploration import explore
+from cubepath.coordinator.complexes.state_complexes import state_complex
+from cubepath.coordinator.complexes.vertex_layout import corners_of_squares, laid_out
+from cubepath.coordinator.normal_form.array_heap import NormalForm
+from cubepath.coordinator.normal_form.compiled_heap import cancellations
+from cubepath.coordinator.viewing.heard import claims_document, heard_document
+from cubepath.coordinator.viewing.worlds import World, path_document
+from cubepath.protocol.core.actions import Action, apply_in_place
+from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Recording
+
+FORMAT = 1
+STATES_MAX = 260
+"""A state complex is shown if it has at most this many states."""
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What a page shows of one run or path.
+
+    `steps` holds the actions of each round, level, move or cube as it was executed or given, those
+    without a move too; `cubes` is the normal cube path of the same moves. `found` says what becomes
+    of each move, if that is known already. `recording` gives the claims and the messages, if there
+    is one, and `facts` are pairs of texts for the head of the page.
+    """
+
+    scene: Scene
+    steps: Sequence[Sequence[Action]]
+    cubes: Sequence[Sequence[Action]]
+    found: NormalForm | None = None
+    step_name: str = "round"
+    name: str = ""
+    recording: Recording | None = None
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+def document_of(shown: Sequence[Shown], progress: Progress | None = None) -> dict[str, Any]:
+    """Return all that a page shows, as a document for `cubepath.coordinator.viewing.packing`.
+
+    `progress` is called with the name of each part before it is begun. InputError if a move is not
+    admissible or a place cannot be drawn.
+    """
+    tell = progress or (lambda _: None)
+    worlds: list[World] = []
+    paths: list[dict[str, Any]] = []
+    for each in shown:
+        world = next((known for known in worlds if _same(known.scene, each.scene)), None)
+        if world is None:
+            world = World(each.scene)
+            worlds.append(world)
+        paths += _paths(each, world, worlds.index(world), tell)
+    tell("picture")
+    return {
+        "format": FORMAT,
+        "title": " and ".join(dict.fromkeys(title_of(each.scene) for each in shown)),
+        "facts": [[list(fact) for fact in each.facts] for each in shown],
+        "names": [each.name for each in shown],
+        "worlds": [world.document() for world in worlds],
+        "paths": paths,
+        # One run beside its schedule; two runs beside each other.
+        "beside": [0, 1] if len(shown) == 1 else [0, 2],
+        "complex": _complex(shown, tell),
+    }
+
+
+def title_of(scene: Scene) -> str:
+    """Return the title of a scene: its spec without the folders of its files."""
+    return re.sub(r"[^=,]*/", "", scene.spec)
+
+
+def _same(one: Scene, other: Scene) -> bool:
+    """Return whether two scenes are the same world: the same system, start and goal."""
+    if one is other:
+        return True
+    both = one.start == other.start and one.goal == other.goal
+    return both and one.system.to_table() == other.system.to_table()
+
+
+def _paths(each: Shown, world: World, number: int, tell: Progress) -> list[dict[str, Any]]:
+    executed = "as executed" if each.step_name in {"round", "level"} else "as given"
+    prefix = f"{each.name}: " if each.name else ""
+    tell("path")
+    path = path_document(
+        world, number, each.steps, title=prefix + executed, step_name=each.step_name
+    )
+    found = each.found
+    if found is None:
+        found = cancellations(action for step in each.steps for action in step)
+    path |= {"level": found.levels, "partner": found.partners}
+    if each.recording is not None:
+        tell("claims")
+        path["claims"] = claims_document(world, each.recording, len(each.steps))
+    if each.recording is not None and each.recording.clock == "lockstep":
+        tell("messages")
+        path["heard"] = heard_document(each.recording, len(each.steps))
+    tell("schedule")
+    normal = path_document(
+        world, number, each.cubes, title=f"{prefix}normal cube path", step_name="cube"
+    )
+    return [path, normal]
+
+
+def _complex(shown: Sequence[Shown], tell: Progress) -> dict[str, Any] | None:
+    """Return the state complex with the state after each step of each path; None if too large."""
+    scene = shown[0].scene
+    if not all(_same(each.scene, scene) for each in shown):
+        return None
+    tell("complex")
+    explored = explore(scene, max_states=STATES_MAX)
+    if not explored.complete or len(explored.states) > STATES_MAX:
+        return None
+    built = state_complex(explored).complex
+    number = {explored.state(place): place for place in range(len(explored.states))}
+    if len(number) < 2:
+        return None
+    axes = 2 if built.dimension < 2 else 3
+    points = np.zeros((len(number), 3))
+    points[:, :axes] = laid_out(built, axes)
+    points /= np.abs(points).max()
+    paths = [
+        np.array([number[state] for state in _states(scene, steps)])
+        for each in shown
+        for steps in (each.steps, each.cubes)
+    ]
+    return {
+        "counts": list(built.f_vector),
+        "flat": axes == 2,
+        "points": points.ravel(),
+        "edges": built.faces[1][:, 0].ravel(),
+        "squares": corners_of_squares(built).ravel(),
+        "paths": paths,
+    }
+
+
+def _states(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterable[frozenset[Site]]:
+    state = set(scene.start_state)
+    yield frozenset(state)
+    for actions in steps:
+        for action in actions:
+            apply_in_place(action, state)
+        yield frozenset(state)

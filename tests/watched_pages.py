@@ -1,0 +1,76 @@
+"""Pages of runs for tests: scenes of every kind of system, and what is true of runs in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cubepath.agents.environments.rollout import play
+from cubepath.coordinator.normal_form.compiled_heap import FastHeap
+from cubepath.coordinator.runs.snapshots import Steps, snapshots
+from cubepath.coordinator.viewing.shown import Shown
+from cubepath.protocol.core.sites import site_text
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.scenes.specs import scene_from_spec
+
+OWN = """format = "cubepath-system-1"
+name = "</script><b>crawl"
+start = [[0, 1], [2, 1]]
+
+[lattice]
+name = "squares"
+filled = [[0, 0], [1, 0], [2, 0], [3, 0], [4, 0], [5, 0]]
+
+[[lattice.generators]]
+name = "</script><script>alert(1)</script>"
+support = [[0, 0], [1, 0], [0, -1], [1, -1]]
+trace = [[0, 0], [1, 0]]
+before = [[0, 0], [0, -1], [1, -1]]
+after = [[1, 0], [0, -1], [1, -1]]
+goes = [[[0, 0], [1, 0]]]
+"""
+"""A user's own system, whose names would end the element that they stand in."""
+
+KINDS = (
+    "hex:n=5",
+    "hex-open:n=4",
+    "sliding:p=2,q=1,n=4",
+    "agv:graph=K5,n=2",
+    "agv-labelled:graph=grid3x3,n=3",
+    "arm:n=4",
+    "arms",
+    "polygon:n=7",
+    "triangulation:n=10",
+    "words",
+    "assembly:n=3",
+    "own.toml",
+)
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What a page shows, and the sites of the modules after each step of its two paths."""
+
+    shown: Shown
+    sites: tuple[list[list[str]], list[list[str]]]
+
+
+def watched(spec: str, folder: Path, rounds: int = 12) -> Watched:
+    """Play a scene by a rule that suits any."""
+    if spec == "own.toml":
+        path = folder / spec
+        path.write_text(OWN)
+        spec = str(path)
+    scene = scene_from_spec(spec)
+    played = play(scene, "random", seed=3, max_rounds=rounds)
+    heap = FastHeap(telling=True)
+    steps = played.steps
+    heap.extend(played.path)
+    cubes = heap.cube_path()
+    shown = Shown(scene, steps, cubes, heap.normal_form())
+    return Watched(shown, (followed(scene, steps), followed(scene, cubes)))
+
+
+def followed(scene: Scene, steps: Steps) -> list[list[str]]:
+    """Return the names of the sites of the modules at the start, and after each step."""
+    return [[site_text(site) for site in each.sites] for each in snapshots(scene, steps)]
