@@ -10,6 +10,7 @@ Nor do they inherit that an interrupt is ignored, as it is where tests run in th
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections import Counter
@@ -19,7 +20,11 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 # These need what no other test does; .ci/run installs it, names them, and fails if none was found.
-collect_ignore = [] if find_spec("sb3_contrib") else ["agents/environments/test_sb3.py"]
+_EXTRAS = {
+    "sb3_contrib": "agents/environments/test_sb3.py",
+    "rerun": "coordinator/exports/test_rerun.py",
+}
+collect_ignore = [path for module, path in _EXTRAS.items() if find_spec(module) is None]
 
 os.environ["CUBEPATH_PROGRESS"] = "0"
 
@@ -52,3 +57,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker("thorough")
         if item.get_closest_marker("thorough"):
             item.add_marker("slow")
+
+
+def pytest_collection_finish() -> None:
+    """Spare the garbage collector what stays until the end: thousands of tests, and all modules.
+
+    Explorations that hold millions of states take a quarter less time with fewer collections.
+    """
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)

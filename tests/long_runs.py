@@ -39,11 +39,13 @@ from cubepath.protocol.wire.messages import (
 )
 
 
-def said(scene: Scene, rule: RuleType = RANDOM, seed: int = 0) -> Iterator[list[Part | Report]]:
+def said(
+    scene: Scene, rule: RuleType = RANDOM, seed: int = 0, hesitate: float = 0.0
+) -> Iterator[list[Part | Report]]:
     """Yield what modules say, round by round without end, as they say it."""
     goals, system = goal_sets(scene), scene.system
     note_length = rule.note_length(len(scene.start))
-    actors = actors_for(scene, rule, seed=seed, hesitate=0.0)
+    actors = actors_for(scene, rule, seed=seed, hesitate=hesitate)
     cores = [
         ModuleCore(system, module=n, site=site, goals=goals[n], seed=seed, note_length=note_length)
         for n, site in enumerate(scene.start)

@@ -108,9 +108,17 @@ BREAKS = {
         "coordinator.simulation.faults",
         "coordinator.complexes.cliques",
     ),
+    "replays use runs to gather, and verification": (
+        "coordinator.playback.spots",
+        "coordinator.normal_form.heap",
+    ),
     "experiments start runs by what runs them": (
         "coordinator.experiments.spec",
         "coordinator.complexes.chains",
+    ),
+    "pages show what runs and complexes give them": (
+        "coordinator.viewing.worlds",
+        "coordinator.search.exact",
     ),
     "audits use verification, and rules alone of the agents": (
         "coordinator.auditing.assigning",
@@ -136,7 +144,7 @@ BREAKS = {
         "agents.locality.findings",
         "agents.processes.fleet",
     ),
-    "runs and complexes alone draw": (
+    "runs, complexes, pages and exports alone draw": (
         "coordinator.commands.console",
         "agents.rendering.pen",
     ),

@@ -29,11 +29,13 @@ LEFT_OUT = {
 LONG = {
     "README",
     "experiments",
+    "exporting",
     "extending",
     "free-clock",
     "hosts",
     "python",
     "recordings",
+    "replay",
     "schedules",
     "simulation",
     "testing",
@@ -43,6 +45,10 @@ SHOWN = {
     "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",
     "cubepath sweep docs/studies/price.toml -o price": "takes minutes; tests/test_studies.py",
     "cubepath sweep docs/studies/free-clock.toml -o free": "takes minutes; tests/test_studies.py",
+    "cubepath run hex:n=12 --listen tcp/127.0.0.1:17447 --wait-for 1": "one terminal of three",
+    "cubepath record --connect tcp/127.0.0.1:17447 -o outside.mcap": "the others",
+    "cubepath record --connect tcp/127.0.0.1:17447 --snapshot 30 -o last.mcap": "until interrupted",
+    "cubepath view --connect tcp/127.0.0.1:17447": "follows a run in another terminal",
     "planner | cubepath shorten - --system hex:n=12 -o - | robot": "programs of the reader's own",
 }
 """First lines of blocks that are only shown, and why."""

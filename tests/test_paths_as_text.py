@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.runs.contents import info
-from cubepath.coordinator.runs.playback import replay
 from cubepath.coordinator.verification.recording import recover, verify
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import opened, read_text

@@ -12,12 +12,18 @@ module that defines it.
 | `complexes` | state and shape complexes, links, homology, collapses | none |
 | `verification` | recordings and certificates derived again | `normal_form.definitions` alone |
 | `search` | exact optima, lower bounds, shorter paths | `complexes`, `normal_form` |
-| `runs` | runs, schedules, replay, pictures | `search`, `verification`, `normal_form` |
+| `runs` | runs, schedules, pictures | `search`, `verification`, `normal_form` |
+| `playback` | recordings put back on zenoh, under control | `runs`, `verification` |
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
+| `comparison` | two runs, where they part and why | `auditing`, `verification`, `shortening` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
+| `viewing` | a run as a page in a browser | `runs`, `complexes`, `normal_form` |
+| `live` | the same page while a run goes on | `viewing`, `runs`, `normal_form` |
 | `experiments` | sweeps of many runs, and reports | `simulation`, `runs`, `search`, `normal_form` |
-| `testing` | for the tests of others, and pytest | `runs`, `simulation`, `shortening` |
+| `testing` | for the tests of others, and pytest | `runs`, `playback`, `simulation`, `shortening` |
+| `attached` | a live run recorded from outside | `runs` |
+| `exports` | recordings for other tools | `shortening`, `runs` |
 | `commands` | the command line | all of these |
 """
 
@@ -26,7 +32,9 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.attached import Recorder, record
     from cubepath.coordinator.auditing import audit
+    from cubepath.coordinator.comparison import Compared, diff
     from cubepath.coordinator.complexes import (
         Collapsed,
         CubicalComplex,
@@ -67,6 +75,8 @@ if TYPE_CHECKING:
         sweep,
         write_report,
     )
+    from cubepath.coordinator.exports import Exported, export
+    from cubepath.coordinator.live import Live, watch_run
     from cubepath.coordinator.normal_form import (
         Timetable,
         certificate_of,
@@ -78,23 +88,28 @@ if TYPE_CHECKING:
         normal_cube_path,
     )
     from cubepath.coordinator.paper import Claim, Row, all_claims, compute_claims
+    from cubepath.coordinator.playback import Player, PlayerStatus, Position, Replayed, replay
     from cubepath.coordinator.runs import (
+        Divergence,
         Gatherer,
+        LiveReplay,
         Outcome,
         Overheard,
         Plan,
-        Replayed,
         Running,
+        Sheet,
         Status,
         Tap,
         animate,
+        animate_beside,
         ask,
         gathered,
         info,
-        replay,
+        replay_live,
         run,
         run_picture,
         start,
+        what_if,
     )
     from cubepath.coordinator.search import (
         Improved,
@@ -124,11 +139,14 @@ if TYPE_CHECKING:
         recover,
         verify,
     )
+    from cubepath.coordinator.viewing import Shown, page_document, run_page
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "attached": "Recorder record",
             "auditing": "audit",
+            "comparison": "Compared diff",
             "complexes": (
                 "Collapsed CubicalComplex Explored Homology Lift Links Macro ShapeComplex "
                 "StateComplex Surface actions_at check_links collapse complex_from_faces "
@@ -139,20 +157,25 @@ else:
                 "FaultRates Report StandardInstance Sweep SweepResults read_sweep standard sweep "
                 "write_report"
             ),
+            "exports": "Exported export",
+            "live": "Live watch_run",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
                 "normal_cube_path"
             ),
             "paper": "Claim Row all_claims compute_claims",
+            "playback": "Player PlayerStatus Position Replayed replay",
             "runs": (
-                "Gatherer Outcome Overheard Plan Replayed Running Status Tap animate ask gathered "
-                "info replay run run_picture start"
+                "Divergence Gatherer LiveReplay Outcome Overheard Plan Running Sheet Status Tap "
+                "animate animate_beside ask gathered info replay_live run run_picture start "
+                "what_if"
             ),
             "search": "Improved Optimum Transitions improve lower_bound only_class optimum",
             "shortening": (
                 "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
             ),
             "verification": "Recovered Verification check_certificate check_proof recover verify",
+            "viewing": "Shown page_document run_page",
         },
     )
 
@@ -160,28 +183,39 @@ __all__ = [
     "Beyond",
     "Claim",
     "Collapsed",
+    "Compared",
     "Converted",
     "CubicalComplex",
+    "Divergence",
     "Explored",
+    "Exported",
     "FaultRates",
     "Gatherer",
     "Homology",
     "Improved",
     "Lift",
     "Links",
+    "Live",
+    "LiveReplay",
     "Macro",
     "Optimum",
     "Outcome",
     "Overheard",
     "PathInput",
     "Plan",
+    "Player",
+    "PlayerStatus",
+    "Position",
+    "Recorder",
     "Recovered",
     "Replayed",
     "Report",
     "Row",
     "Running",
     "ShapeComplex",
+    "Sheet",
     "Shortened",
+    "Shown",
     "StandardInstance",
     "StateComplex",
     "Status",
@@ -196,6 +230,7 @@ __all__ = [
     "actions_at",
     "all_claims",
     "animate",
+    "animate_beside",
     "ask",
     "audit",
     "beyond",
@@ -208,11 +243,13 @@ __all__ = [
     "compute_claims",
     "contractibility",
     "convert",
+    "diff",
     "draw_complex",
     "durations_of",
     "earliest",
     "end_state",
     "explore",
+    "export",
     "f_vector",
     "gathered",
     "homology",
@@ -226,10 +263,14 @@ __all__ = [
     "normal_cube_path",
     "only_class",
     "optimum",
+    "page_document",
     "read_sweep",
+    "record",
     "recover",
     "replay",
+    "replay_live",
     "run",
+    "run_page",
     "run_picture",
     "shape_complex",
     "shorten",
@@ -242,6 +283,8 @@ __all__ = [
     "to_networkx",
     "unfilled",
     "verify",
+    "watch_run",
+    "what_if",
     "write_complex",
     "write_report",
 ]

@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.selection import FREE_SAID
 from cubepath.coordinator.runs.gathering import gathered
-from cubepath.coordinator.runs.playback import FREE_SAID, replay
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording

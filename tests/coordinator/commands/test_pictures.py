@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from cubepath.agents.rendering.themes import DARK, PAPER
 from cubepath.coordinator.commands.main import main
+from cubepath.protocol.recordings.cutting import filter_recording
 
 GOLDEN = Path(__file__).parents[3] / "logs" / "golden"
 
@@ -67,9 +69,16 @@ def test_pictures_lie_beside_the_recording(log: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("a.jpeg", [], "a.jpeg: found the suffix .jpeg, expected one of .png, .svg, .pdf, .gif"),
-        ("a", [], "a: found no suffix, expected one of .png, .svg, .pdf, .gif"),
+        (
+            "a.jpeg",
+            [],
+            "a.jpeg: found the suffix .jpeg, expected one of .png, .svg, .pdf, .gif, .html",
+        ),
+        ("a", [], "a: found no suffix, expected one of .png, .svg, .pdf, .gif, .html"),
         ("a.png", ["--fps", "5"], "a.png: a picture, expected --fps with a film (.gif) alone"),
+        ("a.png", ["--what", "both"], "a.png: a picture, expected --what both with a film (.gif)"),
+        ("a.gif", ["--rounds", "5"], "a.gif: a film, expected --rounds with a picture alone"),
+        ("a.gif", ["--parts", "both"], "a.gif: a film, expected --parts with a picture alone"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_before_any_work(
@@ -138,3 +147,54 @@ def test_what_is_called_a_recording_is_refused_as_one(
     assert main(["view", str(path)]) == 2
     (said,) = capsys.readouterr().err.splitlines()
     assert "recording" in said
+
+
+def test_a_picture_for_print(log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The rounds that were asked for in their order, a title and a caption, on dark ground."""
+    path = tmp_path / "print.svg"
+    words = ["--title", "A chain <turns>", "--caption", "What is seen. " * 20, "--dark"]
+    arguments = ["view", str(log), "-o", str(path), "--parts", "states", *words]
+    assert main([*arguments, "--rounds", "0,2-4:2,1"]) == 0
+    text = path.read_text()
+    told = [text.index(f"<!-- {word} -->") for word in ("start", "round 2", "round 4", "round 1")]
+    assert told == sorted(told)
+    assert "<!-- A chain &lt;turns&gt; -->" in text
+    assert text.count("seen.") == 20
+    assert DARK.of(PAPER) in text
+    assert "time step" not in text
+    capsys.readouterr()
+    assert main([*arguments, "--rounds", "1,100"]) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "no round 100: expected 0, the start, to " in said
+
+
+@pytest.mark.parametrize(
+    ("numbers", "message"),
+    [
+        ("5-3", "'5-3': stands for 0 numbers, expected 1 or more"),
+        ("1,0-9999", "'0-9999': stands for 10000 numbers, expected 1 or more"),
+        ("a", "'a': expected numbers and ranges, such as 0,4,10-20"),
+    ],
+)
+def test_rounds_that_are_none_are_refused(
+    numbers: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line says what was found."""
+    with pytest.raises(SystemExit) as ended:
+        main(["view", "a.mcap", "--rounds", numbers])
+    assert ended.value.code == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert message in said
+
+
+def test_a_recording_that_begins_later_is_not_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where modules stood is not on record: one line says where it begins."""
+    part = tmp_path / "part.mcap"
+    filter_recording(GOLDEN / "hex-5.mcap", part, first=10)
+    for name in ("part.png", "part.html", "part.gif"):
+        assert main(["view", str(part), "-o", str(tmp_path / name)]) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert "begins in round 10, expected a recording from the start of the run" in said
+        assert not (tmp_path / name).exists()

@@ -222,7 +222,7 @@ def test_verifying_reads_once(folder: Path) -> None:
 
 def test_recovering_writes_what_was_verified(folder: Path) -> None:
     """The damaged recording is not read a second time to be written."""
-    opened_once(folder, ("verify", "cut.mcap", "--recover", "out.mcap"), code=1)
+    opened_once(folder, ("verify", "cut.mcap", "--recover", "out.mcap"))
     assert (folder / "out.mcap").exists()
 
 

@@ -7,7 +7,7 @@ import argparse
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.commands.runs import _modules
+from cubepath.coordinator.commands.usage import module_numbers
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ from cubepath.coordinator.commands.runs import _modules
 )
 def test_modules_are_numbers_and_spans(text: str, modules: tuple[int, ...]) -> None:
     """In any order; the answer is in increasing order."""
-    assert _modules(text) == modules
+    assert module_numbers(text) == modules
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ def test_modules_are_numbers_and_spans(text: str, modules: tuple[int, ...]) -> N
 def test_what_names_no_modules_is_refused(text: str) -> None:
     """Also where one is named twice, or a million are."""
     with pytest.raises(argparse.ArgumentTypeError, match="expected numbers as 0-7,9, each once"):
-        _modules(text)
+        module_numbers(text)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import networkx as nx
 import pytest
 
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.complexes.drawing import VERTICES_MAX, layout
+from cubepath.coordinator.complexes.drawing import VERTICES_MAX
 from cubepath.coordinator.complexes.exploration import explore
 from cubepath.coordinator.complexes.export import to_networkx
 from cubepath.coordinator.complexes.report import complex_report
@@ -234,15 +234,6 @@ def test_without_networkx_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPat
     monkeypatch.setitem(sys.modules, "networkx", None)
     with pytest.raises(InputError, match=r"pip install 'cubepath\[networkx\]'"):
         to_networkx(built)
-
-
-def test_pieces_lie_apart() -> None:
-    """The layout has a place for every vertex, the same every time."""
-    complex_ = state_complex(explore(scene_from_spec("arm:n=4"))).complex
-    one, other = layout(complex_, 3), layout(complex_, 3)
-    assert one.shape == (16, 3)
-    assert (one == other).all()
-    assert len({tuple(point) for point in one.round(6).tolist()}) == 16
 
 
 def test_progress_is_told_step_by_step() -> None:

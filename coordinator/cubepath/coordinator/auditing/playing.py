@@ -7,6 +7,7 @@ so that a note that was changed is named once, and where it was said.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from cubepath.agents.rules.actor import Actor, actors_for
@@ -16,6 +17,7 @@ from cubepath.agents.rules.schedule import SCHEDULE, scheduled
 from cubepath.coordinator.auditing.assigning import Part, Parts
 from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
 from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
+from cubepath.coordinator.verification.stages import Stage, stages_in
 from cubepath.coordinator.verification.transcript import Transcript, site_in
 from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -44,14 +46,17 @@ class Playing:
         self._hesitate = hesitation_in(parameters)
         self._unchecked: str | None = None
         self._wrong: str | None = None
-        self._rule: RuleType | None = None
+        self._rules: dict[int, str] = {}
         self._actors: dict[int, Actor] = {}
         self._notes: dict[int, tuple[int, ...]] = {}
         self._first_choice = 1
         self._parts: Parts | None = None
+        self._stages = deque(stages_in(recording))
         if self._is_told():
             if recording.schedule is not None:
                 self._follow_schedule(recording.schedule)
+            elif "stages" in parameters:
+                self._unchecked = None if self._stages else "the stages on record are none"
             else:
                 self._follow(parameters["rule"], 1, scene.start)
 
@@ -76,23 +81,60 @@ class Playing:
     def _follow(self, name: str, first_choice: int, sites: Sequence[Site]) -> None:
         """Give every module a new actor with this rule, or say why not."""
         self._parts = None
-        self._actors = {}
-        found = self._rule = self._installed(name)
+        self._actors, self._notes = {}, {}
+        self._first_choice = first_choice
+        self._assign(name, list(range(len(sites))), sites)
+
+    def _assign(self, name: str, modules: list[int], sites: Sequence[Site]) -> None:
+        """Give modules new actors with a rule, or say why not."""
+        found = self._installed(name)
         if found is None or self._seed is None or self._hesitate is None:
             return
         try:
-            self._actors = actors_for(
+            actors = actors_for(
                 self._scene,
                 found,
                 seed=self._seed,
                 hesitate=self._hesitate,
+                modules=modules,
                 sites=dict(enumerate(sites)),
             )
         except CubepathError as error:
             self._wrong = str(error)
             return
-        self._first_choice = first_choice
-        self._notes = {n: (0,) * actor.note_length for n, actor in self._actors.items()}
+        self._actors |= actors
+        self._rules |= dict.fromkeys(actors, found.name)
+        for module, actor in actors.items():
+            if len(self._notes.get(module, ())) != actor.note_length:
+                self._notes[module] = (0,) * actor.note_length
+
+    def _take_stages(self, moment: Moment) -> None:
+        while self._stages and self._stages[0].begins <= moment.round:
+            self._begin(self._stages.popleft(), moment)
+
+    def _begin(self, stage: Stage, moment: Moment) -> None:
+        """Follow the rules of a stage, each module from where it stands."""
+        before, self._unchecked = self._unchecked, None
+        self._actors = {}
+        self._seed, self._hesitate = stage.seed, stage.hesitate
+        if stage.heard:  # what was said last is still said; of unknown rules it is as on record
+            for module in range(len(moment.sites)):
+                note = moment.said.said.get(("note", module))
+                if module not in self._notes and isinstance(note, Note):
+                    self._notes[module] = tuple(note.note)
+        else:
+            self._notes = {}
+            self._first_choice = moment.round
+        named = 0
+        for name in stage.rules:
+            modules = stage.modules(name)
+            named += len(modules)
+            self._assign(name, modules, moment.sites)
+        if self._unchecked is None and named < len(moment.sites):
+            self._unchecked = f"the rules of {len(moment.sites) - named} modules are not named"
+        if self._unchecked is not None:
+            self._unchecked = f"from round {stage.begins} on: {self._unchecked}"
+        self._unchecked = "; ".join(filter(None, (before, self._unchecked))) or None
 
     def _installed(self, name: str) -> RuleType | None:
         if name == SCHEDULE:
@@ -113,6 +155,7 @@ class Playing:
 
     def round(self, moment: Moment, transcript: Transcript, fail: _Fail) -> None:
         """Ask the rules in a round, and call `fail` for each choice that is another on record."""
+        self._take_stages(moment)
         for module in sorted(transcript.own_rules.keys() & self._actors.keys()):
             del self._actors[module]
             rule = transcript.own_rules[module]
@@ -196,7 +239,10 @@ class Playing:
         """Check that a rule that is said to have ended the run raises in the next round."""
         self._tell(fail)
         summary = transcript.summary
-        if summary is None or summary.ended != "failed" or not self._actors:
+        if summary is None or summary.ended != "failed":
+            return
+        self._take_stages(moment)
+        if not self._actors:
             return
         error = (summary.error or "").rpartition("; then ")[2]
         blamed = [n for n in self._actors if error.startswith(f"{self._named(n)}: ")]
@@ -212,7 +258,7 @@ class Playing:
             fail(f"the run ended with {error!r}, but in round {moment.round} it raises nothing")
 
     def _named(self, module: int) -> str:
-        return f"rule {self._rule.name if self._rule else ''!r}, module_{module}"
+        return f"rule {self._rules.get(module, '')!r}, module_{module}"
 
     def _raised(self, module: int, seen: Arrays) -> str | None:
         try:

@@ -73,7 +73,9 @@ def add_certificate_options(verify: argparse.ArgumentParser) -> None:
         help="LOG is a certificate, or a cubes file with one beside it, of the path in INPUT",
     )
     verify.add_argument(
-        "--system", metavar="SYSTEM", help="with --of: the system that the moves of INPUT name"
+        "--system",
+        metavar="SYSTEM",
+        help="with --of: the system that the moves of INPUT name; with --recover: that of the run",
     )
     verify.add_argument(
         "--cubes",
@@ -198,7 +200,8 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
     for log in options.logs:
         if log.suffix in {".json", ".jsonl"}:
             raise InputError(f"{log}: is checked against its input, expected --of INPUT")
-    if options.system or options.cubes or options.format or options.companions:
+    alone = options.system if options.recover is None else None  # it tells a scene that is lost
+    if alone or options.cubes or options.format or options.companions:
         raise InputError("--system, --cubes, --format and --with are for --of INPUT, expected that")
     return False
 

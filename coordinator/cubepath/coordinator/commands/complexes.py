@@ -56,6 +56,7 @@ def add_complex_commands(command: AddCommand) -> None:
         metavar="FILE",
         help="write it: .json, or .png, .svg, .pdf",
     )
+    complex_.add_argument("--dark", action="store_true", help="draw it on dark ground")
 
     command("paper", _paper, "compare the paper's claims with what is computed")
 
@@ -69,6 +70,8 @@ def _complex(options: argparse.Namespace) -> int:
 
     output: Path | None = options.output
     check_files(options, [], Output(output, (".json", *SUFFIXES)))
+    if options.dark and (output is None or output.suffix.lower() == ".json"):
+        raise InputError("--dark: is for a picture, expected -o FILE.png, .svg or .pdf")
     limit: int = options.max_states or MAX_STATES
     with progress_bar(None, "complex", " done") as bar:
         scene = scene_from_spec(options.system)
@@ -100,7 +103,8 @@ def _complex(options: argparse.Namespace) -> int:
                 if output.suffix.lower() == ".json":
                     write_complex(found.built, output)
                 else:
-                    draw_complex(found.built.complex, output, f"{found.system}: {found.kind}")
+                    title = f"{found.system}: {found.kind}"
+                    draw_complex(found.built.complex, output, title, dark=options.dark)
     finally:
         answer(options, found.document(), table(_rows(found)))
     if not found.complete:

@@ -34,6 +34,9 @@ from cubepath.coordinator.commands.console import (
     prepare_streams,
     table,
 )
+from cubepath.coordinator.commands.cutting import add_cutting_commands
+from cubepath.coordinator.commands.diff import add_diff_command
+from cubepath.coordinator.commands.exporting import add_export_command
 from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
     Output,
@@ -52,7 +55,9 @@ from cubepath.coordinator.commands.plan_options import (
     solved,
 )
 from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.record import add_record_command
 from cubepath.coordinator.commands.recordings import add_recording_commands
+from cubepath.coordinator.commands.replay import add_replay_command
 from cubepath.coordinator.commands.report import add_report_command
 from cubepath.coordinator.commands.runs import add_run_commands
 from cubepath.coordinator.commands.search_options import (
@@ -173,6 +178,11 @@ def _parser() -> argparse.ArgumentParser:
     add_plan_options(convert)
 
     add_recording_commands(command)
+    add_replay_command(command)
+    add_diff_command(command)
+    add_record_command(command)
+    add_cutting_commands(command)
+    add_export_command(command)
     add_view_command(command)
     add_complex_commands(command)
     add_simulate_command(command)

@@ -1,14 +1,21 @@
-"""The command that draws: ``cubepath view``."""
+"""The command that draws: ``cubepath view``; `pages` has what it does for a browser."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from cubepath.coordinator.commands.console import answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, input_path, output_path
+from cubepath.coordinator.commands.live import (
+    add_connect_options,
+    check_no_connect_options,
+    watch_elsewhere,
+)
+from cubepath.coordinator.commands.pages import Drawn, write_page
 from cubepath.coordinator.commands.plan_options import (
     INPUT_HELP,
     add_plan_options,
@@ -21,22 +28,36 @@ from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import STANDARD_INPUT, InputFile, opened
 
-if TYPE_CHECKING:  # a command starts faster without them
-    from cubepath.coordinator.normal_form.array_heap import NormalForm
-    from cubepath.protocol.core.actions import Action
-    from cubepath.protocol.core.system import Scene
+if TYPE_CHECKING:  # a command starts faster without it
+    from cubepath.coordinator.runs.drawing import Sheet
+
+
+_NUMBERS = re.compile(
+    r"\d{1,9}(-\d{1,9}(:[1-9]\d{0,8})?)?(,\d{1,9}(-\d{1,9}(:[1-9]\d{0,8})?)?)*", re.ASCII
+)
+_NUMBERS_MAX = 1000
 
 
 def add_view_command(command: AddCommand) -> None:
     """Add the command and its options."""
     view = command("view", _view, "draw a run or another path: some states, and its schedule")
-    view.add_argument("input", type=input_path, metavar="INPUT", help=f"{INPUT_HELP}; or cubes")
+    view.add_argument(
+        "input", type=input_path, nargs="?", metavar="INPUT", help=f"{INPUT_HELP}; or cubes"
+    )
+    view.add_argument(
+        "other",
+        type=input_path,
+        nargs="?",
+        metavar="OTHER",
+        help="another run or path, to show beside the first in a browser (.html)",
+    )
     view.add_argument(
         "-o",
         "--output",
         type=output_path,
         metavar="PICTURE",
-        help="file to write: .png, .svg, .pdf, or .gif for a film (default: INPUT with .png)",
+        help="file to write: .png, .svg, .pdf, .gif for a film, or .html to play it in a browser"
+        " (default: INPUT with .png)",
     )
     view.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves or cubes of a file are of"
@@ -44,10 +65,10 @@ def add_view_command(command: AddCommand) -> None:
     add_plan_options(view)
     view.add_argument(
         "--what",
-        choices=("run", "schedule"),
+        choices=("run", "schedule", "both"),
         default="run",
         help="whose states to show: those of the run, or of the moves or cubes as given (default);"
-        " or of the normal cube path",
+        " of the normal cube path; or, in a film, both side by side",
     )
     view.add_argument(
         "--fps",
@@ -55,44 +76,112 @@ def add_view_command(command: AddCommand) -> None:
         metavar="N",
         help="frames a second of a film, 0.01 to 50 (default 4)",
     )
+    add_connect_options(view)
+
+    view.add_argument("--dark", action="store_true", help="draw on dark ground")
+    view.add_argument(
+        "--rounds",
+        type=_numbers,
+        dest="states",
+        metavar="0,4,10-20:5",
+        help="of a picture: the rounds, levels or cubes after which states are shown; 0 is the"
+        " start, and A-B:C every C-th of A to B (default: six, evenly spread)",
+    )
+    view.add_argument("--title", help="of a picture: in place of the name of the system")
+    view.add_argument("--caption", help="of a picture: text below it")
+    view.add_argument(
+        "--parts",
+        choices=("both", "states", "schedule"),
+        help="of a picture: the states alone, the schedule alone, or both (default)",
+    )
+    view.add_argument(
+        "--zoom",
+        action="store_true",
+        default=None,
+        help="of a picture: frame each state around its modules, all at one scale (default: where"
+        " modules on an endless lattice would be too small to read)",
+    )
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    """Return the numbers that a list of numbers and ranges stands for, in its order."""
+    if not _NUMBERS.fullmatch(text):
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: expected numbers and ranges, such as 0,4,10-20 or 0-100:20"
+        )
+    found: list[int] = []
+    for part in text.split(","):
+        ends, _, step = part.partition(":")
+        first, _, last = ends.partition("-")
+        every = range(int(first), int(last or first) + 1, int(step or 1))
+        if not every or len(found) + len(every) > _NUMBERS_MAX:
+            raise argparse.ArgumentTypeError(
+                f"{part!r}: stands for {len(every)} numbers, expected 1 or more, and"
+                f" {_NUMBERS_MAX} in all at most"
+            )
+        found += every
+    return tuple(found)
+
+
+def _sheet(options: argparse.Namespace, path: Path, what: str | None) -> Sheet:
+    """Return how a picture is set out; InputError for what a film or a page does not have."""
+    from cubepath.coordinator.runs.drawing import Sheet  # noqa: PLC0415
+
+    for name in ("states", "title", "caption", "parts", "zoom") if what else ():
+        if getattr(options, name) is not None:
+            option = "rounds" if name == "states" else name
+            raise InputError(f"{path}: {what}, expected --{option} with a picture alone")
+    return Sheet(
+        states=options.states,
+        title=options.title,
+        caption=options.caption,
+        dark=options.dark,
+        parts=options.parts or "both",
+        zoom=options.zoom,
+    )
 
 
 def _view(options: argparse.Namespace) -> int:
+    if options.connect is not None:
+        return watch_elsewhere(options)
+    check_no_connect_options(options)
+    if options.input is None:
+        raise InputError("the following arguments are required: INPUT, or --connect ENDPOINT")
     from cubepath.coordinator.runs.drawing import (  # noqa: PLC0415 - only what a command needs
         PICTURE_SUFFIXES,
         run_picture,
     )
     from cubepath.coordinator.runs.films import (  # noqa: PLC0415
         FILM_SUFFIXES,
-        FRAMES_PER_SECOND,
-        animate,
     )
+    from cubepath.coordinator.viewing.pages import PAGE_SUFFIXES  # noqa: PLC0415
 
     if options.output is None and options.input == STANDARD_INPUT:
         raise InputError("standard input: has no name for a picture, expected -o PICTURE")
     path: Path = options.output or options.input.with_suffix(".png")
-    film = path.suffix.lower() in FILM_SUFFIXES
-    check_files(options, [options.input], Output(path, (*PICTURE_SUFFIXES, *FILM_SUFFIXES)))
+    film, page = path.suffix.lower() in FILM_SUFFIXES, path.suffix.lower() in PAGE_SUFFIXES
+    suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
+    check_files(options, [options.input, options.other], Output(path, suffixes))
     if options.fps is not None and not film:
-        raise InputError(f"{path}: a picture, expected --fps with a film (.gif) alone")
-    with opened(options.input) as file:
-        drawn = (_recorded if _is_recording(file) else _from_file)(options, file)
+        what = "a page" if page else "a picture"
+        raise InputError(f"{path}: {what}, expected --fps with a film (.gif) alone")
+    if options.what == "both" and not film:
+        what = "a page" if page else "a picture"
+        raise InputError(f"{path}: {what}, expected --what both with a film (.gif) alone")
+    if page and options.dark:
+        raise InputError(
+            f"{path}: a page, which is dark where its reader prefers that: expected no --dark"
+        )
+    sheet = _sheet(options, path, "a film" if film else "a page" if page else None)
+    if options.other is not None and not page:
+        raise InputError(f"{path}: shows one run, expected a page (.html) for two")
+    drawn = _read(options, options.input)
+    if page:
+        both = [drawn] if options.other is None else [drawn, _read(options, options.other)]
+        write_page(both, path)
+        return _written(options, both, path, "page")
     if film:
-        as_given = options.what == "run"
-        with progress_bar(None, "film", " frames") as bar:
-
-            def progress(done: int, total: int) -> None:
-                bar.total = total
-                bar.update(done - bar.n)
-
-            animate(
-                drawn.scene,
-                drawn.steps if as_given else drawn.schedule()[0],
-                path,
-                step_name=drawn.step_name if as_given else "cube",
-                frames_per_second=options.fps or FRAMES_PER_SECOND,
-                progress=progress,
-            )
+        _film(options, drawn, path)
     else:
         cubes, found = drawn.schedule()
         with progress_bar(None, "draw", ""):
@@ -103,22 +192,62 @@ def _view(options: argparse.Namespace) -> int:
                 path,
                 found=found,
                 step_name=drawn.step_name,
-                what=options.what,
+                what="schedule" if options.what == "schedule" else "run",
+                sheet=sheet,
             )
-    document = {"log": str(drawn.source), "picture": str(path)}
+    return _written(options, [drawn], path, "picture")
+
+
+def _written(options: argparse.Namespace, drawn: Sequence[Drawn], path: Path, kind: str) -> int:
+    """Say what was written, and of what."""
+    document = {"log": str(drawn[0].source), kind: str(path)}
+    if len(drawn) > 1:
+        document["other"] = str(drawn[1].source)
     answer(options, document, f"written to {visible(str(path))}")
-    return solved(options, drawn.unsolved)
+    return max(solved(options, each.unsolved) for each in drawn)
 
 
-class _Drawn(NamedTuple):
-    """The input of a drawing; the schedule is computed when it is asked for."""
+def _film(options: argparse.Namespace, drawn: Drawn, path: Path) -> None:
+    """Draw a film of the run, of its schedule, or of both side by side."""
+    from cubepath.coordinator.runs.films import FRAMES_PER_SECOND, animate  # noqa: PLC0415
+    from cubepath.coordinator.runs.side_by_side import animate_beside  # noqa: PLC0415
 
-    source: Path
-    scene: Scene
-    step_name: str
-    steps: Sequence[Sequence[Action]]
-    schedule: Callable[[], tuple[Sequence[Sequence[Action]], NormalForm]]
-    unsolved: str | None = None
+    rate: float = options.fps or FRAMES_PER_SECOND
+    with progress_bar(None, "film", " frames") as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        if options.what == "both":
+            cubes, found = drawn.schedule()
+            animate_beside(
+                drawn.scene,
+                drawn.steps,
+                cubes,
+                path,
+                found=found,
+                step_name=drawn.step_name,
+                frames_per_second=rate,
+                dark=options.dark,
+                progress=progress,
+            )
+            return
+        as_given = options.what == "run"
+        animate(
+            drawn.scene,
+            drawn.steps if as_given else drawn.schedule()[0],
+            path,
+            step_name=drawn.step_name if as_given else "cube",
+            frames_per_second=rate,
+            dark=options.dark,
+            progress=progress,
+        )
+
+
+def _read(options: argparse.Namespace, path: Path) -> Drawn:
+    with opened(path) as file:
+        return (_recorded if _is_recording(file) else _from_file)(options, file)
 
 
 def _is_recording(file: InputFile) -> bool:
@@ -128,7 +257,7 @@ def _is_recording(file: InputFile) -> bool:
     return is_recording(file) or file.path.suffix.lower() == ".mcap"
 
 
-def _recorded(options: argparse.Namespace, file: InputFile) -> _Drawn:
+def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
     from cubepath.coordinator.runs.gathering import gathered  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
@@ -143,21 +272,22 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> _Drawn:
         complain(f"{file.path}: {problem}; drawing what could be read")
     gatherer = gathered(recording)
     steps = [step.actions for step in gatherer.steps]
-    return _Drawn(
+    return Drawn(
         file.path,
         recording.scene,
         "level" if recording.clock == "free" else "round",
         steps,
         lambda: (gatherer.heap.cube_path(), gatherer.heap.normal_form()),
+        recording=recording,
     )
 
 
-def _from_file(options: argparse.Namespace, file: InputFile) -> _Drawn:
+def _from_file(options: argparse.Namespace, file: InputFile) -> Drawn:
     from cubepath.coordinator.shortening.path_steps import read_steps  # noqa: PLC0415
 
     with progress_bar(None, "view", " moves") as bar:
         found = read_steps(file, options.system, hints(options), bar.update)
-    return _Drawn(
+    return Drawn(
         file.path,
         found.scene,
         found.step_name,

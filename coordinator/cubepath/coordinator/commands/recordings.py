@@ -1,4 +1,4 @@
-"""The commands on recordings: ``cubepath verify``, ``cubepath replay`` and ``cubepath info``.
+"""The commands on recordings: ``cubepath verify`` and ``cubepath info``.
 
 Room: coordinator.
 """
@@ -26,7 +26,6 @@ from cubepath.coordinator.commands.console import (
     answer,
     complain,
     say,
-    table,
 )
 from cubepath.coordinator.commands.files import (
     Output,
@@ -36,14 +35,16 @@ from cubepath.coordinator.commands.files import (
     output_path,
 )
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number
+from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.verification.findings import Check, Verification
+    from cubepath.protocol.core.system import Scene
     from cubepath.protocol.recordings.recording import Recording
+    from cubepath.protocol.recordings.remains import Remains
 
 
 _Tell: TypeAlias = "Callable[[int], object] | None"
@@ -63,24 +64,8 @@ def add_recording_commands(command: AddCommand) -> None:
         "--recover",
         type=output_path,
         metavar="OUT",
-        help="write what can be read as a proper recording",
-    )
-
-    replay = command(
-        "replay", _replay, "put a recording back on zenoh; gather and shorten it again"
-    )
-    replay.add_argument("log", type=input_path, metavar="LOG")
-    replay.add_argument(
-        "--rate",
-        type=number(
-            "a number of at least 0.00001 (about a round a day)", lambda rate: rate >= 1e-5
-        ),
-        metavar="R",
-        help="rounds or levels a second; or times as fast as it was, if log time is the wall clock"
-        " (default: as fast as it goes)",
-    )
-    replay.add_argument(
-        "--endpoint", help="where the router listens, as tcp/127.0.0.1:7447 (default: privately)"
+        help="write what can be read as a proper recording; exit code 2 only if there is nothing."
+        " With --system the scene, if that is lost",
     )
 
     info = command("info", _info, "show what a recording contains")
@@ -117,24 +102,55 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _recover(options: argparse.Namespace) -> int:
-    """Verify one recording, and write what can be read of it to another."""
+    """Verify one recording, and write what can be read of it to another.
+
+    The exit code says whether there is anything of it, since that it is damaged is known.
+    """
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
     from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
+    from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 
     if len(options.logs) > 1:
         raise InputError(f"--recover: found {len(options.logs)} recordings, expected one")
     if options.recover.is_file():
         raise InputError(f"{options.recover}: exists already, expected a new file")
+    scene = _scene(options)
     with progress_bar(None, "verify", " rounds") as bar:
-        recording = read_recording(options.logs[0])
-        told = _verified(recording, audit(recording, bar.update))
+        remains = remains_of(options.logs[0])
+        remains = remains if scene is None else remains.with_scene(scene)
+        recording = remains.recording()
+        told = (
+            _alone(remains)
+            if recording is None
+            else _verified(recording, audit(recording, bar.update))
+        )
     try:
-        saved = recover(recording, options.recover)
+        saved = recover(recording or remains, options.recover)
     finally:
         answer(options, told.document, told.text)
     complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
-    return _complained(told)
+    for each in told.complaints:
+        complain(each)
+    return DONE
+
+
+def _scene(options: argparse.Namespace) -> Scene | None:
+    """Return the scene that was told for a recording that has lost its own."""
+    if options.system is None:
+        return None
+    from cubepath.protocol.scenes.specs import scene_from_spec  # noqa: PLC0415
+
+    return scene_from_spec(options.system)
+
+
+def _alone(remains: Remains) -> _Told:
+    """Return what is to be said of messages whose scene is lost."""
+    told = remains.parameters.get("system", "SYSTEM")
+    why = f"{remains.path}: its scene is lost, so the messages are recovered alone"
+    hint = f"the same with --system {told} makes a recording of them"
+    document = {"ok": False, "messages": len(remains.records), "problems": [*remains.problems]}
+    text = "\n".join(map(visible, remains.problems))
+    return _Told(document, text, complaints=(f"{why}; {hint}",))
 
 
 def _verified(recording: Recording, found: Verification) -> _Told:
@@ -234,43 +250,6 @@ def _tried(path: Path, one: _One) -> _Told:
 def _unreadable(error: CubepathError) -> _Told:
     code = BAD_INPUT if isinstance(error, InputError) else FAILED
     return _Told({"unreadable": str(error)}, "", code, (str(error),))
-
-
-def _replay(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.playback import replay  # noqa: PLC0415
-    from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
-
-    with progress_bar(None, "read", ""):
-        recording = read_recording(options.log)
-
-    def announce(endpoint: str, run: str) -> None:
-        if options.endpoint is not None:
-            complain(f"replaying on {endpoint} under cubepath/{run}/**")
-
-    with progress_bar(len(recording.records), "replay", " messages") as bar:
-        found = replay(
-            recording,
-            rate=options.rate,
-            endpoint=options.endpoint,
-            announce=announce,
-            progress=bar.update,
-        )
-    rows: list[tuple[str, object]] = [
-        ("rounds", found.rounds),
-        ("moves", found.moves),
-        ("reduced moves", found.reduced_moves),
-        ("cubes", found.cubes),
-        ("largest cube", found.max_cube_dimension),
-        ("messages", found.messages),
-        ("time", f"{found.seconds:.2f} s"),
-        ("result", found.result),
-    ]
-    if found.same and not found.complete:
-        rows.append(("complete", "false; the run was cut off"))
-    answer(options, found.document(), table(rows))
-    for difference in found.differences:
-        complain(f"{recording.path}: {difference}")
-    return DONE if found.same else FAILED
 
 
 def _info(options: argparse.Namespace) -> int:

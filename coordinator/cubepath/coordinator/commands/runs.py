@@ -23,13 +23,12 @@ from cubepath.coordinator.commands.console import (
     table,
 )
 from cubepath.coordinator.commands.files import check_files, input_path, output_path
+from cubepath.coordinator.commands.live import add_live_options, watched
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.coordinator.commands.usage import AddCommand, module_numbers, number, whole
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import STANDARD_OUTPUT
 
-_MODULES = re.compile(r"\d{1,9}(-\d{1,9})?(,\d{1,9}(-\d{1,9})?)*", re.ASCII)
-_MODULES_MAX = 1_000_000
 _NAME = re.compile(r"process_(0|[1-9]\d{0,8})", re.ASCII)
 _RUN = re.compile(r"[0-9a-f]{12}")
 _LOOK_S = 0.5
@@ -53,7 +52,7 @@ def add_run_commands(command: AddCommand) -> None:
     join.add_argument(
         "--modules",
         required=True,
-        type=_modules,
+        type=module_numbers,
         metavar="0-7,9",
         help="the numbers of the modules that this process has",
     )
@@ -126,6 +125,7 @@ def _add_run(command: AddCommand) -> None:
         "--connect", metavar="ENDPOINT", help="use the router that listens there, and start none"
     )
     _add_secure(run)
+    add_live_options(run)
     run.add_argument(
         "--wait-for",
         type=whole(0),
@@ -179,9 +179,9 @@ def _add_free(run: argparse.ArgumentParser) -> None:
     )
     run.add_argument(
         "--log-time",
-        choices=("level", "wall"),
-        default="level",
-        help="with the free clock: the log time of messages (default level)",
+        choices=("round", "level", "wall"),
+        help="the log time of messages in the recording: the round, or with the free clock the"
+        " level (default), or the wall clock",
     )
 
 
@@ -212,21 +212,6 @@ def _add_patience(parser: argparse.ArgumentParser, what: str) -> None:
     )
 
 
-def _modules(text: str) -> tuple[int, ...]:
-    found: list[int] = []
-    if _MODULES.fullmatch(text):
-        for part in text.split(","):
-            first, _, last = part.partition("-")
-            count = int(last or first) - int(first) + 1
-            if count < 1 or len(found) + count > _MODULES_MAX:
-                break
-            found += range(int(first), int(first) + count)
-        else:
-            if len(set(found)) == len(found):
-                return tuple(sorted(found))
-    raise argparse.ArgumentTypeError(f"expected numbers as 0-7,9, each once, found {text!r}")
-
-
 def _process_name(text: str) -> str:
     if not _NAME.fullmatch(text):
         raise argparse.ArgumentTypeError(f"expected process_N, found {text!r}")
@@ -240,8 +225,8 @@ def _run_id(text: str) -> str:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from cubepath.coordinator.runs.launch import run  # noqa: PLC0415 - only what a command needs
-    from cubepath.coordinator.runs.plan import Plan  # noqa: PLC0415
+    from cubepath.coordinator.runs.plan import Plan  # noqa: PLC0415 - only what a command needs
+    from cubepath.coordinator.runs.running import Running  # noqa: PLC0415
 
     check_files(options, [options.schedule])
     if options.log == STANDARD_OUTPUT:
@@ -283,7 +268,9 @@ def _run(options: argparse.Namespace) -> int:
 
         # Without other processes, a rule that prints would print into the answer.
         with contextlib.redirect_stdout(sys.stderr):
-            outcome = run(plan, watch=watch, say=say)
+            running = Running(plan, watch=watch, say=say)
+            with watched(options, running, say):
+                outcome = running.play_from_the_start()
     rows: list[tuple[str, object]] = [
         ("system", f"{outcome.system}, rule {outcome.rule}, seed {outcome.seed}"),
         ("modules", f"{outcome.modules} in {outcome.processes or 'no other'} processes"),

@@ -114,3 +114,23 @@ def number(expected: str, fits: Callable[[float], bool]) -> Callable[[str], floa
         return found
 
     return read
+
+
+_MODULES = re.compile(r"\d{1,9}(-\d{1,9})?(,\d{1,9}(-\d{1,9})?)*", re.ASCII)
+_MODULES_MAX = 1_000_000
+
+
+def module_numbers(text: str) -> tuple[int, ...]:
+    """Return the modules that an option names, in increasing order."""
+    found: list[int] = []
+    if _MODULES.fullmatch(text):
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            count = int(last or first) - int(first) + 1
+            if count < 1 or len(found) + count > _MODULES_MAX:
+                break
+            found += range(int(first), int(first) + count)
+        else:
+            if len(set(found)) == len(found):
+                return tuple(sorted(found))
+    raise argparse.ArgumentTypeError(f"expected numbers as 0-7,9, each once, found {text!r}")

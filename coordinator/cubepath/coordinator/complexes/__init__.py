@@ -32,6 +32,7 @@ if TYPE_CHECKING:
         steps_at,
     )
     from cubepath.coordinator.complexes.state_complexes import StateComplex, f_vector, state_complex
+    from cubepath.coordinator.complexes.vertex_layout import corners_of_squares, laid_out
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -41,6 +42,7 @@ else:
             "collapses": "Collapsed collapse contractibility",
             "cubical_complex": "CubicalComplex complex_from_faces",
             "drawing": "SUFFIXES draw_complex",
+            "vertex_layout": "corners_of_squares laid_out",
             "exploration": "Explored MAX_STATES explore",
             "export": "to_networkx write_complex",
             "homology_groups": "Homology homology",
@@ -75,10 +77,12 @@ __all__ = [
     "complex_from_faces",
     "complex_report",
     "contractibility",
+    "corners_of_squares",
     "draw_complex",
     "explore",
     "f_vector",
     "homology",
+    "laid_out",
     "lattice_of",
     "lift",
     "macro",

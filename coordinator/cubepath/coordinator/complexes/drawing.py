@@ -1,89 +1,44 @@
 """Pictures of small complexes: vertices, edges, squares and cubes, in the plane or in space.
 
-Vertices are laid out by classical scaling of their distances in the transition graph (Torgerson,
-1952), so that a cube looks like one wherever the complex allows it. matplotlib is imported when
-something is drawn.
+In space what is near lies over what is far, which is paler. matplotlib is imported when something
+is drawn.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.agents.rendering.pictures import INK
+from cubepath.agents.rendering.pen import arcs
+from cubepath.agents.rendering.themes import DARK, INK, LIGHT, PAPER, WALL, Theme
 from cubepath.coordinator.complexes.cubical_complex import CubicalComplex
+from cubepath.coordinator.complexes.vertex_layout import (
+    View,
+    best_view,
+    corners_of_squares,
+    laid_out,
+)
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.output_files import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
 
-Points = NDArray[np.float64]
-
-_TILT = 0.3
 VERTICES_MAX = 1500
 """Complexes with more vertices are not drawn, since nothing could be recognised."""
 SUFFIXES = (".png", ".svg", ".pdf")
-_EDGE, _VERTEX = "#6d727a", INK
+_WIDE, _LEAST, _TITLE, _LEGEND = 7.0, 2.4, 0.5, 0.35
+"""In inches: the width of a picture, the least height of the complex, of the title and legend."""
+_RADIUS, _MARGIN = 0.05, 0.25
+"""The radius of a vertex in inches, and the margin in edges of cubes."""
+_ALPHA, _PALE = 0.55, 0.55
+"""How opaque squares are, and how much paler the farthest are than the nearest."""
 _SQUARES = ("#3b7dd8", "#1f9e89", "#d6246e", "#e08a1e", "#6a4fb3")
 """The colour of a square by the dimension, 2, 3, ..., of the largest cube that it is in."""
-
-
-def distances(complex_: CubicalComplex) -> NDArray[np.int32]:
-    """Return the distance in edges between any two vertices, -1 if they are not connected.
-
-    The result has shape (vertices, vertices).
-    """
-    count = complex_.f_vector[0]
-    near: list[list[int]] = [[] for _ in range(count)]
-    if complex_.dimension > 0:
-        for low, high in complex_.faces[1][:, 0].tolist():
-            near[low].append(high)
-            near[high].append(low)
-    found = np.full((count, count), -1, dtype=np.int32)
-    for source in range(count):
-        row = found[source]
-        row[source] = 0
-        layer = [source]
-        while layer:
-            layer = [
-                other
-                for vertex in layer
-                for other in near[vertex]
-                if row[other] < 0 and not row.__setitem__(other, row[vertex] + 1)
-            ]
-    return found
-
-
-def layout(complex_: CubicalComplex, axes: int) -> Points:
-    """Return the positions of the vertices, shape (vertices, axes), by classical scaling."""
-    apart = distances(complex_).astype(np.float64)
-    apart[apart < 0] = apart.max() + 2  # components side by side
-    count = len(apart)
-    centre = np.eye(count) - 1 / count
-    # A compromise: power 1 gives the squared distances of the corners of a cube, 2 of a flat sheet.
-    values, vectors = np.linalg.eigh(-centre @ apart**1.5 @ centre / 2)
-    order = np.argsort(values)[::-1][: 2 * axes]
-    found = vectors[:, order] * np.sqrt(np.maximum(values[order], 0))
-    # The sign of an eigenvector is arbitrary: make its largest entry positive.
-    for axis in range(found.shape[1]):
-        if found[np.argmax(np.abs(found[:, axis]).round(9)), axis] < 0:
-            found[:, axis] *= -1
-    found = np.pad(found, ((0, 0), (0, 2 * axes - found.shape[1])))
-    # Vertices that differ only in further directions would coincide: tilt these in a little.
-    return found[:, :axes] + _TILT * found[:, axes:]
-
-
-def corners_of_squares(complex_: CubicalComplex) -> NDArray[np.int32]:
-    """Return the four vertices of every square in cyclic order, shape (squares, 4)."""
-    if complex_.dimension < 2:
-        return np.empty((0, 4), dtype=np.int32)
-    edges, squares = complex_.faces[1][:, 0], complex_.faces[2]
-    low, high = edges[squares[:, 0, 0]], edges[squares[:, 0, 1]]
-    return np.concatenate([low, high[:, ::-1]], axis=1)
 
 
 def largest_cubes(complex_: CubicalComplex) -> NDArray[np.int64]:
@@ -96,11 +51,14 @@ def largest_cubes(complex_: CubicalComplex) -> NDArray[np.int64]:
     return above if complex_.dimension >= 2 else np.empty(0, dtype=np.int64)
 
 
-def draw_complex(complex_: CubicalComplex, path: Path | str, title: str = "") -> None:
+def draw_complex(
+    complex_: CubicalComplex, path: Path | str, title: str = "", *, dark: bool = False
+) -> None:
     """Draw the complex to a file: in the plane up to dimension 1, else in space.
 
-    Squares are coloured by the dimension of the largest cube that they are in. InputError for more
-    than `VERTICES_MAX` vertices, an unknown suffix, or a file that cannot be written.
+    Squares are coloured by the dimension of the largest cube that they are in; `dark` is for dark
+    ground. InputError for more than `VERTICES_MAX` vertices, an unknown suffix, or a file that
+    cannot be written.
 
     >>> found = state_complex(explore(scene_from_spec("agv:graph=K5,n=2"))).complex
     >>> draw_complex(found, "agv.png", title="two vehicles on K5")
@@ -119,35 +77,37 @@ def draw_complex(complex_: CubicalComplex, path: Path | str, title: str = "") ->
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    flat = complex_.dimension < 2
-    figure = Figure(figsize=(7, 6), dpi=150, facecolor="white")
-    FigureCanvasAgg(figure)
-    axes: Any = figure.add_subplot(projection=None if flat else "3d")
-    points = layout(complex_, 2 if flat else 3)
+    theme = DARK if dark else LIGHT
     edges = complex_.faces[1][:, 0] if complex_.dimension > 0 else np.empty((0, 2), np.int32)
-    size = 30 / max(1, len(points) / 40) ** 0.5
-    if flat:
-        _draw_flat(axes, points, edges, size)
+    if complex_.dimension < 2:
+        places = laid_out(complex_, 2)
+        view = View(places, np.ones(len(places)))
     else:
-        _draw_solid(axes, complex_, points, edges, size)
+        view = best_view(laid_out(complex_, 3), edges)
+    wide, tall = np.ptp(view.places, axis=0) + 2 * _MARGIN
+    inner = min(max(_WIDE * float(tall / wide), _LEAST), _WIDE)
+    high = inner + _TITLE + _LEGEND
+    figure = Figure(figsize=(_WIDE, high), dpi=150, facecolor=theme.of(PAPER))
+    FigureCanvasAgg(figure)
+    axes = figure.add_axes((0, _LEGEND / high, 1, inner / high))
+    _draw(axes, complex_, view, edges, theme)
     axes.set_axis_off()
     axes.set_aspect("equal")
-    if not flat:
-        axes.set_box_aspect(None, zoom=1.25)
+    if complex_.dimension >= 2:
         figure.legend(
             handles=_swatches(largest_cubes(complex_)),
             loc="lower center",
             ncols=5,
             frameon=False,
             fontsize=9,
-            labelcolor=INK,
+            labelcolor=theme.of(INK),
         )
     counts = ", ".join(
-        f"{count} {name}"
+        f"{count} {name if count > 1 else name.replace('vertices', 'vertex').removesuffix('s')}"
         for count, name in zip(complex_.f_vector, _names(complex_.dimension), strict=True)
     )
-    figure.subplots_adjust(0, 0, 1, 0.92)
-    figure.suptitle(f"{title}\n{counts}" if title else counts, fontsize=10, color=INK)
+    told = f"{title}\n{counts}" if title else counts
+    figure.suptitle(told, y=1 - 0.12 / high, va="top", fontsize=10, color=theme.of(INK))
     kind = path.suffix.lower()[1:]
     with written_whole(path) as stream:
         figure.savefig(stream, format=kind, metadata={"Software": None} if kind == "png" else None)
@@ -186,25 +146,44 @@ def _cubes(dimensions: list[int]) -> str:
     return f"{first}-cube" if first == last else f"{first}-cube to {last}-cube"
 
 
-def _draw_flat(axes: Any, points: Points, edges: NDArray[np.int32], size: float) -> None:
-    from matplotlib.collections import LineCollection  # noqa: PLC0415
-
-    axes.add_collection(LineCollection(list(points[edges]), colors=_EDGE, linewidths=0.9, zorder=1))
-    axes.scatter(*points.T, s=size, color=_VERTEX, zorder=2)
-    axes.margins(0.05)
-
-
-def _draw_solid(
-    axes: Any, complex_: CubicalComplex, points: Points, edges: NDArray[np.int32], size: float
+def _draw(
+    axes: Axes,
+    complex_: CubicalComplex,
+    view: View,
+    edges: NDArray[np.int32],
+    theme: Theme,
 ) -> None:
-    from mpl_toolkits.mplot3d.art3d import (  # noqa: PLC0415
-        Line3DCollection,
-        Poly3DCollection,
-    )
+    """Draw squares, edges and vertices, the far ones first and paler."""
+    from matplotlib.collections import PolyCollection  # noqa: PLC0415
+    from matplotlib.colors import to_rgb  # noqa: PLC0415
 
-    colours = [_colour_in(k) for k in largest_cubes(complex_).tolist()]
-    squares = points[corners_of_squares(complex_)]
-    axes.add_collection3d(Poly3DCollection(squares, facecolors=colours, alpha=0.35, linewidths=0))
-    axes.add_collection3d(Line3DCollection(points[edges], colors=_EDGE, linewidths=0.8))
-    axes.scatter(*points.T, s=size, color=_VERTEX, depthshade=False)
-    axes.view_init(elev=55, azim=-80)
+    places, near = view.places, view.nearness
+    paper = np.array(to_rgb(theme.of(PAPER)))
+    line, dot = np.array(to_rgb(theme.of(WALL))), np.array(to_rgb(theme.of(INK)))
+    corners = corners_of_squares(complex_)
+    hues = np.array([to_rgb(_colour_in(k)) for k in largest_cubes(complex_).tolist()])
+    (left, low), (right, high) = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
+    radius = _RADIUS * float(max(right - left, high - low)) / _WIDE
+    ring = arcs([(0, 0)], radius / max(1, len(places) / 60) ** 0.25, corners=18)
+    shapes = [*places[corners], *places[edges], *(ring + place for place in places)]
+    far = 1 - np.concatenate(
+        [near[corners].mean(axis=1), near[edges].mean(axis=1), near] if len(edges) else [near]
+    )
+    own = np.concatenate(
+        [hues.reshape(-1, 3), np.tile(line, (len(edges), 1)), np.tile(dot, (len(places), 1))]
+    )
+    colours = own + (_PALE * far)[:, None] * (paper - own)
+    opaque = np.repeat([_ALPHA, 1.0, 1.0], [len(corners), len(edges), len(places)])
+    widths = np.repeat([0.0, 0.9, 0.0], [len(corners), len(edges), len(places)])
+    # What is equally far is drawn in the order of the dimension, so vertices lie above edges.
+    order = np.lexsort((np.arange(len(shapes)), -far.round(9)))
+    drawn = np.column_stack([colours, opaque])[order]
+    axes.add_collection(
+        PolyCollection(
+            [shapes[index] for index in order.tolist()],
+            facecolors=drawn,
+            edgecolors=drawn,
+            linewidths=widths[order],
+        )
+    )
+    axes.set(xlim=(left, right), ylim=(low, high))

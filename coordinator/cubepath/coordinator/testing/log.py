@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, Literal, NoReturn, TypeAlias, get_args
 
 from cubepath.coordinator.auditing.recording import audit
+from cubepath.coordinator.comparison.comparing import diff
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.testing.checks import check_name, check_whole
@@ -33,6 +34,7 @@ Result: TypeAlias = Literal["granted", "lost", "unknown"]
 What: TypeAlias = "Pattern | str"
 """Which messages: a pattern, or a kind."""
 _CHECKS_MAX = 3
+_REASONS_MAX = 4
 _ROUND = re.compile(r"\b(?:round|level) (\d+)")
 _MODULE = re.compile(r"\bmodule_(\d+)")
 _SPEAKER = re.compile(r"coordinator|(process|keeper)_\d+")
@@ -269,7 +271,8 @@ class Log:
         """Check that both are the same run up to swapping neighbouring moves that commute.
 
         With `homotopic` also up to moves that are undone: both have the same normal cube path.
-        AssertionError tells the first difference, with the first round that has other moves.
+        AssertionError tells the first difference, where the runs part and why, and the first round
+        that has other moves.
         """
         __tracebackhide__ = True
         if not isinstance(other, Log):  # pyright: ignore[reportUnnecessaryIsInstance]
@@ -285,6 +288,15 @@ class Log:
             (at for at in sorted({*mine, *theirs}) if mine.get(at) != theirs.get(at)), None
         )
         lines = [f"not {word}: {short(found)}"]
+        parted = diff(self.recording, other.recording)
+        if not parted.same:
+            lines.append(short(parted.answer))
+        if parted.choice is not None:
+            lines += [
+                f"first: {short(parted.choice.a.chose)}",
+                f"second: {short(parted.choice.b.chose)}",
+                *(f"why: {short(line)}" for line in parted.choice.why[:_REASONS_MAX]),
+            ]
         if first is not None:
             for name, moves in (("first", mine), ("second", theirs)):
                 told = ", ".join(moves.get(first, ())) or "none"

@@ -10,7 +10,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import ExitStack
 from typing import Any, Self, TypeVar
 
-from cubepath.coordinator.runs.playback import Replayed, replay
+from cubepath.coordinator.playback.comparing import Replayed
+from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import Log, What, pattern_of
