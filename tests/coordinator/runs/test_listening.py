@@ -253,12 +253,14 @@ def test_to_leave_a_run_that_was_never_entered_does_nothing(tmp_path: Path) -> N
 
 
 @pytest.mark.thorough
-def test_a_router_that_dies_while_a_run_begins_is_part_of_the_outcome(tmp_path: Path) -> None:
-    """Also when all processes have joined, and the session for those who ask is to be opened."""
+@pytest.mark.parametrize("kind", ["ready", "claim"])
+def test_a_router_of_others_that_dies_is_part_of_the_outcome(kind: str, tmp_path: Path) -> None:
+    """When all processes have joined as in a round; it is awaited for as long as any answer."""
     with Router("tcp/127.0.0.1:0") as router:
-        running = start(SYSTEM, processes=1, connect=router.endpoint, log=tmp_path / "a.mcap")
-        running.listen(lambda each: router.close() if each.kind == "ready" else None)
+        there, log = router.endpoint, tmp_path / "a.mcap"
+        running = start(SYSTEM, processes=1, connect=there, patience=2.0, log=log)
+        running.listen(lambda each: router.close() if each.kind == kind else None)
         outcome = running.play_from_the_start()
     assert outcome.ended == "failed"
-    assert str(outcome.error).startswith("no zenoh router at ")
+    assert str(outcome.error).startswith(f"no zenoh router at {there} any more: no answer within")
     whole(running, "failed")

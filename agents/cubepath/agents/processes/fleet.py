@@ -344,7 +344,14 @@ class Fleet:
         while not self._pacer.idle:
             if self._check is not None:
                 self._check()
-            came = shell.step(_POLL_S)
+            try:
+                came = shell.step(_POLL_S)
+            except ProcessDied as error:
+                if self._router is None and not shell.connected:
+                    raise ProcessDied(
+                        f"no zenoh router at {self.endpoint} any more: {error}"
+                    ) from None
+                raise
             # Also while somebody talks: a message is no sign that all are alive.
             if not came or time.monotonic() - looked > _LOOK_S:
                 looked = time.monotonic()

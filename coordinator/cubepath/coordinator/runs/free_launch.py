@@ -339,6 +339,8 @@ class FreeRun:
             name for each in self._collector.silent if (name := keeper_name(each)) not in dead
         ]
         who += f"; {', '.join(silent)} did not answer" if silent else ""
+        if self._shell is not None and not self._shell.connected:
+            who += f"; no zenoh router at {self.fleet.endpoint} any more"
         return f"nothing was committed for {self.plan.patience:g} s{who}"
 
     def _settle(

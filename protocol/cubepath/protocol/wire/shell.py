@@ -17,7 +17,7 @@ import zenoh
 
 from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.nodes import Effect, End, Ignore, Keep, Listen, Node, Put, Timer
-from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
+from cubepath.protocol.wire.sessions import open_client, publisher, routers_of, subscribe
 
 _CONNECT_S_MAX = 10.0
 _QUEUE_MAX, _QUEUE_BYTES_MAX = 1 << 16, 1 << 28
@@ -80,6 +80,11 @@ class Shell:
     def waiting(self) -> int:
         """Return how many messages wait for the node."""
         return self._queue.qsize()
+
+    @property
+    def connected(self) -> bool:
+        """Return whether the session has its router at the moment."""
+        return bool(routers_of(self._session))
 
     def start(self) -> None:
         """Start the node."""
