@@ -65,7 +65,6 @@ def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
         ("--remap a", "remap=a: expected FROM=TO"),
         ("--run a/b", "run=a/b: expected a name without any of"),
         ("--delay -1", "argument --delay: expected 0 or more seconds"),
-        ("--wait-for-subscribers -1", "argument --wait-for-subscribers: expected a whole number"),
     ],
 )
 def test_bad_options_are_one_line(words: str, said: str) -> None:

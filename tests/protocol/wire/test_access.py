@@ -111,6 +111,16 @@ def test_who_is_alive_is_not_for_others_to_say(router: Router) -> None:
             each.close()
 
 
+@pytest.mark.parametrize("name", ["guest", "process_0", COORDINATOR])
+def test_nobody_asks_the_router_who_listens(router: Router, name: str) -> None:
+    """Not even who leads: asked while somebody declares, a router can lock up for good."""
+    credentials = router.credentials(name)
+    with open_client(router.endpoint, credentials=credentials) as asks:
+        Ear(asks)
+        found = list(asks.get("@/*/router/subscriber/**", timeout=1.0))
+    assert [reply for reply in found if reply.ok is not None] == []
+
+
 def test_the_list_names_everyone_once() -> None:
     """With rules of its own for each process, and everything else denied."""
     found = access_list(3, "cert_common_names")

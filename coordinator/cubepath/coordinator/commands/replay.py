@@ -13,7 +13,7 @@ from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import input_path
 from cubepath.coordinator.commands.keyboard import has_terminal, play_by_keys
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.usage import AddCommand, number, whole
+from cubepath.coordinator.commands.usage import AddCommand, number
 from cubepath.protocol.core.errors import InputError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -75,17 +75,15 @@ def _add_time(replay: argparse.ArgumentParser) -> None:
     )
     replay.add_argument(
         "--wait-for-subscribers",
-        type=whole(0),
-        default=0,
-        metavar="N",
-        help="wait until N other sessions listen to the run",
+        action="store_true",
+        help="wait until another session subscribes to a part of the run",
     )
     replay.add_argument(
         "--wait-time",
         type=_seconds,
         default=60.0,
         metavar="S",
-        help="wait for them no longer than so many seconds (default 60)",
+        help="wait for one no longer than so many seconds (default 60)",
     )
     replay.add_argument(
         "--no-keyboard", action="store_true", help="read no keys, even if there is a terminal"
@@ -162,7 +160,7 @@ def _given(options: argparse.Namespace) -> PlayOptions:
         "loop": options.loop,
         "paused": options.start_paused,
         "delay_s": options.delay,
-        "wait_for": options.wait_for_subscribers,
+        "wait_for_subscribers": options.wait_for_subscribers,
         "wait_s": options.wait_time,
         "topics": options.topics,
         "exclude": options.exclude,

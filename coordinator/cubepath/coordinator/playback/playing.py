@@ -19,7 +19,6 @@ import zenoh
 
 from cubepath.coordinator.playback.asked import Asked, answer_queries
 from cubepath.coordinator.playback.comparing import Replayed, is_recovered
-from cubepath.coordinator.playback.listeners import others_listening
 from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
 from cubepath.coordinator.playback.orders import (
     PlayerStatus,
@@ -35,15 +34,22 @@ from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
 from cubepath.coordinator.playback.states import States
 from cubepath.coordinator.runs.about import About, offer
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
-from cubepath.protocol.core.given import real_number, seconds, whole_number
+from cubepath.protocol.core.given import real_number, seconds
 from cubepath.protocol.core.sites import in_order, to_json
 from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.toml import scene_to_toml
 from cubepath.protocol.wire.credentials import COORDINATOR
-from cubepath.protocol.wire.keys import everything, topic_key
+from cubepath.protocol.wire.keys import everything
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import open_client, put, subscribe, wait_for_subscriber
+from cubepath.protocol.wire.sessions import (
+    is_heard,
+    open_client,
+    publisher,
+    put,
+    subscribe,
+    wait_for_ear,
+)
 
 _PATIENCE_S_MAX = 30.0
 _REST_S_MAX = 3600.0
@@ -67,8 +73,8 @@ class PlayOptions(TypedDict, total=False):
     - ``loop``: begin again at the end.
     - ``paused``: put nothing before an order comes.
     - ``delay_s``: seconds before the first message.
-    - ``wait_for``, ``wait_s``: wait until so many other sessions listen to the run, and how many
-      seconds at most (60).
+    - ``wait_for_subscribers``, ``wait_s``: wait until another session subscribes to a part of the
+      run, and how many seconds at most (60).
     - ``topics``, ``exclude``: patterns over topics such as "reports/*", by default what modules and
       keepers said; "said" means "said/*".
     - ``remap``: pairs "FROM=TO" of topics or keys, or of how they begin.
@@ -84,7 +90,7 @@ class PlayOptions(TypedDict, total=False):
     loop: bool
     paused: bool
     delay_s: float
-    wait_for: int
+    wait_for_subscribers: bool
     wait_s: float
     topics: Collection[str]
     exclude: Collection[str]
@@ -124,7 +130,7 @@ class Playing:
         self._keys = Keys(recording, self.run, _several("remap", given.get("remap", ())))
         self._endpoint = given.get("endpoint")
         self._keys.check_reach(private=self._endpoint is None)
-        self._wait_for = whole_number("wait_for", given.get("wait_for", 0), 0)
+        self._wait_for_subscribers = given.get("wait_for_subscribers", False)
         self._wait_s = seconds("wait_s", given.get("wait_s", _WAIT_S))
         self._progress = given.get("progress")
         self._machine = Machine(
@@ -157,12 +163,11 @@ class Playing:
             router = opening.enter_context(Router(self._endpoint))
             self.endpoint = router.endpoint
             # It speaks for all modules, which the coordinator alone may.
-            self._mouth = open_client(self.endpoint, credentials=router.credentials(COORDINATOR))
+            lead = router.credentials(COORDINATOR)
+            self._mouth = open_client(self.endpoint, credentials=lead)
             opening.callback(self._mouth.close)
-            ear = open_client(self.endpoint)
-            opening.callback(ear.close)
-            self._own = {str(self._mouth.info.zid()), str(ear.info.zid())}
-            opening.callback(subscribe(ear, everything(self.run), self._enqueue).undeclare)
+            self._ear = open_client(self.endpoint, credentials=lead)
+            opening.callback(self._ear.close)
             queries = answer_queries(self._mouth, self.run, self._queue.put)
             opening.callback(queries.undeclare)
             recording = self.reel.recording
@@ -170,8 +175,8 @@ class Playing:
             scene = scene_to_toml(recording.scene)
             about = About(self.run, recording.format, parameters, scene)
             self._offered = offer(self._mouth, lambda: about)
-            # Messages put before the subscriber is known here would be lost silently.
-            wait_for_subscriber(self._mouth, topic_key(self.run, "report", "all"), _PATIENCE_S_MAX)
+            if not self._wait_for_subscribers:
+                opening.callback(self._listen())
             self._resources = opening.pop_all()
         self._began = time.monotonic()
         return self
@@ -179,6 +184,14 @@ class Playing:
     def __exit__(self, *_: object) -> None:
         """Close the sessions, and end the router."""
         self._resources.close()
+
+    def _listen(self) -> Callable[[], None]:
+        """Listen to the run, and return what ends that."""
+        heard = subscribe(self._ear, everything(self.run), self._enqueue)
+        # Messages put before the subscriber is known here would be lost silently.
+        own = f"{player_key(self.run)}/ear"
+        wait_for_ear(self._ear, self._mouth, own, _PATIENCE_S_MAX)
+        return heard.undeclare
 
     def _enqueue(self, sample: zenoh.Sample) -> None:
         self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
@@ -225,19 +238,20 @@ class Playing:
             self._played[kind] += 1
 
     def _wait_for_others(self) -> None:
+        if not self._wait_for_subscribers:
+            return
         deadline = time.monotonic() + self._wait_s
-        while self._wait_for and not self._machine.stopped:
-            there = others_listening(self._mouth, everything(self.run), self._own)
-            if there >= self._wait_for:
-                return
-            if time.monotonic() >= deadline:
-                raise CheckError(
-                    f"{there} of {self._wait_for} subscribers to {everything(self.run)} within"
-                    f" {self._wait_s:g} s"
-                )
-            self._rest_until(time.monotonic() + _LOOK_S)
-            self._take_what_is_there()
-            self._answer()
+        # The own ear listens only then: it would be the subscriber that is waited for.
+        with publisher(self._mouth, everything(self.run)) as everything_said:
+            while not (is_heard(everything_said) or self._machine.stopped):
+                if time.monotonic() >= deadline:
+                    raise CheckError(
+                        f"no subscriber to {everything(self.run)} within {self._wait_s:g} s"
+                    )
+                self._rest_until(time.monotonic() + _LOOK_S)
+                self._take_what_is_there()
+                self._answer()
+        self._resources.callback(self._listen())
 
     def _jumped(self, why: Why) -> None:
         """Say that the position has jumped, and gather anew from there."""

@@ -117,13 +117,14 @@ if TYPE_CHECKING:
     from cubepath.protocol.wire.sessions import (
         check_descriptors,
         check_endpoint,
+        is_heard,
         open_client,
         open_router,
         publisher,
         put,
         routers_of,
         subscribe,
-        wait_for_subscriber,
+        wait_for_ear,
         watch,
     )
     from cubepath.protocol.wire.shell import Shell
@@ -161,8 +162,8 @@ else:
             "router": "Router check_secure without_tls",
             "sayings": "BIRTHS_OF_A_FLEET Sayings",
             "sessions": (
-                "check_descriptors check_endpoint open_client open_router publisher put "
-                "routers_of subscribe wait_for_subscriber watch"
+                "check_descriptors check_endpoint is_heard open_client open_router publisher put "
+                "routers_of subscribe wait_for_ear watch"
             ),
             "shell": "Shell",
             "sockets": "clear discard is_private new_endpoint",
@@ -269,6 +270,7 @@ __all__ = [
     "heard_by_keeper",
     "heard_by_process",
     "heard_of_tile",
+    "is_heard",
     "is_private",
     "keeper_name",
     "key_of",
@@ -293,7 +295,7 @@ __all__ = [
     "topic_key",
     "topic_of",
     "topic_said",
-    "wait_for_subscriber",
+    "wait_for_ear",
     "watch",
     "without_tls",
 ]

@@ -28,8 +28,6 @@ _OWN_KEYS = ("to/*", "ask/*")
 """Of a module process: what it says to a region, and what it asks of a keeper."""
 _KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")
 """Of a keeper, in runs without rounds."""
-_SUBSCRIBERS = "@/*/router/subscriber/**"
-"""Where a router tells who listens to what; ``**`` alone does not match such keys."""
 _ASKABLE = ("state", "about", "player/*")
 """What everyone may ask."""
 _LISTENING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
@@ -47,12 +45,11 @@ def access_list(
         _rule("ask", ("query",), ("ingress",), [f"cubepath/*/{what}" for what in _ASKABLE]),
         _rule("recorders", _ASKED, ("ingress",), ["cubepath/*/recorder/**"]),
         _rule("lead", _TOLD, ("ingress",), ["cubepath/**"]),
-        _rule("look", ("query", "reply"), ("ingress", "egress"), [_SUBSCRIBERS]),
     ]
     subjects: list[dict[str, Any]] = [{"id": "all"}, {"id": COORDINATOR, by: [COORDINATOR]}]
     policies = [
         {"rules": ["listen", "hear", "ask", "recorders"], "subjects": ["all"]},
-        {"rules": ["lead", "look"], "subjects": [COORDINATOR]},
+        {"rules": ["lead"], "subjects": [COORDINATOR]},
     ]
     for process in range(processes):
         name = process_name(process)

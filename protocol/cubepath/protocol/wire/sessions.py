@@ -206,6 +206,35 @@ def publisher(session: zenoh.Session, key: str) -> zenoh.Publisher:
     )
 
 
+def is_heard(declared: zenoh.Publisher) -> bool:
+    """Return whether a session knows of a subscriber elsewhere to what a publisher puts.
+
+    A router's admin space would also tell how many there are, but to ask it while somebody declares
+    anything can lock up the router for good (zenoh 1.10; eclipse-zenoh/zenoh, pull request 2619).
+    """
+    # An object, which is always true; zenoh's stub declares a bool.
+    return bool(cast("Any", declared.matching_status).matching)
+
+
+def wait_for_ear(
+    ear: zenoh.Session, session: zenoh.Session, key: str, patience_s: float = 10.0
+) -> None:
+    """Wait until what a session puts comes to all that another, `ear`, has subscribed to so far.
+
+    Unlike `wait_for_subscriber` it is not taken in by subscribers of others: the ear puts a
+    liveliness token on `key`, which arrives after what it declared before. CubepathError if not.
+    """
+    deadline = time.monotonic() + patience_s
+    token = ear.liveliness().declare_token(key)
+    try:
+        while all(reply.ok is None for reply in session.liveliness().get(key)):
+            if time.monotonic() > deadline:
+                raise CubepathError(f"no token on {key} within {patience_s:.0f} s")
+            time.sleep(_POLL_S)
+    finally:
+        token.undeclare()
+
+
 def wait_for_subscriber(session: zenoh.Session, key: str, patience_s: float = 10.0) -> None:
     """Wait until a session knows of a subscriber to a key elsewhere; CubepathError if of none.
 
@@ -214,8 +243,7 @@ def wait_for_subscriber(session: zenoh.Session, key: str, patience_s: float = 10
     """
     with publisher(session, key) as found:
         deadline = time.monotonic() + patience_s
-        # An object, which is always true; zenoh's stub declares a bool.
-        while not cast("Any", found.matching_status).matching:
+        while not is_heard(found):
             if time.monotonic() > deadline:
                 raise CubepathError(f"no subscriber on {key} within {patience_s:.0f} s")
             time.sleep(_POLL_S)
