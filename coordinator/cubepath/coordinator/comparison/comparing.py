@@ -104,7 +104,7 @@ def diff(
         found = compare_free(one, two) if one.clock == "free" else _with_rounds(one, two, asked)
         return replace(
             found,
-            identical=_identical(one.path, two.path),
+            identical=found.same and _identical(one.path, two.path),
             parameters=parameters,
             scene=scene,
             notes=(*parent_notes(one, two), *found.notes),

@@ -96,7 +96,8 @@ def _notes(runs: tuple[FreeRun, FreeRun]) -> Iterator[str]:
             yield f"{name} has {run.cut}"
         yield from (f"{name}: {each}" for each in run.odd)
         if run.missing:
-            yield f"{name}: {counted(run.missing, 'commit')} not on record"
+            are = "is" if run.missing == 1 else "are"
+            yield f"{name}: {counted(run.missing, 'commit')} {are} not on record"
         if run.loose:
             follow = "follows" if run.loose == 1 else "follow"
             yield (
