@@ -158,7 +158,8 @@ def _choice(choice: ChoiceDifference, found: Compared) -> Iterator[str]:
         ("  chose", a.chose, b.chose),
     ]
     if (a.by_rule, b.by_rule) != (a.chose, b.chose) and (a.by_rule or b.by_rule):
-        rows.append(("  by its rule", _or_none(a.by_rule), _or_none(b.by_rule)))
+        by_rule = [each.by_rule or "not asked" for each in (a, b)]
+        rows.append(("  by its rule", by_rule[0], by_rule[1]))
     for name, one, two in rows:
         if one or two:
             yield from _columns(name, one, "the same" if one == two else two)
