@@ -211,7 +211,7 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
         ends=ends,
         paths=paths,
         beginning=None if differs or odd or late else _beginning(readings, parting),
-        limited=asked.limited,
+        limited=asked.limited or side_by_side.begin > 1,
     )
 
 

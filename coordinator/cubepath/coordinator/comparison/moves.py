@@ -27,7 +27,6 @@ from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
-from cubepath.protocol.path_files.moves import placement_in
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Report
@@ -280,10 +279,10 @@ def _names_generators(source: Source) -> bool:
     with opened(source) as file:
         for _, line in file.numbered_lines():
             try:
-                placement_in(line)
+                found: object = msgspec.json.decode(line)
             except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
                 return False
-            return True
+            return isinstance(found, dict) and "generator" in found
     return False
 
 

@@ -22,7 +22,7 @@ from cubepath.coordinator.verification.transcript import (
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, whole_of
-from cubepath.protocol.recordings.description import ATTACHED
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Report, decode
 
@@ -45,7 +45,12 @@ class Reading:
         self.recording = recording
         self.cut = cut_text(recording)
         """What it was cut from, in words; None if it was not cut."""
-        self.partial = self.cut is not None or bool(recording.problems) or is_cut_off(recording)
+        self.partial = (
+            self.cut is not None
+            or bool(recording.problems)
+            or is_cut_off(recording)
+            or ATTACHED in recording.parameters
+        )
         """Whether rounds, or messages, can be missing that the run had."""
         self.first = _first_whole(recording, self.partial) if first is None else first
         self.odd: list[str] = []
@@ -83,6 +88,7 @@ class Reading:
         """Return whether messages of a whole round can be missing though they were said."""
         told = self.recording.parameters
         by_topic = any(word in told.get(FILTERED, "") for word in ("topics", "without"))
+        by_topic = by_topic or any(key in told for key in LEFT_OUT)
         if by_topic or self.recording.problems or RECOVERED in told:
             return True
         # What was cut by rounds or in between has all of the others.
@@ -107,19 +113,20 @@ def start_of(reading: Reading, number: int, said: Round) -> tuple[Site, ...]:
 
 
 def cut_text(recording: Recording) -> str | None:
-    """Return in words which messages a recording has of another; None if it is not cut."""
-    whole = whole_of(recording)
-    if whole is None:
-        return None
-    told = recording.parameters
+    """Return in words which messages a recording has of a run; None if none were left out."""
+    told, whole = recording.parameters, whole_of(recording)
     how = [f"filtered: {told[FILTERED]}"] if FILTERED in told else []
     how += [f"part {told[SPLIT]}"] if SPLIT in told else []
-    return f"{len(recording.records)} of {whole} messages ({'; '.join(how) or 'cut'})"
+    left = [f"{key} {told[key]}" for key in LEFT_OUT if key in told]
+    if whole is None and not left:
+        return None
+    what = "not all" if whole is None else f"{len(recording.records)} of {whole}"
+    return f"{what} messages ({'; '.join([*left, *how]) or 'cut'})"
 
 
 def _first_whole(recording: Recording, partial: bool) -> int:  # noqa: FBT001 - one argument
     """Return the first round that every module has reported; 1 if there is none."""
-    if not partial and ATTACHED not in recording.parameters:
+    if not partial:
         return 1
     everyone = len(recording.scene.start)
     known: dict[int, set[int]] = {}

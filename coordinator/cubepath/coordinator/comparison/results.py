@@ -185,7 +185,7 @@ class Compared:
     beginning: str | None = None
     """The run, "a" or "b", that is the beginning of the other: that goes on where it ends."""
     limited: bool = False
-    """Whether some rounds alone were asked for."""
+    """Whether rounds were left out: as others were asked for, or as both runs begin later."""
     ends: tuple[str, str] | None = None
     """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
     paths: Paths | None = None
