@@ -192,3 +192,25 @@ def test_ended_runs_are_not_compared_after_their_end() -> None:
     assert found.states
     assert all(each.end is None or each.end <= last for each in found.states)
     assert all(number <= last for number, *_ in found.rounds)
+
+
+def test_a_run_without_rounds_on_record_ended_before_the_first() -> None:
+    """Its end is compared; rounds that were asked for it has not."""
+    none, some = (recorded("hex:n=5", rounds=rounds) for rounds in (0, 3))
+    assert diff(none, none).same
+    found = diff(none, some)
+    assert not found.same
+    assert found.answer == "a ends before the first round, and b goes on"
+    assert found.compared == "no rounds"
+    with pytest.raises(InputError, match="has no round that all modules report"):
+        diff(none, some, rounds=(1, 2))
+
+
+def test_two_systems_of_one_family_are_compared() -> None:
+    """With choices; what rules know from birth is a thing that differs, and cannot be tried."""
+    a, b = (twin(f"agv:graph=grid{size}x5,n=8", "tswap") for size in (4, 5))
+    found = diff(a, b)
+    assert found.scene is not None
+    assert found.choice is not None
+    assert any("knows from birth differs as well" in line for line in found.choice.why)
+    assert found.choice.causes != ("record",)

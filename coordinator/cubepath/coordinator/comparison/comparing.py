@@ -34,6 +34,7 @@ from cubepath.coordinator.comparison.reading import Reading
 from cubepath.coordinator.comparison.reasons import explain_choice, explain_outcome
 from cubepath.coordinator.comparison.results import (
     NAMES,
+    NO_ROUNDS,
     ChoiceDifference,
     Compared,
     MessageDifference,
@@ -284,7 +285,7 @@ def _beginning(readings: tuple[Reading, Reading], parting: Parting) -> str | Non
 def _compared(asked: Asked, side_by_side: SideBySide) -> str:
     first, last = max(asked.first, side_by_side.begin), side_by_side.found.compared
     if not last:
-        return "no rounds: one of the runs has none"
+        return NO_ROUNDS
     both = " (the first that both have)" if first > asked.first else ""
     return f"round {first}{both}" if first == last else f"rounds {first} to {last}{both}"
 

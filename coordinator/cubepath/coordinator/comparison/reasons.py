@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from cubepath.coordinator.comparison.lockstep import Outcomes
+from cubepath.coordinator.comparison.moves import scenes_text
 from cubepath.coordinator.comparison.neighbourhood import picture_of
 from cubepath.coordinator.comparison.playing import Played, Way, seed_at, way_of
 from cubepath.coordinator.comparison.reading import Contradiction, Reading, action_text
@@ -65,7 +66,8 @@ def explain_choice(
         empty = Side("", {}, {}, "")
         line = f"{error}: the record contradicts itself, so nothing is told of why"
         return ChoiceDifference(number, module, empty, empty, ("record",), (line,))
-    causes, why = _causes((a, b), (one, two), changed, since)
+    scene = scenes_text(*(reading.recording.scene for reading in readings))
+    causes, why = _causes((a, b), (one, two), changed, since, scene)
     sides = [
         _side(trail, module, reading.recording.scene.system)
         for trail, reading in zip((a, b), readings, strict=True)
@@ -104,6 +106,7 @@ def _causes(
     ways: tuple[Way, Way],
     changed: list[str],
     since: Mapping[int, int],
+    scene: str | None,
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     a, b = trails
     begins = min(way.begins for way in ways)
@@ -112,6 +115,9 @@ def _causes(
     lines += [_parameter(name, ways) for name in changed]
     lines += _hesitations(trails, ways)
     everything = [*(["inputs"] if other_inputs is not None else []), *changed]
+    if scene is not None:  # a rule knows of it from birth, and it cannot be exchanged
+        lines.append(f"what its rule knows from birth differs as well ({scene})")
+        everything.append("scene")
     played = a.played[0] if a.played else None, b.played[0] if b.played else None
     if played[0] is None or played[1] is None:
         for side, trail in enumerate(trails):

@@ -24,6 +24,10 @@ NAMES = ("a", "b")
 """What the two runs are called."""
 
 
+NO_ROUNDS = "no rounds"
+"""What was compared of runs of which one has no round."""
+
+
 def counted(count: int, what: str) -> str:
     """Return a count of things in words, as ``1 round`` or ``2 rounds``."""
     return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from cubepath.coordinator.comparison.lockstep import field_text, message_text
 from cubepath.coordinator.comparison.results import (
     NAMES,
+    NO_ROUNDS,
     ChoiceDifference,
     Compared,
     MessageDifference,
@@ -118,8 +119,11 @@ def _no_choice(found: Compared) -> str:
 
 
 def _beginning(found: Compared, name: str) -> str:
+    other = NAMES[name == "a"]
+    if found.compared == NO_ROUNDS:
+        return f"{name} ends before the first round, and {other} goes on"
     where = "" if found.clock == "free" else f" in {found.compared}"
-    return f"{name} is the beginning of {NAMES[name == 'a']}: the same{where}, and then {name} ends"
+    return f"{name} is the beginning of {other}: the same{where}, and then {name} ends"
 
 
 def _who(choice: ChoiceDifference) -> str:
