@@ -135,10 +135,10 @@ def test_what_is_wrong_is_named_by_its_site() -> None:
         "round 2: c and another move of it share 2, which one of them writes"
     ]
     assert said([[a], [a]], [[a]]) == [
-        "a is 1 times in the cubes, and in the run 0 times but for what it undoes"
+        "a is 1 time in the cubes, and in the run 0 times but for what it undoes"
     ]
     assert said([[a], [b]], [[b], [a]]) == [
-        "a finds 2 written 1 times in the cubes, and in the run 0 times but for what it undoes"
+        "a finds 2 written 1 time in the cubes, and in the run 0 times but for what it undoes"
     ]
     assert said([[a], [b]], [[a, b]]) == [
         "cube 1: b and another move of it share 2, which one of them writes"

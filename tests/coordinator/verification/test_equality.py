@@ -58,10 +58,10 @@ def test_paths_are_homotopic_iff_their_normal_cube_paths_are_equal(data: st.Data
     [
         ("aab", "b", False, "a is 2 times in the first, and 0 times in the second"),
         ("aab", "b", True, None),
-        ("ac", "ca", False, "c finds 1 written 1 times in the first, and 0 times in the second"),
+        ("ac", "ca", False, "c finds 1 written 1 time in the first, and 0 times in the second"),
         ("ab", "ba", False, None),
         ("", "", False, None),
-        ("", "a", True, "a is 0 times in the first, and 1 times in the second"),
+        ("", "a", True, "a is 0 times in the first, and 1 time in the second"),
     ],
 )
 def test_the_first_difference_is_named(

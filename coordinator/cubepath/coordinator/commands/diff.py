@@ -15,6 +15,7 @@ from cubepath.coordinator.commands.usage import AddCommand, number
 
 _RANGE = re.compile(r"(\d*)\.\.(\d*)|(\d+)")
 _KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube", "summary")
+"""As in `comparison.asking`, which takes too long to load for a line of help."""
 
 
 def add_diff_command(command: AddCommand) -> None:
@@ -32,7 +33,7 @@ def add_diff_command(command: AddCommand) -> None:
         type=_rounds,
         default=(1, None),
         metavar="FIRST..LAST",
-        help="compare these rounds alone, or levels (default: all); either may be left out",
+        help="compare these rounds alone (default: all); either may be left out",
     )
     diff.add_argument(
         "--ignore",
@@ -50,7 +51,10 @@ def add_diff_command(command: AddCommand) -> None:
         help="show N messages of the round before and after the first that differs",
     )
     diff.add_argument(
-        "--system", metavar="SYSTEM", help="the system that the moves of a moves file name"
+        "--system",
+        metavar="SYSTEM",
+        help="the system that the moves of a moves file name (default: that of the recording"
+        " beside it)",
     )
 
 

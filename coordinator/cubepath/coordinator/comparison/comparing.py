@@ -8,31 +8,42 @@ without, the moves are.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 
+from cubepath.coordinator.comparison.asking import (
+    COMPARED_KINDS,
+    check_asked,
+    check_compared,
+    check_use,
+)
+from cubepath.coordinator.comparison.families import compare_families, parent_notes
+from cubepath.coordinator.comparison.free import compare_free
 from cubepath.coordinator.comparison.lockstep import Asked, Parting, SideBySide
 from cubepath.coordinator.comparison.moves import (
     compare_files,
     compare_paths,
     scenes_text,
+    states_text,
 )
 from cubepath.coordinator.comparison.reading import Reading
-from cubepath.coordinator.comparison.reasons import NAMES, explain_choice, explain_outcome
+from cubepath.coordinator.comparison.reasons import explain_choice, explain_outcome
 from cubepath.coordinator.comparison.results import (
+    NAMES,
+    NO_ROUNDS,
     ChoiceDifference,
     Compared,
     MessageDifference,
     Paths,
 )
 from cubepath.coordinator.verification.transcript import OutOfOrder
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import STANDARD_INPUT, Source, opened
+from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.recordings.recording import Recording, is_recording, read_recording
-from cubepath.protocol.wire.messages import KINDS, Summary
+from cubepath.protocol.wire.messages import Summary
 
 _OF_PROCESSES = re.compile(r"process_\d+")
 _RESULTS = ("ended", "rounds", "moves", "reduced_moves", "cubes", "max_cube_dimension",
@@ -65,82 +76,73 @@ def diff(
         b: the other one.
         ignore: parameters that are not listed, and kinds of messages that are not compared.
         context: so many messages before and after the first that differs are told, of its round.
-        rounds: the first and the last round to be compared; None is the last there is. Of runs
-            without rounds these are levels.
-        system: the system that moves of a file of moves name.
+        rounds: the first and the last round to be compared; None is the last there is. Only of
+            runs with rounds.
+        system: the system that moves of a file of moves name; by default, beside a recording, that
+            of the recording.
 
-    InputError if a file cannot be read, or is neither; CheckError as for `shorten`. A damaged
-    recording is compared as far as it can be read, and `notes` says so.
+    Runs of systems of two families are compared by how they ended alone. A damaged recording, one
+    that begins late, and one from which messages were taken are compared as far as they have what
+    the other has, and `notes` says so.
+
+    InputError if a file cannot be read, or is neither, if there is nothing to compare, and if
+    `ignore`, `context`, `rounds` or `system` is of no use for these two; CheckError as for
+    `shorten`.
     """
-    _check_asked(context, rounds)
-    one, two = (_recording(each) for each in (a, b))
-    if not isinstance(one, Recording) or not isinstance(two, Recording):
-        return _moves_alone(one, two, system)
-    if one.clock != two.clock:
-        return replace(_moves_alone(one, two, system), parameters=_parameters(one, two, ignore))
-    found = _compared_runs(one, two, ignore, context, rounds)
-    return replace(
-        found,
-        identical=_identical(one.path, two.path),
-        parameters=_parameters(one, two, ignore),
-        scene=scenes_text(one.scene, two.scene),
-    )
+    asked = Asked(rounds[0], rounds[1], frozenset(ignore), context)
+    check_asked(asked)
+    with ExitStack() as stack:
+        one, two = (_recording(each, stack) for each in (a, b))
+        check_use(one, two, asked, system)
+        if not isinstance(one, Recording) or not isinstance(two, Recording):
+            return _moves_alone(one, two, system)
+        parameters = _parameters(one, two, ignore)
+        scene = scenes_text(one.scene, two.scene)
+        if one.scene.family != two.scene.family:
+            return compare_families(one, two, parameters, scene)
+        if one.clock != two.clock:
+            return replace(_moves_alone(one, two, system), parameters=parameters)
+        found = compare_free(one, two) if one.clock == "free" else _with_rounds(one, two, asked)
+        return replace(
+            found,
+            identical=found.same and _identical(one.path, two.path),
+            parameters=parameters,
+            scene=scene,
+            notes=(*parent_notes(one, two), *found.notes),
+        )
 
 
-def _compared_runs(
-    one: Recording,
-    two: Recording,
-    ignore: Collection[str],
-    context: int,
-    rounds: tuple[int, int | None],
-) -> Compared:
-    """Compare two runs under one clock."""
-    if one.clock == "free":
-        from cubepath.coordinator.comparison.free import compare_free  # noqa: PLC0415 - seldom
-
-        return compare_free(one, two, rounds)
-    asked = Asked(rounds[0], rounds[1], frozenset(ignore) & KINDS.keys(), context)
+def _with_rounds(one: Recording, two: Recording, asked: Asked) -> Compared:
     try:
         return _lockstep(one, two, asked, in_order=True)
     except OutOfOrder:
         return _lockstep(one, two, asked, in_order=False)
 
 
-def _check_asked(context: int, rounds: tuple[int, int | None]) -> None:
-    first, last = rounds
-    if context < 0:
-        raise InputError(f"context={context}: expected 0 or more")
-    if first < 1 or (last is not None and last < first):
-        raise InputError(f"rounds={first}..{'' if last is None else last}: expected 1 or more, up")
-
-
-def _recording(source: Recording | Source) -> Recording | Source:
-    """Return a recording that was read already, or read it; what is none stays as it is."""
+def _recording(source: Recording | Source, stack: ExitStack) -> Recording | InputFile:
+    """Return a recording that was read already, or read it; of another file, the open file."""
     if isinstance(source, Recording):
         return source
-    with opened(source) as file:
-        return read_recording(file) if is_recording(file) else source
+    file = stack.enter_context(opened(source))
+    # What is called a recording and is none is refused as such.
+    is_one = is_recording(file) or file.path.suffix.lower() == ".mcap"
+    return read_recording(file) if is_one else file
 
 
-def _name(source: Recording | Source) -> str:
-    path = (
-        source if isinstance(source, str) else source if isinstance(source, Path) else source.path
-    )
-    return "standard input" if path == STANDARD_INPUT else str(path)
-
-
-def _moves_alone(a: Recording | Source, b: Recording | Source, system: str | None) -> Compared:
-    move, paths, scene = compare_files(a, b, system)
+def _moves_alone(
+    a: Recording | InputFile, b: Recording | InputFile, system: str | None
+) -> Compared:
+    move, paths, scene, notes = compare_files(a, b, system)
     return Compared(
-        _name(a),
-        _name(b),
+        str(a.path),
+        str(b.path),
         clock="moves",
         same=paths.identical,
         identical=False,
         parameters={},
         scene=scene,
         compared="the moves, in their order; nothing else is in both",
-        notes=(),
+        notes=tuple(notes),
         move=move,
         paths=paths,
     )
@@ -176,30 +178,32 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
     readings = Reading(a, in_order=in_order), Reading(b, in_order=in_order)
     side_by_side = SideBySide(*readings, asked)
     parting = side_by_side.go()
+    check_compared(readings, parting, asked)
     notes = list(_notes(readings, parting))
     paths = _paths(side_by_side, notes)
     message = parting.message
     ends = None
     odd = readings[0].odd != readings[1].odd
+    alone = any(parting.only)
+    # To a part of a run neither its beginning nor its end counts.
     if asked.last is None and "summary" not in asked.ignored:
         ends = _ends(readings)
-        if message is None and not any(parting.only):
-            message = _results(readings)
-    same = message is None and not parting.choices and parting.outcome is None
-    same = same and ends is None and not any(parting.only) and not odd
-    choice = _choice((a, b), readings, parting, in_order=in_order)
+    if message is None and not alone and not asked.limited:
+        message = _results(readings, asked.ignored)
+    differs = message is not None or bool(parting.choices) or parting.outcome is not None
+    late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
     return Compared(
-        _name(a),
-        _name(b),
+        str(a.path),
+        str(b.path),
         clock="lockstep",
-        same=same,
+        same=not (differs or ends is not None or alone or odd or late),
         identical=False,
         parameters={},
         scene=None,
-        compared=_compared(asked, parting),
+        compared=_compared(asked, side_by_side),
         notes=tuple(notes),
         message=message,
-        choice=choice,
+        choice=_choice((a, b), readings, parting, in_order=in_order),
         outcome=None if parting.outcome is None else explain_outcome(parting.outcome, a, b),
         move=parting.move,
         parted=dict(sorted(parting.choices.items(), key=lambda each: (each[1], each[0]))),
@@ -207,6 +211,8 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
         rounds=tuple(parting.rounds),
         ends=ends,
         paths=paths,
+        beginning=None if differs or odd or late else _beginning(readings, parting),
+        limited=asked.limited or side_by_side.begin > 1,
     )
 
 
@@ -225,7 +231,7 @@ def _choice(
     )
     one, two = (each.transcript.own_rules.get(module) for each in readings)
     found = explain_choice(
-        lambda side: Reading(runs[side], in_order=in_order),
+        lambda side: Reading(runs[side], in_order=in_order, first=readings[side].first),
         number,
         module,
         (one, two),
@@ -235,27 +241,53 @@ def _choice(
     return replace(found, also=tuple(sorted(others)))
 
 
-def _notes(readings: tuple[Reading, Reading], parting: Parting) -> list[str]:
-    notes: list[str] = []
-    for name, reading in zip(NAMES, readings, strict=True):
-        notes += [f"{name}: {problem}" for problem in reading.recording.problems]
-        notes += [f"{name}: {odd}" for odd in reading.odd]
-        if reading.cut_off is not None:
-            notes.append(f"{name} is cut off: {reading.cut_off}")
+def _notes(readings: tuple[Reading, Reading], parting: Parting) -> Iterator[str]:
+    for name, reading, lacking in zip(NAMES, readings, parting.lacking, strict=True):
+        yield from (f"{name} {what}" for what in _odd(reading))
+        kinds = [kind for kind in COMPARED_KINDS if kind in lacking]
+        if kinds:
+            yield f"{name} has not every {', '.join(kinds)}: those that it lacks were not compared"
     for side, more in enumerate(parting.only):
         if more:
-            rounds = "1 more round" if more == 1 else f"{more} more rounds"
-            notes.append(f"{NAMES[side]} goes on for {rounds}, which {NAMES[1 - side]} has not")
+            left = "" if parting.followed else "; they were not compared"
+            rounds = f"{more} more {'round' if more == 1 else 'rounds'}"
+            yield f"{NAMES[side]} goes on for {rounds}, which {NAMES[1 - side]} has not{left}"
     if parting.unsaid is not None:
         number, side = parting.unsaid
-        notes.append(f"{NAMES[side]} has no edges of round {number}: these were not compared")
-    return notes
+        if "edges" not in parting.lacking[side]:
+            yield f"{NAMES[side]} has no edges of round {number}: these were not compared"
 
 
-def _compared(asked: Asked, parting: Parting) -> str:
-    if not parting.compared:
-        return "no round: there is none that both have whole"
-    return f"rounds {asked.first} to {parting.compared}"
+def _odd(reading: Reading) -> Iterator[str]:
+    """Yield what is odd with a recording, or missing."""
+    for problem in reading.recording.problems:
+        yield f"is damaged: {problem}"
+    if reading.cut is not None:
+        yield f"has {reading.cut}"
+    for odd in reading.odd:
+        yield f"is odd: {odd}"
+    if reading.first > 1:
+        yield f"begins in round {reading.first}"
+    if reading.cut_off is not None and reading.cut is None:
+        yield f"is cut off: {reading.cut_off}"
+
+
+def _beginning(readings: tuple[Reading, Reading], parting: Parting) -> str | None:
+    """Return the run after whose last round the other goes on, if nothing of it was lost then."""
+    if not any(parting.only):
+        return None
+    side = 0 if parting.only[1] else 1
+    reading = readings[side]
+    lost = reading.transcript.summary is not None and not reading.ended
+    return None if lost else NAMES[side]
+
+
+def _compared(asked: Asked, side_by_side: SideBySide) -> str:
+    first, last = max(asked.first, side_by_side.begin), side_by_side.found.compared
+    if not last:
+        return NO_ROUNDS
+    both = " (the first that both have)" if first > asked.first else ""
+    return f"round {first}{both}" if first == last else f"rounds {first} to {last}{both}"
 
 
 def _paths(side_by_side: SideBySide, notes: list[str]) -> Paths | None:
@@ -266,9 +298,9 @@ def _paths(side_by_side: SideBySide, notes: list[str]) -> Paths | None:
     if one.wrong is not None or two.wrong is not None:
         return None
     scenes = [reading.recording.scene for reading in side_by_side.readings]
-    starts = scenes[0].start_state, scenes[1].start_state
-    ends = side_by_side.ends()
-    return compare_paths(one.actions, two.actions, starts, ends, identical=one.identical(two))
+    starts = side_by_side.starts or (scenes[0].start_state, scenes[1].start_state)
+    end = states_text(*side_by_side.ends())
+    return compare_paths(one.actions, two.actions, starts, end, identical=one.identical(two))
 
 
 def _ends(readings: tuple[Reading, Reading]) -> tuple[str, str] | None:
@@ -285,15 +317,20 @@ def _ends(readings: tuple[Reading, Reading]) -> tuple[str, str] | None:
     return (told[0], told[1]) if len(alike) > 1 else None
 
 
-def _results(readings: tuple[Reading, Reading]) -> MessageDifference | None:
+def _results(
+    readings: tuple[Reading, Reading], ignored: Collection[str]
+) -> MessageDifference | None:
     """Return what the coordinator says of two runs in which modules said and did the same."""
     one, two = (reading.transcript for reading in readings)
     if one.summary is None or two.summary is None:
         return None
-    for cube, other in zip(one.result, two.result, strict=False):
-        if cube != other:
-            return _message("cube", cube.round, cube, other)
-    if any(getattr(one.summary, key) != getattr(two.summary, key) for key in _RESULTS):
+    if "cube" not in ignored:
+        for cube, other in zip(one.result, two.result, strict=False):
+            if cube != other:
+                return _message("cube", cube.round, cube, other)
+    if "summary" not in ignored and any(
+        getattr(one.summary, key) != getattr(two.summary, key) for key in _RESULTS
+    ):
         return _message("summary", one.summary.round, one.summary, two.summary)
     return None
 

@@ -8,12 +8,24 @@ commuting. Of the others those are first that depend on no other of them.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import chain
 
 from cubepath.coordinator.comparison.free_reasons import explain_commit
 from cubepath.coordinator.comparison.free_run import Commit, CommitId, FreeRun
-from cubepath.coordinator.comparison.moves import advance, compare_paths
-from cubepath.coordinator.comparison.results import Apart, Compared, MoveDifference, Paths
+from cubepath.coordinator.comparison.moves import advance, compare_paths, named, states_text
+from cubepath.coordinator.comparison.results import (
+    NAMES,
+    Apart,
+    Compared,
+    MoveDifference,
+    Paths,
+    counted,
+)
+from cubepath.coordinator.verification.free_history import Carried
+from cubepath.coordinator.verification.transcript import site_in
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 
@@ -23,54 +35,94 @@ NOT_COMPARED = (
 )
 
 
-def compare_free(a: Recording, b: Recording, levels: tuple[int, int | None]) -> Compared:
+def compare_free(a: Recording, b: Recording) -> Compared:
     """Return where two runs without rounds part; see `diff`."""
     runs = FreeRun(a), FreeRun(b)
-    pairs = _other(runs, levels)
-    notes = [NOT_COMPARED]
-    for name, run in zip("ab", runs, strict=True):
-        notes += [f"{name}: {each}" for each in (*run.recording.problems, *run.odd)]
-        if run.summary is None:
-            notes.append(f"{name} is cut off: no summary")
-    choice = move = None
+    same = _same(runs)
+    _check_comparable(runs)
+    pairs = _other(runs, same)
+    more = tuple(sum(name not in same for name in run.commits) for run in runs)
+    notes = [NOT_COMPARED, *_notes(runs)]
+    choice = None
     if pairs:
-        first, also = pairs[0], [one or two for one, two in pairs[1:]]
+        also = [one or two for one, two in pairs[1:]]
         others = {each.id[0] for each in also if each is not None}
-        choice = explain_commit(runs, first, others)
-        texts = [None if each is None else each.text() for each in first]
-        move = MoveDifference(choice.round, choice.module, texts[0], texts[1])
-    ends = None
-    if levels[1] is None:
-        ends = _ends(runs)
-    paths = _paths(runs)
+        choice = explain_commit(runs, pairs[0], others)
+    ends = _ends(runs)
+    beginning = None
+    if not pairs and any(more) and not any(run.loose or run.missing for run in runs):
+        beginning = "b" if not more[1] else "a" if not more[0] else None
+    whole = bool(pairs) or not any(more)
+    odd = [(run.odd, run.missing, run.loose) for run in runs]
     return Compared(
         str(a.path),
         str(b.path),
         clock="free",
-        same=not pairs and ends is None and runs[0].odd == runs[1].odd,
+        same=not pairs and not any(more) and ends is None and odd[0] == odd[1],
         identical=False,
         parameters={},
         scene=None,
-        compared="commits by what they depend on, and what led to the first that differs",
+        compared=_compared(runs, same, more),
         notes=tuple(notes),
         choice=choice,
-        move=move,
+        move=_first_move(runs, same) if pairs else None,
         parted=_parted(pairs),
-        states=tuple(_states(runs)),
-        rounds=tuple(_levels(runs)),
+        # Where commits are only missing, levels do not tell how far a run had come.
+        states=tuple(_states(runs)) if whole else (),
+        rounds=tuple(_levels(runs)) if whole else (),
         ends=ends,
-        paths=paths,
+        paths=_paths(runs) if whole else _paths_of(runs, same),
+        beginning=beginning,
+    )
+
+
+def _check_comparable(runs: tuple[FreeRun, FreeRun]) -> None:
+    """Refuse runs of which nothing can be compared, as the first commits are missing."""
+    for run in runs:
+        if not run.commits and run.partial:
+            why = [f"has {run.cut}"] if run.cut is not None else []
+            why += [f"is damaged: {problem}" for problem in run.recording.problems[:1]]
+            raise InputError(
+                f"{run.recording.path}: nothing to compare, as its first commits are not on record:"
+                f" it {', and '.join(why) or 'is cut off'}"
+            )
+
+
+def _notes(runs: tuple[FreeRun, FreeRun]) -> Iterator[str]:
+    for name, run in zip(NAMES, runs, strict=True):
+        for problem in run.recording.problems:
+            yield f"{name} is damaged: {problem}"
+        if run.cut is not None:
+            yield f"{name} has {run.cut}"
+        yield from (f"{name}: {each}" for each in run.odd)
+        if run.missing:
+            are = "is" if run.missing == 1 else "are"
+            yield f"{name}: {counted(run.missing, 'commit')} {are} not on record"
+        if run.loose:
+            follow = "follows" if run.loose == 1 else "follow"
+            yield (
+                f"{name}: {counted(run.loose, 'commit')} {follow} on others that are not on record,"
+                " and cannot be compared"
+            )
+        if run.summary is None and run.cut is None:
+            yield f"{name} is cut off: no summary"
+
+
+def _compared(runs: tuple[FreeRun, FreeRun], same: set[CommitId], more: tuple[int, ...]) -> str:
+    one, two = (len(run.commits) for run in runs)
+    if not any(more):
+        return f"{counted(one, 'commit')}, by what they depend on"
+    return (
+        f"{counted(one, 'commit')} in a, {two} in b, by what they depend on: {len(same)} of them"
+        " are the same"
     )
 
 
 _Pair = tuple[Commit | None, Commit | None]
 
 
-def _other(runs: tuple[FreeRun, FreeRun], levels: tuple[int, int | None]) -> list[_Pair]:
-    """Return the commits that differ and depend on none that does, by level and module.
-
-    With each comes the commit of the same module and number in the other run, if there is one.
-    """
+def _same(runs: tuple[FreeRun, FreeRun]) -> set[CommitId]:
+    """Return the commits that are the same in both, with all that they depend on."""
     one, two = (run.commits for run in runs)
     same: set[CommitId] = set()
     for name, commit in one.items():
@@ -81,15 +133,50 @@ def _other(runs: tuple[FreeRun, FreeRun], levels: tuple[int, int | None]) -> lis
             and commit.before <= same
         ):
             same.add(name)
-    first, last = levels
+    return same
+
+
+def _other(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> list[_Pair]:
+    """Return the commits that differ and depend on none that does, by level and module.
+
+    With each comes the commit of the same module and number in the other run, if there is one. What
+    a run lacks that has not all its commits on record is no difference.
+    """
+    one, two = (run.commits for run in runs)
     found: dict[CommitId, _Pair] = {}
     for commit in chain(one.values(), two.values()):
-        within = first <= max(commit.moved.level, 1) and (
-            last is None or commit.moved.level <= last
-        )
-        if commit.id not in same and commit.before <= same and within:
-            found[commit.id] = one.get(commit.id), two.get(commit.id)
+        if commit.id in same or not commit.before <= same:
+            continue
+        pair = one.get(commit.id), two.get(commit.id)
+        lacks = zip(runs, pair, strict=True)
+        if not any(run.partial and each is None for run, each in lacks):
+            found[commit.id] = pair
     return sorted(found.values(), key=_place)
+
+
+def _first_move(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> MoveDifference | None:
+    """Return the first commit with a move that is not the same in both, by level and module."""
+    one, two = (run.commits for run in runs)
+    pairs = [
+        (one.get(name), two.get(name))
+        for name in {**one, **two}
+        if name not in same and any(run.get(name) is not None for run in (one, two))
+    ]
+    moved = [
+        pair
+        for pair in pairs
+        if any(each is not None and each.move is not None for each in pair)
+        and not any(run.partial and each is None for run, each in zip(runs, pair, strict=True))
+    ]
+    if not moved:
+        return None
+    pair = min(moved, key=_place)
+    level, module, _ = _place(pair)
+    texts = [
+        None if each is None or each.move is None else f"{each.move} (level {each.moved.level})"
+        for each in pair
+    ]
+    return MoveDifference(level, module, texts[0], texts[1])
 
 
 def _place(pair: _Pair) -> tuple[int, int, int]:
@@ -155,8 +242,31 @@ def _states(runs: tuple[FreeRun, FreeRun]) -> list[Apart]:
 
 
 def _paths(runs: tuple[FreeRun, FreeRun]) -> Paths:
-    one, two = (run.history.actions for run in runs)
+    one, two = ([_action(each) for each in run.history.path()] for run in runs)
     starts = [run.recording.scene.start_state for run in runs]
-    ends = [frozenset(run.history.state) for run in runs]
+    end = states_text(*(frozenset(run.history.state) for run in runs))
     identical = _by_level(runs[0]) == _by_level(runs[1])
-    return compare_paths(one, two, (starts[0], starts[1]), (ends[0], ends[1]), identical=identical)
+    return compare_paths(one, two, (starts[0], starts[1]), end, identical=identical)
+
+
+def _paths_of(runs: tuple[FreeRun, FreeRun], same: set[CommitId]) -> Paths:
+    """Return how the paths compare of the commits that are the same in both."""
+    kept = [{run.commits[name].name for name in same} for run in runs]
+    one, two = (
+        [
+            _action(each)
+            for each in run.history.path()
+            if (each.moved.keeper, each.moved.serial) in names
+        ]
+        for run, names in zip(runs, kept, strict=True)
+    )
+    starts = [run.recording.scene.start_state for run in runs]
+    return compare_paths(one, two, (starts[0], starts[1]), None, identical=False)
+
+
+def _action(carried: Carried) -> Action:
+    moved, place = carried.moved, site_in(carried.moved.at)
+    action = carried.move.action
+    if moved.generator is None or place is None:
+        return action
+    return named(action, moved.generator, place)

@@ -11,12 +11,14 @@ from dataclasses import dataclass
 
 from cubepath.agents.rules.rule import Choice
 from cubepath.coordinator.comparison.free_run import Commit, FreeRun, Shown
+from cubepath.coordinator.comparison.neighbourhood import picture_of
 from cubepath.coordinator.comparison.playing import Played, Player, Way, way_of
-from cubepath.coordinator.comparison.reasons import NAMES, NOT_BY_RULE, only_cause
-from cubepath.coordinator.comparison.results import Cause, ChoiceDifference, Side
+from cubepath.coordinator.comparison.reasons import NOT_BY_RULE, only_cause, value_text
+from cubepath.coordinator.comparison.results import NAMES, Cause, ChoiceDifference, Side, counted
 from cubepath.coordinator.verification.choices import Observing
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Turn
 
 _Chosen = tuple[object, ...]
@@ -44,7 +46,7 @@ def explain_commit(
     """Explain a commit that differs and depends on none that does."""
     known = [each for each in pair if each is not None]
     module, number = known[0].id
-    a, b = (way_of(run.recording, None) for run in runs)
+    a, b = (way_of(run.recording, module, 1) for run in runs)
     changed = a.differs(b)
     asked = [a, *(a.exchanged(name, b) for name in changed)], [b, a]
     trails = [
@@ -52,10 +54,14 @@ def explain_commit(
         for run, commit, ways in zip(runs, pair, asked, strict=True)
     ]
     one, two = trails
-    sides = [_side(commit, trail) for commit, trail in zip(pair, trails, strict=True)]
+    sides = [
+        _side(commit, trail, module, run.history.system)
+        for commit, trail, run in zip(pair, trails, runs, strict=True)
+    ]
     causes, why = _causes(pair, one, two, changed)
     parameters = [
-        f"{name} is {getattr(a, name)} in a, and {getattr(b, name)} in b" for name in changed
+        f"{name} is {value_text(getattr(a, name))} in a, and {value_text(getattr(b, name))} in b"
+        for name in changed
     ]
     level = min(commit.moved.level for commit in known)
     others = tuple(sorted({*also} - {module}))
@@ -78,7 +84,7 @@ def _follow(run: FreeRun, commit: Commit, ways: Sequence[Way]) -> _Trail | None:
     for turn, fresh, born in run.turns_to(commit):
         if fresh:
             last, refused = 0, None
-            players = [Player(scene, moved.module, way, born, "free") for way in ways]
+            players = [Player(scene, moved.module, way, born, clock="free") for way in ways]
         if turn.turn != last + 1:
             refused = f"turn {last + 1} of epoch {turn.epoch} is not on record"
         last = turn.turn
@@ -138,18 +144,22 @@ def _chosen(played: Played) -> _Chosen:
     return played.action, note, choice.failed, choice.guards, choice.heeds, exchanges
 
 
-def _side(commit: Commit | None, trail: _Trail | None) -> Side:
+def _side(commit: Commit | None, trail: _Trail | None, module: int, system: System) -> Side:
     chose = "makes no such commit" if commit is None else commit.text()
+    level = None if commit is None or commit.move is None else commit.moved.level
     if trail is None or trail.shown is None:
-        return Side("", {}, {}, chose)
+        return Side("", {}, {}, chose, level=level)
     shown, played = trail.shown, trail.played[0]
     told = {**shown.told, **({"its own register": shown.register} if shown.register else {})}
     by_rule = None
     if played is not None:
         by_rule = chose if _chosen(played) == trail.chosen else "something else"
     drew = None if played is None else played.drew
+    picture = picture_of(system, module, shown.site, shown.who)
     doubt = None if played is None else played.doubt
-    return Side(shown.text, shown.who, told, chose, by_rule, drew, doubt, shown.versions)
+    return Side(
+        shown.text, shown.who, told, chose, by_rule, drew, doubt, shown.versions, picture, level
+    )
 
 
 def _causes(
@@ -203,7 +213,8 @@ def _shown(a: _Trail, b: _Trail) -> Iterator[str]:
     if one is None or two is None:
         return
     if len(a.inputs) != len(b.inputs):
-        yield f"its rule was asked {len(a.inputs)} times in a and {len(b.inputs)} in b until then"
+        asked = counted(len(a.inputs), "time")
+        yield f"its rule was asked {asked} in a and {len(b.inputs)} in b until then"
     if one.who == two.who and one.told == two.told and one.register == two.register:
         yield "it was shown the same in the turn that led there"
         return

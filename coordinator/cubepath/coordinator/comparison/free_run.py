@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from cubepath.coordinator.comparison.reading import ODD_MAX, action_text
+from cubepath.coordinator.comparison.reading import ODD_MAX, action_text, cut_text
 from cubepath.coordinator.verification.free_history import NO_SITE, History
 from cubepath.coordinator.verification.free_units import changed_by, held_by
-from cubepath.coordinator.verification.transcript import site_in
+from cubepath.coordinator.verification.transcript import is_cut_off, site_in
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import Site, site_text
 from cubepath.protocol.recordings.recording import Recording
@@ -28,6 +28,8 @@ from cubepath.protocol.wire.messages import Summary, encode
 
 CommitId: TypeAlias = tuple[int, int]
 """A commit by its module and how many of that module come before it, from 1."""
+_OF_MESSAGES = frozenset({"messages", "serials"})
+"""What is odd with messages, before anything is derived."""
 _KINDS = frozenset({"moved", "tail", "turns", "tell", "summary"})
 
 
@@ -43,16 +45,24 @@ class Commit:
     """What it depends on: who wrote what it found, and who read what it overwrites."""
 
     @property
+    def name(self) -> tuple[int, int]:
+        """Return by what its own run calls it: its keeper, and which commit of that it is."""
+        return self.moved.keeper, self.moved.serial
+
+    @property
     def place(self) -> tuple[int, int, int]:
         """Return where it comes among others that do not depend on each other."""
         return self.moved.level, *self.id
 
+    @property
+    def move(self) -> str | None:
+        """Return its move in words; None if it only writes or holds registers."""
+        moved = self.moved
+        return None if moved.generator is None else action_text(moved.generator, moved.at)
+
     def text(self) -> str:
         """Return it in words."""
-        moved = self.moved
-        told = []
-        if moved.generator is not None:
-            told.append(action_text(moved.generator, moved.at))
+        moved, told = self.moved, [self.move] if self.move is not None else []
         told += [
             f"module_{module} notes {list(note)}"
             for _, module, _, note in moved.notes
@@ -67,10 +77,16 @@ class FreeRun:
     def __init__(self, recording: Recording) -> None:
         """Read it, and derive what was where at which version."""
         self.recording = recording
-        self.odd: list[str] = []
+        self.cut = cut_text(recording)
+        """What it was cut from, in words; None if it was not cut."""
+        self.missing = 0
+        """How many commits are not on record, by their numbers."""
+        self._odd: list[tuple[str, str]] = []
         self.summary: Summary | None = None
         self.turns: dict[int, dict[tuple[int, int], Turn]] = {}
         """By module, then by epoch and turn."""
+        self.loose = 0
+        """How many commits follow on some that are not on record."""
         self._entered: dict[tuple[int, int], Site] = {}
         self._commits: dict[int, dict[int, Moved]] = {}
         self._read()
@@ -79,13 +95,30 @@ class FreeRun:
             for keeper in sorted(self._commits)
             for serial in sorted(self._commits[keeper])
         )
-        self._missing()
+        self._count_missing()
         self.history = History(recording.scene, ordered, self._fail)
         self.commits = self._linked()
 
-    def _fail(self, _check: str, why: str) -> None:
-        if len(self.odd) < ODD_MAX:
-            self.odd.append(why)
+    @property
+    def partial(self) -> bool:
+        """Whether commits can be missing that the run had."""
+        recording = self.recording
+        cut = self.cut is not None or is_cut_off(recording) or bool(recording.problems)
+        return cut or self.summary is None or bool(self.missing)
+
+    @property
+    def odd(self) -> list[str]:
+        """What is odd, the first lines; but for what follows from commits that are missing."""
+        kept = _OF_MESSAGES if self.missing and self.partial else None
+        return [why for check, why in self._odd if kept is None or check in kept][:ODD_MAX]
+
+    def _fail(self, check: str, why: str) -> None:
+        # One kind must not keep out the other.
+        if (
+            sum((known in _OF_MESSAGES) == (check in _OF_MESSAGES) for known, _ in self._odd)
+            < ODD_MAX
+        ):
+            self._odd.append((check, why))
 
     def _read(self) -> None:
         for record in self.recording.written(_KINDS):
@@ -118,19 +151,29 @@ class FreeRun:
             name = f"commit {moved.serial} of keeper_{moved.keeper}"
             self._fail("serials", f"{name} comes twice, and differs")
 
-    def _missing(self) -> None:
-        for keeper, commits in sorted(self._commits.items()):
-            absent = max(commits) - len(commits)
-            if absent:
-                self._fail("serials", f"{absent} commits of keeper_{keeper} are not on record")
+    def _count_missing(self) -> None:
+        for commits in self._commits.values():
+            self.missing += max(commits) - len(commits)
 
     def _linked(self) -> dict[CommitId, Commit]:
-        """Return all commits in an order in which they can have happened."""
+        """Return all commits in an order in which they can have happened.
+
+        Those that follow on others which are not on record are left out, and counted: which of its
+        module's commits such a one is, nobody knows.
+        """
         history = self.history
+        links = _Links()
+        before: dict[int, set[int]] = {}
+        for number in sorted(history.order, key=history.order.__getitem__):
+            found = links.before(number, history.commits[number])
+            if found is None or not found <= before.keys():
+                self.loose += 1
+            else:
+                before[number] = found
         ids: dict[int, CommitId] = {}
         counts: dict[int, int] = {}
         by_module = sorted(
-            range(len(history.commits)),
+            before,
             key=lambda n: (history.commits[n].module, history.commits[n].epoch,
                            history.commits[n].number),
         )  # fmt: skip
@@ -138,13 +181,15 @@ class FreeRun:
             module = history.commits[number].module
             counts[module] = counts.get(module, 0) + 1
             ids[number] = module, counts[module]
-        links = _Links()
-        found: dict[CommitId, Commit] = {}
-        for number in sorted(history.order, key=history.order.__getitem__):
-            moved = history.commits[number]
-            before = frozenset(links.before(ids[number], moved))
-            found[ids[number]] = Commit(ids[number], moved, _content(moved), before)
-        return found
+        return {
+            ids[number]: Commit(
+                ids[number],
+                history.commits[number],
+                _content(history.commits[number]),
+                frozenset(ids[each] for each in found),
+            )
+            for number, found in before.items()
+        }
 
     # What a module was shown.
 
@@ -220,28 +265,35 @@ class _Links:
     """Who wrote and read which version so far."""
 
     def __init__(self) -> None:
-        self._wrote: dict[tuple[object, int], CommitId] = {}
-        self._read: dict[tuple[object, int], list[CommitId]] = {}
+        self._wrote: dict[tuple[object, int], int] = {}
+        self._read: dict[tuple[object, int], list[int]] = {}
 
-    def before(self, name: CommitId, moved: Moved) -> set[CommitId]:
-        """Return what a commit depends on, and take note of what it does."""
-        found: set[CommitId | None] = set()
+    def before(self, name: int, moved: Moved) -> set[int] | None:
+        """Return what a commit depends on, and take note of what it does.
+
+        None if it finds a version that nobody on record wrote.
+        """
+        finds: list[tuple[object, int]] = []
+        found: set[int] = set()
         for value, version in (*moved.read, *moved.guarded):
-            found.add(self._wrote.get((site_in(value), version)))
+            finds.append((site_in(value), version))
+        for value, version, _ in moved.written:
+            unit = site_in(value)
+            finds.append((unit, version))
+            found.update(self._read.get((unit, version), ()))
+        for module, version in held_by(moved).items():
+            finds.append((("module", module), version))
+        for module, version in changed_by(moved).items():
+            finds.append((("module", module), version - 1))
+        known = all(version <= 0 or (what, version) in self._wrote for what, version in finds)
+        found.update(self._wrote[each] for each in finds if each in self._wrote)
         for value, version in moved.read:
             self._read.setdefault((site_in(value), version), []).append(name)
         for value, version, _ in moved.written:
-            unit = site_in(value)
-            found.add(self._wrote.get((unit, version)))
-            found.update(self._read.get((unit, version), ()))
-            self._wrote[unit, version + 1] = name
-        for module, version in held_by(moved).items():
-            found.add(self._wrote.get((("module", module), version)))
+            self._wrote[site_in(value), version + 1] = name
         for module, version in changed_by(moved).items():
-            key = "module", module
-            found.add(self._wrote.get((key, version - 1)))
-            self._wrote[key, version] = name
-        return {each for each in found if each is not None and each != name}
+            self._wrote[("module", module), version] = name
+        return found - {name} if known else None
 
 
 def _content(moved: Moved) -> tuple[object, ...]:

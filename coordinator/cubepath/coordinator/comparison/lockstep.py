@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from cubepath.coordinator.comparison.moves import Path
-from cubepath.coordinator.comparison.reading import Reading, action_text
+from cubepath.coordinator.comparison.reading import Reading, action_text, start_of
 from cubepath.coordinator.comparison.results import (
     Apart,
     MessageDifference,
@@ -37,6 +37,11 @@ class Asked:
     last: int | None = None
     ignored: frozenset[str] = frozenset()
     context: int = 0
+
+    @property
+    def limited(self) -> bool:
+        """Whether not all rounds are asked for."""
+        return self.first > 1 or self.last is not None
 
 
 @dataclass(frozen=True)
@@ -70,23 +75,30 @@ class Parting:
     """How many rounds each run has on record that the other does not have."""
     unsaid: tuple[int, int] | None = None
     """The first round of which one run alone (0 or 1) has no edges, and which."""
+    lacking: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
+    """Kinds of messages that are missing in a run which has not all, and so were not compared."""
+    followed: bool = True
+    """Whether the rounds that one run alone has count as what it did after the other ended."""
 
 
 class SideBySide:
     """Goes through two recordings at once."""
 
     def __init__(self, a: Reading, b: Reading, asked: Asked) -> None:
-        """Begin at both starts."""
+        """Begin at the first round that is whole in both."""
         self.readings = a, b
         self.found = Parting()
         self.paths = Path(a.recording.scene.system), Path(b.recording.scene.system)
+        self.begin = max(a.first, b.first)
+        self.starts: tuple[frozenset[Site], frozenset[Site]] | None = None
+        """What was on before the first round that is compared; None if there is none."""
         self._asked = asked
-        self._states = States(a.recording.scene.start, b.recording.scene.start)
+        self._states = States(a.recording.scene.start, b.recording.scene.start, self.begin - 1)
 
     def go(self) -> Parting:
         """Compare all rounds; OutOfOrder as for `Reading.rounds`."""
         only = [0, 0]
-        for one, two in zip_longest(*(each.rounds() for each in self.readings)):
+        for one, two in zip_longest(*map(self._rounds, self.readings)):
             known = one or two
             if known is None or (self._asked.last is not None and known[0] > self._asked.last):
                 break  # every round that is to be compared was
@@ -108,21 +120,39 @@ class SideBySide:
         )
         return one, two
 
+    def _rounds(self, reading: Reading) -> Iterator[tuple[int, Round]]:
+        return (each for each in reading.rounds() if each[0] >= self.begin)
+
     def _alone(self, side: int, said: Round, number: int) -> None:
-        """Take the moves of a round that the other run does not have."""
+        """Take the moves of a round that the other run does not have, if that had ended."""
+        self.found.followed = self.readings[1 - side].ended
+        if not self.found.followed or number < self._asked.first:
+            return
         for report in said.reports.values():
             self.paths[side].add(number, report)
-        self._states.round(number, *(said.reports if n == side else {} for n in (0, 1)))
+        self._states.move(number, *(said.reports if n == side else {} for n in (0, 1)))
 
     def _round(self, number: int, a: Round, b: Round) -> None:
-        if number >= self._asked.first:
-            self.found.compared = number
-            if a.said != b.said or a.reports != b.reports or a.edges != b.edges:
-                self._differ(number, a, b)
+        if number == self.begin:
+            one, two = (
+                start_of(reading, number, said)
+                for reading, said in zip(self.readings, (a, b), strict=True)
+            )
+            self._states = States(one, two, number - 1)
+        if number < self._asked.first:
+            self._states.move(number, a.reports, b.reports)
+            return
+        if self.starts is None:
+            self.starts = self.ends()
+            self._states.note(number - 1)
+        self.found.compared = number
+        if a.said != b.said or a.reports != b.reports or a.edges != b.edges:
+            self._differ(number, a, b)
         for side, said in enumerate((a, b)):
             for report in said.reports.values():
                 self.paths[side].add(number, report)
-        self._states.round(number, a.reports, b.reports)
+        self._states.move(number, a.reports, b.reports)
+        self._states.note(number)
 
     def _differ(self, number: int, a: Round, b: Round) -> None:
         """Take down what differs in a round in which something does."""
@@ -132,11 +162,11 @@ class SideBySide:
             for each in lists:
                 each.pop(("edges", -1), None)
             found.unsaid = found.unsaid or (number, int(b.edges is None))
-        keys = sorted({*lists[0], *lists[1]}, key=_place)
         different = [
             key
-            for key in keys
+            for key in sorted({*lists[0], *lists[1]}, key=_place)
             if key[0] not in self._asked.ignored
+            and not self._is_lacking(number, key, lists)
             and _told(lists[0].get(key)) != _told(lists[1].get(key))
         ]
         if different and found.message is None:
@@ -146,6 +176,14 @@ class SideBySide:
         if found.choices and not known:
             found.moved_apart = dict(self._states.moved_apart)
         self._moves(number, a, b)
+
+    def _is_lacking(self, number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> bool:
+        """Return whether a message is missing in a run that has not all that was said."""
+        for reading, said, lacking in zip(self.readings, lists, self.found.lacking, strict=True):
+            if key not in said and reading.lacks(number):
+                lacking.add(key[0])
+                return True
+        return False
 
     def _choices(self, number: int, a: Round, b: Round, different: list[tuple[str, int]]) -> None:
         """Take down who chose otherwise, and the first claim that came of otherwise."""
@@ -158,6 +196,11 @@ class SideBySide:
         if not ignored.isdisjoint(("claim", "report")):
             return
         for module in sorted(a.reports.keys() & b.reports.keys()):
+            if any(
+                _claim_is_lost(said, module) and reading.lacks(number)
+                for reading, said in zip(self.readings, (a, b), strict=True)
+            ):
+                continue
             if chosen(a, module) != chosen(b, module):
                 if found.choices.setdefault(module, number) == number:
                     found.acted.add(module)
@@ -182,7 +225,8 @@ class SideBySide:
 class States:
     """Where modules stand in both runs by their own word, and whether the same sites are on."""
 
-    def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...]) -> None:
+    def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...], since: int) -> None:
+        """Begin where modules stand at the end of round `since`, 0 for the start."""
         self.moved_apart: dict[int, int] = {}
         self.sites: tuple[list[Site], list[Site]] = list(a), list(b)
         self._balance: dict[Site, int] = {}
@@ -193,10 +237,9 @@ class States:
                 self._count(site, 1 - 2 * side)
         for module in range(max(len(a), len(b))):
             if a[module : module + 1] != b[module : module + 1]:
-                self.moved_apart[module] = 0
-        self._note(0)
+                self.moved_apart[module] = since
 
-    def round(self, number: int, a: dict[int, Report], b: dict[int, Report]) -> None:
+    def move(self, number: int, a: dict[int, Report], b: dict[int, Report]) -> None:
         """Take the reports at the end of a round."""
         touched: set[int] = set()
         for side, reports in enumerate((a, b)):
@@ -216,7 +259,6 @@ class States:
                 self.moved_apart.pop(module, None)
             else:
                 self.moved_apart.setdefault(module, number)
-        self._note(number)
 
     def ended(self) -> list[Apart]:
         """Return from when to when the states differed."""
@@ -231,7 +273,8 @@ class States:
         else:
             self._balance.pop(site, None)
 
-    def _note(self, number: int) -> None:
+    def note(self, number: int) -> None:
+        """Take note whether the states differ at the end of a round, 0 for the start."""
         if self._balance and self._begin is None:
             self._begin = number
         elif not self._balance and self._begin is not None:
@@ -298,12 +341,17 @@ def message_text(kind: str, fields: dict[str, Json] | None) -> str:
     if fields is None:
         return ""
     inside = (
-        f"{name}={msgspec.json.encode(value).decode()}"
+        f"{name}={field_text(value)}"
         for name, value in fields.items()
         if name not in ("kind", "round", "module")
     )
     who = f" of module_{fields['module']}" if "module" in fields else ""
     return f"{kind}{who}: {' '.join(inside)}"
+
+
+def field_text(value: Json) -> str:
+    """Return the value of a field as JSON."""
+    return msgspec.json.encode(value).decode()
 
 
 Chosen = tuple[str, Site | None] | None
@@ -328,6 +376,12 @@ def note_of(this: Round, module: int) -> tuple[int, ...] | None:
     """Return the note that a module said in a round."""
     note = this.said.get(("note", module))
     return tuple(note.note) if isinstance(note, Note) else None
+
+
+def _claim_is_lost(this: Round, module: int) -> bool:
+    """Return whether a module claimed what is not on record, and did not come to do it."""
+    report = this.reports[module]
+    return ("claim", module) not in this.said and report.claim != "none" and report.move is None
 
 
 def _outcome(this: Round, module: int) -> str | None:

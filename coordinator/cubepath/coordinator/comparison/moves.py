@@ -8,9 +8,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
+from dataclasses import replace
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
+import msgspec
+
+from cubepath.coordinator.comparison.reading import action_text, cut_text
 from cubepath.coordinator.comparison.results import MoveDifference, Paths
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.gathering import gathered
@@ -19,11 +23,12 @@ from cubepath.coordinator.verification.equality import difference
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import Source
+from cubepath.protocol.core.input_files import Source, opened
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene, System
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Report
 
 
@@ -56,7 +61,7 @@ class Path:
                 self.wrong = self.wrong or f"round {number}, module_{module}: {error}"
                 return
             known = self._numbers[generator, place] = len(self._actions)
-            self._actions.append(action)
+            self._actions.append(named(action, generator, place))
         self._moves.append(known)
         self._places.extend((number, module))
 
@@ -72,19 +77,39 @@ class Path:
         )
 
 
+def named(action: Action, generator: str, place: Site) -> Action:
+    """Return an action with the label that moves have everywhere in a comparison."""
+    one, other = action.ends
+    label = action_text(generator, place)
+    return Action(
+        action.support,
+        action.trace,
+        one,
+        other,
+        free=action.free,
+        guards=action.guards,
+        label=label,
+    )
+
+
 def compare_paths(
     one: Sequence[Action],
     other: Sequence[Action],
     starts: tuple[AbstractSet[Site] | None, AbstractSet[Site] | None],
-    ends: tuple[AbstractSet[Site] | None, AbstractSet[Site] | None],
+    end: str | None,
     *,
     identical: bool,
+    end_unknown: str | None = None,
 ) -> Paths:
-    """Return how two paths compare as a whole."""
+    """Return how two paths compare as a whole; `end` and `end_unknown` as `Paths` has them."""
     # Equal moves in equal rounds from one start need no comparing.
     known = identical and starts[0] == starts[1]
     same = None if known else difference(one, other, starts)
     homotopic = same and difference(one, other, starts, homotopic=True)
+    same, homotopic = (
+        each and each.replace("in the first", "in a").replace("in the second", "in b")
+        for each in (same, homotopic)
+    )
     cubes = _cubes(one)
     return Paths(
         (len(one), len(other)),
@@ -92,7 +117,8 @@ def compare_paths(
         identical,
         same,
         homotopic,
-        states_text(*ends),
+        end,
+        end_unknown,
     )
 
 
@@ -108,7 +134,7 @@ def states_text(a: AbstractSet[Site] | None, b: AbstractSet[Site] | None) -> str
         return None
     told = [
         f"{', '.join(map(site_text, in_order(some)))} in {name} alone"
-        for some, name in ((a - b, "the first"), (b - a, "the second"))
+        for some, name in ((a - b, "a"), (b - a, "b"))
         if some
     ]
     return f"on are {'; '.join(told)}"
@@ -139,11 +165,28 @@ def _goals_text(a: Scene, b: Scene) -> str | None:
     return None
 
 
+class FilesCompared(NamedTuple):
+    """What comparing the moves of two files finds."""
+
+    move: MoveDifference | None
+    paths: Paths
+    scene: str | None
+    notes: list[str]
+
+
 def compare_files(
     a: Recording | Source, b: Recording | Source, system: str | None
-) -> tuple[MoveDifference | None, Paths, str | None]:
+) -> FilesCompared:
     """Compare the moves of two files of any kind; errors as for `read_input`."""
-    one, two = (_moves_in(each, system) for each in (a, b))
+    notes: list[str] = []
+    systems = [_system_for(each, other, system) for each, other in ((a, b), (b, a))]
+    for name, given in zip("ab", systems, strict=True):
+        if given is not None and system is None:
+            notes.append(f"the moves of {name} are read as those of {given}, as the recording is")
+    one, two = (_moves_in(each, given) for each, given in zip((a, b), systems, strict=True))
+    notes += [
+        f"{name} {odd}" for name, each in zip("ab", (one, two), strict=True) for odd in each.odd
+    ]
     first = next(
         (
             number
@@ -164,26 +207,83 @@ def compare_files(
         # Only of sites that moves of both touch is it known whether they are on.
         common = _touched(one) & _touched(two)
         starts = one.start & common, two.start & common
-    ends = _end(one), _end(two)
-    if starts[0] is None or starts[1] is None or one.scene is None or two.scene is None:
-        ends = None, None
     identical = first is None and starts[0] == starts[1]
-    paths = compare_paths(one.actions, two.actions, starts, ends, identical=identical)
-    return move, paths, scene
+    paths = compare_paths(one.actions, two.actions, starts, None, identical=identical)
+    end, unknown = _ends(one, two, homotopic=paths.homotopic is None)
+    return FilesCompared(move, replace(paths, end=end, end_unknown=unknown), scene, notes)
+
+
+def _ends(one: _Moves, two: _Moves, *, homotopic: bool) -> tuple[str | None, str | None]:
+    """Return how the states at the end differ, or else why it is not known whether they do."""
+    ends = _end(one), _end(two)
+    if ends[0] is None or ends[1] is None:
+        # Homotopic paths end alike, wherever they begin.
+        return None, None if homotopic else "the moves do not say which sites are on"
+    if one.scene is not None and two.scene is not None:
+        return states_text(*ends), None
+    touched = _touched(one), _touched(two)
+    common = touched[0] & touched[1]
+    apart = states_text(ends[0] & common, ends[1] & common)
+    if apart is not None:
+        return apart, None
+    # What one alone touches is in the other as that began, which is not known.
+    odd = [
+        (name, in_order((end ^ each.start) - common))
+        for name, each, end in (("a", one, ends[0]), ("b", two, ends[1]))
+        if each.start is not None and (end ^ each.start) - common
+    ]
+    if odd:
+        name, sites = odd[0]
+        return None, f"{name} alone has moves of {site_text(sites[0])}, and leaves it changed"
+    return None, None
 
 
 class _Moves(NamedTuple):
     actions: Sequence[Action]
     start: AbstractSet[Site] | None
     scene: Scene | None
+    odd: list[str]
 
 
 def _moves_in(source: Recording | Source, system: str | None) -> _Moves:
     if isinstance(source, Recording):
         path = gathered(source)
-        return _Moves(path.path, source.scene.start_state, source.scene)
+        odd = [f"is damaged: {problem}" for problem in source.problems]
+        cut = cut_text(source)
+        odd += [] if cut is None else [f"has {cut}"]
+        odd += [] if path.unfinished is None else [f"has not all moves: {path.unfinished}"]
+        return _Moves(path.path, source.scene.start_state, source.scene, odd)
     given = read_input(source, system)
-    return _Moves(given.actions, given.start, given.given_scene)
+    return _Moves(given.actions, given.start, given.given_scene, [])
+
+
+def _system_for(
+    source: Recording | Source, other: Recording | Source, system: str | None
+) -> str | None:
+    """Return the system whose moves a file names: the one given, or that of the other recording."""
+    if isinstance(source, Recording):
+        return None
+    if system is not None or not isinstance(other, Recording) or not _names_generators(source):
+        return system
+    spec = other.scene.spec
+    try:
+        found = scene_from_spec(spec)
+    except InputError:  # it was a file, which is no longer there
+        return None
+    same = found.system.to_table() == other.scene.system.to_table()
+    return spec if same and found.start_state == other.scene.start_state else None
+
+
+def _names_generators(source: Source) -> bool:
+    """Return whether the first line of a file is a move by its generator."""
+    with opened(source) as file:
+        for _, line in file.numbered_lines():
+            try:
+                found: object = msgspec.json.decode(line)
+            except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+                return False
+            return isinstance(found, dict) and "generator" in found
+    return False
 
 
 def _label(actions: Sequence[Action], place: int) -> str | None:

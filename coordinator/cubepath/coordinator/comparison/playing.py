@@ -20,10 +20,12 @@ from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.agents.rules.streams import HESITATE, RULE, stream, stream_at
 from cubepath.coordinator.verification.choices import Arrays
 from cubepath.coordinator.verification.parameters import hesitation_in, seed_in
-from cubepath.protocol.core.errors import CubepathError, RuleError
+from cubepath.coordinator.verification.stages import RECORDED, Stage, stages_in
+from cubepath.protocol.core.errors import CubepathError, InputError, RuleError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Go, decode
 
 DRAWS_MAX = 1024
 """Of more numbers that a rule draws in one choice none are told."""
@@ -39,11 +41,25 @@ class Way:
     schedule: bytes | None = None
     own: str | None = None
     """The rule of its own that a process names for the module; nobody can ask it again."""
+    begins: int = 1
+    """The round in which the rule began, with no memory."""
+    heard: bool = False
+    """Whether what the module noted before is still said in that round."""
 
     def exchanged(self, name: str, other: Way) -> Way:
-        """Return this way with one thing of another: "rule", "seed" or "hesitate"."""
+        """Return this way with one thing of another: "rule", "seed" or "hesitate".
+
+        When the rule began belongs to it: what it remembers and has drawn follows from that.
+        """
         if name == "rule":
-            return replace(self, rule=other.rule, schedule=other.schedule, own=other.own)
+            return replace(
+                self,
+                rule=other.rule,
+                schedule=other.schedule,
+                own=other.own,
+                begins=other.begins,
+                heard=other.heard,
+            )
         return replace(self, **{name: getattr(other, name)})
 
     def differs(self, other: Way) -> list[str]:
@@ -53,12 +69,53 @@ class Way:
         ]
 
 
-def way_of(recording: Recording, own: str | None, *, repaired: bool = False) -> Way:
-    """Return how a module chose by the parameters; `repaired` once its schedule is over."""
-    told = recording.parameters
-    name = told.get("repair" if repaired else "rule")
-    schedule = None if repaired else recording.schedule
-    return Way(name, seed_in(told), hesitation_in(told), schedule, own)
+def way_of(recording: Recording, module: int, number: int, own: str | None = None) -> Way:
+    """Return how a module chose in a round, by the parameters and by when rules took over.
+
+    `own` is the rule that its process names for it. Without rounds `number` is 1.
+    """
+    told, stage = recording.parameters, stage_at(recording, number)
+    if stage is not None:
+        rule = next((name for name in stage.rules if module in stage.modules(name)), None)
+        return Way(rule, stage.seed, stage.hesitate, None, own, stage.begins, stage.heard)
+    over = _over(recording)
+    if over is not None and number > over:
+        rule = told.get("repair")
+        return Way(rule, seed_in(told), hesitation_in(told), None, own, over + 1)
+    name = told.get("rule")
+    return Way(
+        None if name == RECORDED else name,  # its stages are malformed
+        seed_in(told),
+        hesitation_in(told),
+        recording.schedule,
+        own,
+    )
+
+
+def stage_at(recording: Recording, number: int) -> Stage | None:
+    """Return the stage to which a round belongs; None if the run has no stages."""
+    begun = [each for each in stages_in(recording) if each.begins <= max(number, 1)]
+    return begun[-1] if begun else None
+
+
+def seed_at(recording: Recording, number: int) -> int | None:
+    """Return the seed from which ranks follow in a round; None if it is not known."""
+    stage = stage_at(recording, number)
+    return seed_in(recording.parameters) if stage is None else stage.seed
+
+
+def _over(recording: Recording) -> int | None:
+    """Return the last round of a schedule after which a rule took over."""
+    if recording.schedule is None:
+        return None
+    for record in recording.of_kind("go"):
+        try:
+            message = decode(record.data)
+        except InputError:
+            continue
+        if isinstance(message, Go) and message.phase == "over":
+            return message.round
+    return None
 
 
 @dataclass(frozen=True)
@@ -77,8 +134,17 @@ class Played:
 class Player:
     """The rule of one module, from its birth on; `why` says why it cannot be asked."""
 
-    def __init__(self, scene: Scene, module: int, way: Way, start: Site, clock: str) -> None:
-        """Make the rule."""
+    def __init__(
+        self,
+        scene: Scene,
+        module: int,
+        way: Way,
+        start: Site,
+        *,
+        clock: str,
+        said: tuple[int, ...] | None = None,
+    ) -> None:
+        """Make the rule; `said` is the note that the module said last, before the rule began."""
         self.why: str | None = None
         self.length = 0
         self._scene = scene
@@ -100,6 +166,9 @@ class Player:
         )
         try:
             self.length = rule.length(len(scene.start), clock)
+            if self.length:
+                fits = said is not None and len(said) == self.length
+                self._note = said if fits else (0,) * self.length
             self._actor = Actor(
                 rule, knowledge, hesitate=way.hesitate, doubt=self._doubt, clock=clock
             )
@@ -111,7 +180,7 @@ class Player:
         if way.own is not None:
             self.why = f"its process names a rule of its own: {way.own!r}"
         elif missing:
-            self.why = f"the recording names no {missing[0]}"
+            self.why = f"the recording names no {missing[0]} for it"
         elif way.schedule is not None or way.rule == SCHEDULE:
             self.why = "it follows a schedule"
         else:

@@ -11,16 +11,19 @@ from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from cubepath.coordinator.comparison.lockstep import Outcomes
-from cubepath.coordinator.comparison.playing import Played, Way, way_of
+from cubepath.coordinator.comparison.moves import scenes_text
+from cubepath.coordinator.comparison.neighbourhood import picture_of
+from cubepath.coordinator.comparison.playing import Played, Way, seed_at, way_of
 from cubepath.coordinator.comparison.reading import Contradiction, Reading, action_text
 from cubepath.coordinator.comparison.results import (
+    NAMES,
     Cause,
     ChoiceDifference,
     OutcomeDifference,
     Side,
+    counted,
 )
 from cubepath.coordinator.comparison.trail import Recorded, Trail, follow
-from cubepath.coordinator.verification.parameters import seed_in
 from cubepath.coordinator.verification.rounds import rank
 from cubepath.coordinator.verification.transcript import Round, site_in
 from cubepath.protocol.core.actions import Action, commute
@@ -28,9 +31,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording
-from cubepath.protocol.wire.messages import Claim, Go, decode
+from cubepath.protocol.wire.messages import Claim
 
-NAMES = ("a", "b")
 NOT_BY_RULE = (
     "by its rule as installed it does otherwise, so the rule has changed since, or the record has"
     " ('cubepath verify' checks all of it)"
@@ -51,46 +53,29 @@ def explain_choice(
     module, and `since` tells of modules that stood elsewhere by then since which round they did.
     """
     readings = open_again(0), open_again(1)
-    ways: list[Way] = []
-    firsts: list[int] = []
-    for reading, name in zip(readings, own, strict=True):
-        over = _over(reading.recording)
-        repaired = over is not None and number > over
-        ways.append(way_of(reading.recording, name, repaired=repaired))
-        firsts.append((over or 0) + 1 if repaired else 1)
-    changed = ways[0].differs(ways[1])
+    one, two = (
+        way_of(reading.recording, module, number, name)
+        for reading, name in zip(readings, own, strict=True)
+    )
+    changed = one.differs(two)
+    exchanged = [one.exchanged(name, two) for name in changed]
     try:
-        a = follow(
-            readings[0],
-            module,
-            number,
-            [ways[0], *(ways[0].exchanged(name, ways[1]) for name in changed)],
-            first=firsts[0],
-        )
-        b = follow(readings[1], module, number, [ways[1], ways[0]], first=firsts[1])
+        a = follow(readings[0], module, number, [one, *exchanged])
+        b = follow(readings[1], module, number, [two, one])
     except Contradiction as error:
         empty = Side("", {}, {}, "")
         line = f"{error}: the record contradicts itself, so nothing is told of why"
         return ChoiceDifference(number, module, empty, empty, ("record",), (line,))
-    causes, why = _causes((a, b), (ways[0], ways[1]), changed, since)
-    return ChoiceDifference(number, module, _side(a), _side(b), causes, why)
+    scene = scenes_text(*(reading.recording.scene for reading in readings))
+    causes, why = _causes((a, b), (one, two), changed, since, scene)
+    sides = [
+        _side(trail, module, reading.recording.scene.system)
+        for trail, reading in zip((a, b), readings, strict=True)
+    ]
+    return ChoiceDifference(number, module, sides[0], sides[1], causes, why)
 
 
-def _over(recording: Recording) -> int | None:
-    """Return the last round of a schedule after which a rule took over."""
-    if recording.schedule is None:
-        return None
-    for record in recording.of_kind("go"):
-        try:
-            message = decode(record.data)
-        except InputError:
-            continue
-        if isinstance(message, Go) and message.phase == "over":
-            return message.round
-    return None
-
-
-def _side(trail: Trail) -> Side:
+def _side(trail: Trail, module: int, system: System) -> Side:
     recorded = trail.recorded
     played = trail.played[0] if trail.played else None
     by_rule = None
@@ -105,6 +90,7 @@ def _side(trail: Trail) -> Side:
         by_rule,
         None if played is None else played.drew,
         None if played is None else played.doubt,
+        picture=picture_of(system, module, trail.site, trail.sensed),
     )
 
 
@@ -120,13 +106,18 @@ def _causes(
     ways: tuple[Way, Way],
     changed: list[str],
     since: Mapping[int, int],
+    scene: str | None,
 ) -> tuple[tuple[Cause, ...], tuple[str, ...]]:
     a, b = trails
-    other_inputs = _first_other(trails)
-    lines = list(_surroundings(trails, other_inputs, since))
+    begins = min(way.begins for way in ways)
+    other_inputs = _first_other(trails, begins)
+    lines = list(_surroundings(trails, other_inputs, since, begins))
     lines += [_parameter(name, ways) for name in changed]
     lines += _hesitations(trails, ways)
     everything = [*(["inputs"] if other_inputs is not None else []), *changed]
+    if scene is not None:  # a rule knows of it from birth, and it cannot be exchanged
+        lines.append(f"what its rule knows from birth differs as well ({scene})")
+        everything.append("scene")
     played = a.played[0] if a.played else None, b.played[0] if b.played else None
     if played[0] is None or played[1] is None:
         for side, trail in enumerate(trails):
@@ -182,37 +173,38 @@ def _is(found: Played | None, trail: Trail) -> bool:
     return found is not None and trail.recorded.is_by(found)
 
 
-def _first_other(trails: tuple[Trail, Trail]) -> int | None:
-    """Return the first round in which the module was given something else."""
-    pairs = zip(trails[0].inputs, trails[1].inputs, strict=True)
-    return next((number for number, (one, two) in enumerate(pairs, 1) if one != two), None)
+def _first_other(trails: tuple[Trail, Trail], begins: int) -> int | None:
+    """Return the first round from `begins` on in which the module was given something else."""
+    one, two = (trail.inputs for trail in trails)
+    rounds = (number for number in one if number >= begins and number in two)
+    return next((number for number in rounds if one[number] != two[number]), None)
 
 
 def _surroundings(
-    trails: tuple[Trail, Trail], other: int | None, since: Mapping[int, int]
+    trails: tuple[Trail, Trail], other: int | None, since: Mapping[int, int], begins: int
 ) -> Iterator[str]:
-    if other is None:
-        yield "it sensed and was told the same in both, in this round and all before"
-        return
     a, b = trails
-    if a.inputs[-1] == b.inputs[-1]:
+    now = a.moment.round
+    if other is None:
+        before = max(begins, *(next(iter(trail.inputs)) for trail in trails))
+        when = "all before" if before == 1 else f"those before from round {before} on"
+        which = "in this round" if before == now else f"in this round and {when}"
+        yield f"it sensed and was told the same in both, {which}"
+        return
+    if a.inputs[now] == b.inputs[now]:
         yield f"it senses and is told the same now, and was not so in round {other}"
         return
+    if a.site != b.site:
+        yield f"it stands at {site_text(a.site)} in a, and at {site_text(b.site)} in b"
+    met: set[int] = set()
+    yield from _other_places(a, b, met)
+    for who in sorted({*a.told, *b.told}):
+        notes = [each.told.get(who) for each in (a, b)]
+        if notes[0] != notes[1]:
+            one, two = ("nothing" if each is None else str(each) for each in notes)
+            yield f"{who} says: {one} in a, {two} in b"
+            met.add(_module_in(who))
     moments = a.moment, b.moment
-    met: dict[int, None] = {}
-    now = moments[0].round
-    for what, mine, theirs in (("at", a.sensed, b.sensed), ("said", a.told, b.told)):
-        for key in sorted({*mine, *theirs}):
-            one, two = mine.get(key), theirs.get(key)
-            if one == two:
-                continue
-            absent = "not sensed" if what == "at" else "nothing"
-            told = [absent if each is None else str(each) for each in (one, two)]
-            name = f"at {key}" if what == "at" else f"{key} says"
-            yield f"{name}: {told[0]} in a, {told[1]} in b"
-            for each in (key, *told):
-                if each.startswith("module_"):
-                    met[int(each[7:].split()[0])] = None
     for module in sorted(met):
         if all(module < len(each.sites) for each in moments) and since.get(module, now) < now:
             one, two = (site_text(each.sites[module]) for each in moments)
@@ -220,11 +212,47 @@ def _surroundings(
             yield f"module_{module} stands at {one} in a and at {two} in b {how}"
 
 
+def _other_places(a: Trail, b: Trail, met: set[int]) -> Iterator[str]:
+    """Yield what is elsewise at places that it senses, and add the modules that are there."""
+    alone = [0, 0]
+    for place in sorted({*a.sensed, *b.sensed}):
+        there = [each.sensed.get(place) for each in (a, b)]
+        modules = [each for each in there if each is not None and each.startswith("module_")]
+        if there[0] == there[1]:
+            continue
+        if None in there and not modules:
+            alone[1 - there.index(None)] += 1
+            continue
+        one, two = ("not sensed" if each is None else each for each in there)
+        yield f"at {place}: {one} in a, {two} in b"
+        met.update(map(_module_in, modules))
+    for name, count in zip(NAMES, alone, strict=True):
+        if count:
+            yield f"in {name} alone it senses {counted(count, 'more place')}, with nobody there"
+
+
+def _module_in(text: str) -> int:
+    return int(text.removeprefix("module_").split()[0])
+
+
 def _parameter(name: str, ways: tuple[Way, Way]) -> str:
-    one, two = (getattr(way, name) for way in ways)
-    if name == "rule" and one == two:
-        return "the schedules differ, or the rules that processes name for their modules"
+    if name == "rule":
+        one, two = map(_rule_text, ways)
+        if one == two:
+            return "the schedules differ, or the rules that processes name for their modules"
+    else:
+        one, two = (value_text(getattr(way, name)) for way in ways)
     return f"{name} is {one} in a, and {two} in b"
+
+
+def _rule_text(way: Way) -> str:
+    rule = value_text(way.own or way.rule)
+    return rule if way.begins == 1 else f"{rule}, which began in round {way.begins} with no memory,"
+
+
+def value_text(value: object) -> str:
+    """Return a parameter in words."""
+    return "not known" if value is None else str(value)
 
 
 # Claims that were granted in one run alone.
@@ -234,7 +262,7 @@ def explain_outcome(found: Outcomes, a: Recording, b: Recording) -> OutcomeDiffe
     """Explain why a claim was granted in one run alone: by the claims of the round and by ranks."""
     rounds, runs = (found.a, found.b), (a, b)
     claims = tuple(_claims(said, run.scene.system) for said, run in zip(rounds, runs, strict=True))
-    seeds = seed_in(a.parameters), seed_in(b.parameters)
+    seeds = seed_at(a, found.round), seed_at(b, found.round)
     why: list[str] = []
     for side in (0, 1):
         contest = _contest(found, claims[side], rounds[side], seeds[side])

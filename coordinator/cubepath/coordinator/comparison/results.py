@@ -20,6 +20,19 @@ that differs does. ``record``: a choice on record is not what the installed rule
 """
 
 
+NAMES = ("a", "b")
+"""What the two runs are called."""
+
+
+NO_ROUNDS = "no rounds"
+"""What was compared of runs of which one has no round."""
+
+
+def counted(count: int, what: str) -> str:
+    """Return a count of things in words, as ``1 round`` or ``2 rounds``."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
 @dataclass(frozen=True, slots=True)
 class MessageDifference:
     """The first message that differs, in the order of the run: round, phase, kind, module.
@@ -47,7 +60,9 @@ class Side:
     their notes. `drew` are the numbers that its rule drew from its random stream in this choice, 64
     bits each, as fractions from 0 to 1; `doubt` is the one that is compared with how often it
     hesitates. Both are None if the rule could not be asked again. `by_rule` is what the installed
-    rule chooses; `versions`, without rounds, are those of what it was shown.
+    rule chooses. `picture` draws the places that it senses, in lines; None where places are no
+    cells of the plane. `versions`, without rounds, are those of what it was shown, and `level` is
+    that of the commit, None if that has no move.
     """
 
     site: str
@@ -58,6 +73,8 @@ class Side:
     drew: tuple[float, ...] | None = None
     doubt: float | None = None
     versions: dict[str, int] | None = None
+    picture: str | None = None
+    level: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +82,8 @@ class ChoiceDifference:
     """The first choice that differs: of which module, in which round, and why.
 
     `also` are the modules that chose something else in the same round. `causes` says why in words
-    for machines, and `why` in lines for people. Without rounds `round` is the level of the move
-    that came of it, and `number` says which of the module's moves that is, from 1.
+    for machines, and `why` in lines for people. Without rounds `round` is the least level of the
+    commit in either run, and `number` says which of the module's commits that is, from 1.
     """
 
     round: int
@@ -93,7 +110,10 @@ class OutcomeDifference:
 
 @dataclass(frozen=True, slots=True)
 class MoveDifference:
-    """The first move that differs; None in the run in which the module makes none there."""
+    """The first move that differs; None in the run in which the module makes none there.
+
+    Without rounds it is the first of a module's commits with a move, and `round` its least level.
+    """
 
     round: int
     module: int | None
@@ -116,12 +136,17 @@ class Paths:
     same: str | None
     homotopic: str | None
     end: str | None
-    """One line on how the states at the end differ, None if they do not."""
+    """One line on how the states at the end differ; None if they do not, or if it is not known."""
+    end_unknown: str | None = None
+    """One line on why it is not known whether they differ, None if it is."""
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """From the end of which round to the end of which the states differ; None: to the end."""
+    """From the end of which round to the end of which the states differ.
+
+    `end` is None if they still do at the end of the last round that is compared.
+    """
 
     begin: int
     end: int | None
@@ -161,8 +186,12 @@ class Compared:
     states: tuple[Apart, ...] = ()
     rounds: tuple[tuple[int, int, int, int], ...] = ()
     """For each round with other moves: its number, the moves in `a`, in `b`, and in both."""
+    beginning: str | None = None
+    """The run, "a" or "b", that is the beginning of the other: that goes on where it ends."""
+    limited: bool = False
+    """Whether rounds were left out: as others were asked for, or as both runs begin later."""
     ends: tuple[str, str] | None = None
-    """How each run ended, if they ended otherwise."""
+    """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
     paths: Paths | None = None
 
     @property

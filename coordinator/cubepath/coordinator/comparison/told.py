@@ -8,15 +8,19 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Sequence
 
-from cubepath.coordinator.comparison.lockstep import message_text
+from cubepath.coordinator.comparison.lockstep import field_text, message_text
 from cubepath.coordinator.comparison.results import (
+    NAMES,
+    NO_ROUNDS,
     ChoiceDifference,
     Compared,
     MessageDifference,
     OutcomeDifference,
     Paths,
     Side,
+    counted,
 )
+from cubepath.coordinator.verification.stages import stages_of
 from cubepath.protocol.core.control_characters import visible
 
 _COLUMN = 38
@@ -26,13 +30,18 @@ _NAME = 15
 _ROUNDS_MAX = 8
 """So many rounds with other moves are shown."""
 _LINE = 100
+_PICTURE = 14
+"""Of pictures with more lines none is shown."""
+_CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 12
+"""Parameters that are told by so many characters."""
 
 
 def told(found: Compared) -> str:
     """Return what differs, for people."""
     lines = [*_line("a", found.a), *_line("b", found.b)]
-    for name, (one, two) in found.parameters.items():
-        lines += _line(name, f"{_or_none(one)} in a, {_or_none(two)} in b")
+    for name, values in found.parameters.items():
+        one, two = (_or_none(_value(name, each)) for each in values)
+        lines += _line(name, f"{one} in a, {two} in b")
     if found.scene is not None:
         lines += _line("scene", found.scene)
     lines += _line("compared", found.compared)
@@ -49,12 +58,28 @@ def told(found: Compared) -> str:
         lines += ["", *_choice(choice, found)]
     if found.message is not None:
         lines += ["", *_message(found.message, found)]
-    lines += ["", *_moves(found)]
+    moves = [*_moves(found)]
+    lines += ["", *moves] if moves else []
     return "\n".join(visible(line.rstrip()) for line in lines)
 
 
 def _or_none(value: str | None) -> str:
-    return "none" if value is None else value
+    return "none" if value is None else value or "empty"
+
+
+def _value(name: str, value: str | None) -> str | None:
+    """Return a parameter in words: checksums shortened, stages as who follows what from when."""
+    if value is not None and name in _CHECKSUMS and len(value) > _CHECKSUM:
+        return f"{value[:_CHECKSUM]}..."
+    if value is None or name != "stages":
+        return value
+    stages = stages_of(value)
+    told = [
+        f"{', '.join(f'{rule} for {who}' for rule, who in each.rules.items())} from round"
+        f" {each.begins} on (seed {each.seed}, hesitate {each.hesitate})"
+        for each in stages
+    ]
+    return "; ".join(told) or value
 
 
 def _unit(found: Compared) -> str:
@@ -63,10 +88,8 @@ def _unit(found: Compared) -> str:
 
 def answer(found: Compared) -> str:
     """Return where two runs part, in one line."""
-    if found.identical:
+    if found.identical and not found.limited:
         return "the same bytes"
-    if found.same:
-        return "no difference in what was done" if found.clock == "moves" else "the same run"
     choice, outcome = found.choice, found.outcome
     if choice is not None and choice.number is not None:
         return f"they part with commit {choice.number} of {_who(choice)}"
@@ -74,8 +97,33 @@ def answer(found: Compared) -> str:
         return f"they part in round {choice.round}, with a choice of {_who(choice)}"
     if outcome is not None:
         return f"they part in round {outcome.round}, with the claim of module_{outcome.module}"
-    alike = found.message is None and found.clock == "lockstep"
-    return "no difference as far as both go; the notes say more" if alike else "they differ"
+    return _no_choice(found)
+
+
+def _no_choice(found: Compared) -> str:
+    """Return the answer for runs in which nobody chose otherwise, as far as that is known."""
+    if found.clock == "moves" and found.paths is not None:
+        text = "no difference in what was done" if found.same else "they differ"
+    elif found.message is not None:
+        text = f"they differ in round {found.message.round}"
+    elif found.same:
+        text = f"the same in {found.compared}" if found.limited else "the same run"
+    elif found.beginning is not None:
+        text = _beginning(found, found.beginning)
+    elif found.paths is None and found.scene is not None:
+        text = found.scene
+    else:
+        what = "the commits that both have" if found.clock == "free" else found.compared
+        text = f"no difference in {what}; the notes say more"
+    return text
+
+
+def _beginning(found: Compared, name: str) -> str:
+    other = NAMES[name == "a"]
+    if found.compared == NO_ROUNDS:
+        return f"{name} ends before the first round, and {other} goes on"
+    where = "" if found.clock == "free" else f" in {found.compared}"
+    return f"{name} is the beginning of {other}: the same{where}, and then {name} ends"
 
 
 def _who(choice: ChoiceDifference) -> str:
@@ -99,7 +147,7 @@ def _columns(name: str, a: str, b: str) -> Iterator[str]:
 def _choice(choice: ChoiceDifference, found: Compared) -> Iterator[str]:
     where = f"{_unit(found)} {choice.round}, {_who(choice)}"
     if choice.number is not None:
-        where += f", its commit {choice.number}"
+        where = f"{_who(choice)}, its commit {choice.number}{_levels(choice)}"
     if choice.also:
         others = ", ".join(f"module_{each}" for each in choice.also[:6])
         more = len(choice.also) - 6
@@ -114,12 +162,37 @@ def _choice(choice: ChoiceDifference, found: Compared) -> Iterator[str]:
         ("  chose", a.chose, b.chose),
     ]
     if (a.by_rule, b.by_rule) != (a.chose, b.chose) and (a.by_rule or b.by_rule):
-        rows.append(("  by its rule", _or_none(a.by_rule), _or_none(b.by_rule)))
+        by_rule = [each.by_rule or "not asked" for each in (a, b)]
+        rows.append(("  by its rule", by_rule[0], by_rule[1]))
     for name, one, two in rows:
         if one or two:
             yield from _columns(name, one, "the same" if one == two else two)
     for number, line in enumerate(choice.why):
         yield from _line("  why" if not number else "", line)
+    yield from _pictures(choice)
+
+
+def _levels(choice: ChoiceDifference) -> str:
+    """Return at which level the commit stands in each run, if it has a move."""
+    levels = [
+        f"at level {side.level} in {name}"
+        for name, side in zip(NAMES, (choice.a, choice.b), strict=True)
+        if side.level is not None
+    ]
+    return f", {', '.join(levels)}" if levels else ", of notes alone"
+
+
+def _pictures(choice: ChoiceDifference) -> Iterator[str]:
+    """Yield what the module senses in both runs, side by side, if that is short enough."""
+    if choice.a.picture is None or choice.b.picture is None:
+        return
+    one, two = (each.picture.splitlines() for each in (choice.a, choice.b) if each.picture)
+    if max(len(one), len(two)) > _PICTURE or max(map(len, (*one, *two))) > _COLUMN:
+        return
+    yield from _line("  around it", "own number in brackets, . empty, # obstacle, blank not sensed")
+    for number in range(max(len(one), len(two))):
+        cells = [each[number] if number < len(each) else "" for each in (one, two)]
+        yield f"{'':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
 def _sensed(side: Side) -> str:
@@ -164,7 +237,10 @@ def _message(message: MessageDifference, found: Compared) -> Iterator[str]:
             yield from _line(f"  {name}", message_text(message.kind, fields) or "has none")
     else:
         for name in message.fields:
-            one, two = (str(each.get(name, "none")) for each in (message.a, message.b))
+            one, two = (
+                field_text(each[name]) if name in each else "none"
+                for each in (message.a, message.b)
+            )
             yield from _columns(f"  {name}", one, two)
     for one, two in message.around:
         mark = " " if one == two else "<" if not two else ">" if not one else "|"
@@ -178,13 +254,18 @@ def _moves(found: Compared) -> Iterator[str]:
     if move is not None:
         who = "" if move.module is None else f", module_{move.module}"
         told = [each or "none" for each in (move.a, move.b)]
-        yield from _line("first move", f"{unit} {move.round}{who}: {told[0]} in a, {told[1]} in b")
+        where = f"{unit} {move.round}{who}" if found.clock != "free" else who.removeprefix(", ")
+        yield from _line("first move", f"{where}: {told[0]} in a, {told[1]} in b")
     for number, apart in enumerate(found.states[:_ROUNDS_MAX]):
         begin = "from the start" if not apart.begin else f"from the end of {unit} {apart.begin} on"
-        end = "to the end" if apart.end is None else f"together again after {unit} {apart.end}"
+        end = (
+            "to the last compared"
+            if apart.end is None
+            else f"together again after {unit} {apart.end}"
+        )
         yield from _line("states" if not number else "", f"apart {begin}, {end}")
     if len(found.states) > _ROUNDS_MAX:
-        yield from _line("", f"and apart {len(found.states) - _ROUNDS_MAX} times more")
+        yield from _line("", f"and apart {counted(len(found.states) - _ROUNDS_MAX, 'more time')}")
     yield from _table(found.rounds, unit)
     if found.paths is not None:
         yield from _paths(found.paths)
@@ -197,12 +278,12 @@ def _table(rounds: Sequence[tuple[int, int, int, int]], unit: str) -> Iterator[s
         bars = "=" * both + "a" * (one - both) + "b" * (two - both)
         yield f"{'':<{_NAME}} {at:>6}  {one:>4} {two:>4} {both:>4}  {bars[:_COLUMN]}"
     if len(rounds) > _ROUNDS_MAX:
-        yield from _line("", f"and {len(rounds) - _ROUNDS_MAX} more {unit}s")
+        yield from _line("", f"and {counted(len(rounds) - _ROUNDS_MAX, f'more {unit}')}")
 
 
 def _paths(paths: Paths) -> Iterator[str]:
     if paths.identical:
-        yield from _line("edge paths", f"identical: {paths.moves[0]} moves")
+        yield from _line("edge paths", f"identical: {counted(paths.moves[0], 'move')}")
     else:
         yield from _line("moves", f"{paths.moves[0]} in a, {paths.moves[1]} in b")
     yield from _line(
@@ -214,7 +295,10 @@ def _paths(paths: Paths) -> Iterator[str]:
     if not paths.identical:
         yield from _line("commutation", _equal(paths.same, "equal up to moves that commute"))
         yield from _line("homotopy", _equal(paths.homotopic, "homotopic"))
-        yield from _line("end", paths.end or "the same state")
+        end = paths.end or "the same state"
+        yield from _line(
+            "end", end if paths.end_unknown is None else f"not known: {paths.end_unknown}"
+        )
 
 
 def _equal(difference: str | None, word: str) -> str:

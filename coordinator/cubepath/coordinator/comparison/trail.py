@@ -35,7 +35,7 @@ class Recorded(NamedTuple):
 class Trail:
     """A module in one of the runs, up to a round."""
 
-    inputs: list[tuple[object, ...]]
+    inputs: dict[int, tuple[object, ...]]
     """By round what its rule was given, in a form in which two runs can be compared."""
     moment: Moment
     site: Site
@@ -48,38 +48,50 @@ class Trail:
     """Why a rule could not be asked."""
 
 
-def follow(
-    reading: Reading, module: int, last: int, ways: Sequence[Way], *, first: int = 1
-) -> Trail:
-    """Follow a module up to a round, and ask its rule in each of some ways from `first` on.
+def follow(reading: Reading, module: int, last: int, ways: Sequence[Way]) -> Trail:
+    """Follow a module up to a round, and ask its rule in each of some ways from its birth on.
 
     Contradiction as for `moments`.
     """
     scene = reading.recording.scene
     observing, system = Observing(scene), scene.system
-    players: list[Player] = []
-    inputs: list[tuple[object, ...]] = []
+    players: list[Player | None] = [None] * len(ways)
+    inputs: dict[int, tuple[object, ...]] = {}
     steps = moments(reading)
     for moment in steps:
         site = moment.sites[module]
-        if moment.round == first:
-            players = [Player(scene, module, way, site, "lockstep") for way in ways]
+        for place, way in enumerate(ways):
+            if moment.round == way.begins:
+                said = note_of(moment.said, module) if way.heard else None
+                players[place] = Player(scene, module, way, site, clock="lockstep", said=said)
         plain = observing.observation(moment, module, 0)
         told = notes_told(system, moment, module)
-        inputs.append((site, *_bytes(plain), sorted(told.items())))
+        inputs[moment.round] = (site, *_bytes(plain), sorted(told.items()))
         seen: dict[int, Arrays] = {0: plain}
         played: list[Played | None] = []
         for player in players:
+            if player is None:
+                played.append(None)
+                continue
             length = player.length
             if length not in seen:
                 seen[length] = observing.observation(moment, module, length)
             played.append(player.play(site, seen[length]))
         if moment.round == last:
             sensed = sensed_at(system, site, moment.sites)
-            refused = [player.why for player in players]
+            refused = [
+                _unborn(reading, way) if player is None else player.why
+                for player, way in zip(players, ways, strict=True)
+            ]
             recorded = Recorded(*chosen(moment.said, module), _note_after(steps, module))
             return Trail(inputs, moment, site, recorded, sensed, told, played, refused)
     raise Contradiction(f"round {last} cannot be derived")
+
+
+def _unborn(reading: Reading, way: Way) -> str:
+    return (
+        f"its rule began in round {way.begins}, and rounds before {reading.first} are not on record"
+    )
 
 
 def _note_after(steps: Iterator[Moment], module: int) -> tuple[int, ...] | None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
     from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
-    from cubepath.coordinator.verification.free_history import NO_SITE, History
+    from cubepath.coordinator.verification.free_history import NO_SITE, Carried, History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
     from cubepath.coordinator.verification.free_units import changed_by, held_by
@@ -27,13 +27,21 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
     from cubepath.coordinator.verification.rounds import rank
-    from cubepath.coordinator.verification.stages import Stage, spans, stages_in, stages_text
+    from cubepath.coordinator.verification.stages import (
+        RECORDED,
+        Stage,
+        spans,
+        stages_in,
+        stages_of,
+        stages_text,
+    )
     from cubepath.coordinator.verification.transcript import (
         RECOVERED,
         OutOfOrder,
         Round,
         Sorting,
         Transcript,
+        is_cut_off,
         site_in,
     )
 else:
@@ -44,7 +52,7 @@ else:
             "choices": "Arrays Moment Observing",
             "equality": "difference",
             "findings": "Check Progress Verification",
-            "free_history": "History NO_SITE",
+            "free_history": "Carried History NO_SITE",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
             "free_units": "changed_by held_by",
@@ -52,15 +60,17 @@ else:
             "proof": "check_proof",
             "recording": "Recovered recover verify",
             "rounds": "rank",
-            "stages": "Stage spans stages_in stages_text",
-            "transcript": "OutOfOrder RECOVERED Round Sorting Transcript site_in",
+            "stages": "RECORDED Stage spans stages_in stages_of stages_text",
+            "transcript": "OutOfOrder RECOVERED Round Sorting Transcript is_cut_off site_in",
         },
     )
 
 __all__ = [
     "NO_SITE",
+    "RECORDED",
     "RECOVERED",
     "Arrays",
+    "Carried",
     "Check",
     "History",
     "Moment",
@@ -82,6 +92,7 @@ __all__ = [
     "difference",
     "held_by",
     "hesitation_in",
+    "is_cut_off",
     "max_rounds_in",
     "rank",
     "recover",
@@ -89,6 +100,7 @@ __all__ = [
     "site_in",
     "spans",
     "stages_in",
+    "stages_of",
     "stages_text",
     "turn_text",
     "verify",

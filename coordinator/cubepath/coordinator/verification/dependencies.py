@@ -184,8 +184,8 @@ def _check_versions(
         place = min(odd.tolist(), key=lambda each: names.actions[each].label)
         fail(
             CHECK,
-            f"{names.actions[place].label} is {in_cubes[place]} times in the cubes, and in the run"
-            f" {in_run[place]} times but for what it undoes",
+            f"{names.actions[place].label} is {_times(in_cubes[place])} in the cubes, and in the"
+            f" run {_times(in_run[place])} but for what it undoes",
         )
         return
     found = _first_apart(run, cubes, names)
@@ -194,7 +194,7 @@ def _check_versions(
         fail(
             CHECK,
             f"{names.actions[run[move]].label} finds {site_text(names.sites[site])} written"
-            f" {other} times in the cubes, and in the run {mine} times but for what it undoes",
+            f" {_times(other)} in the cubes, and in the run {_times(mine)} but for what it undoes",
         )
 
 
@@ -231,17 +231,21 @@ def apart(one: _Numbers, other: _Numbers, names: Numbered) -> str | None:
     if odd:
         place = min(odd, key=lambda each: names.actions[each].label)
         return (
-            f"{_shown(names.actions[place])} is {times[0][place]} times in the first, and"
-            f" {times[1][place]} times in the second"
+            f"{_shown(names.actions[place])} is {_times(times[0][place])} in the first, and"
+            f" {_times(times[1][place])} in the second"
         )
     found = _first_apart(one, other, names)
     if found is None:
         return None
     move, site, mine, theirs = found
     return (
-        f"{_shown(names.actions[one[move]])} finds {site_text(names.sites[site])} written {mine}"
-        f" times in the first, and {theirs} times in the second"
+        f"{_shown(names.actions[one[move]])} finds {site_text(names.sites[site])} written"
+        f" {_times(mine)} in the first, and {_times(theirs)} in the second"
     )
+
+
+def _times(count: int) -> str:
+    return f"{count} time" if count == 1 else f"{count} times"
 
 
 def _shown(action: Action) -> str:

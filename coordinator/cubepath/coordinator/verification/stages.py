@@ -70,9 +70,13 @@ def stages_in(recording: Recording) -> tuple[Stage, ...]:
 
 
 def _told(parameters: Mapping[str, str]) -> tuple[Stage, ...]:
-    """Return the stages as they are told; none if there are none, or they are malformed."""
+    return stages_of(parameters.get("stages", "[]"))
+
+
+def stages_of(text: str) -> tuple[Stage, ...]:
+    """Return the stages that the parameter `stages` tells; none if it is malformed."""
     try:
-        return msgspec.json.decode(parameters.get("stages", "[]"), type=tuple[Stage, ...])
+        return msgspec.json.decode(text, type=tuple[Stage, ...])
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return ()
 

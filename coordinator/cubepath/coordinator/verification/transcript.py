@@ -104,7 +104,10 @@ class Transcript:
     gap: int = 0
     """The number of messages that are missing before the last one, by their numbers."""
     complete_rounds: int = 0
-    """The number of rounds, from the first on, that every module has reported."""
+    """The number of rounds, from the first on, that every module has reported.
+
+    Where the first that counts is a later one, it is the last of them.
+    """
     stray_edges: list[int] = field(default_factory=list)
     """The rounds of the coordinator's edges that not every module has reported."""
     refused: int = 0
@@ -133,10 +136,18 @@ class Sorting:
     """
 
     def __init__(
-        self, recording: Recording, fail: Fail, watch: Callable[[Message], object] | None = None
+        self,
+        recording: Recording,
+        fail: Fail,
+        watch: Callable[[Message], object] | None = None,
+        *,
+        first: int = 1,
     ) -> None:
-        """Begin before the first message; `watch` is given all that decode, as they stand."""
-        self.found = Transcript()
+        """Begin before the first message; `watch` is given all that decode, as they stand.
+
+        `first` is the first round that counts: of those before it nothing is yielded.
+        """
+        self.found = Transcript(complete_rounds=first - 1)
         self._watch = watch
         self._in_batches = not recording.format.endswith("-1")
         self._fail = fail
