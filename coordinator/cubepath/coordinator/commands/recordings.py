@@ -108,6 +108,7 @@ def _recover(options: argparse.Namespace) -> int:
     """
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
     from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
+    from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 
     if len(options.logs) > 1:
@@ -128,7 +129,9 @@ def _recover(options: argparse.Namespace) -> int:
         saved = recover(recording or remains, options.recover)
     finally:
         answer(options, told.document, told.text)
-    complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
+    steps = "levels" if remains.format == FREE_FORMAT else "whole rounds"
+    known = "" if recording is None else f", {saved.rounds} {steps}"
+    complain(f"{saved.out}: {saved.messages} messages written{known}")
     for each in told.complaints:
         complain(each)
     return DONE
@@ -164,7 +167,8 @@ def _verified(recording: Recording, found: Verification) -> _Told:
         rounds, messages = found.missing
         lines.append(f"known to be missing: {rounds} of the rounds begun, {messages} messages")
     if found.ok and not found.complete:
-        lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
+        why = "messages are missing" if found.missing.messages else "the run was cut off"
+        lines.append(f"complete: false; {why}, and this is fine as far as it goes")
     text = "\n".join(map(visible, lines))
     if found.ok:
         return _Told(found.document(), text)

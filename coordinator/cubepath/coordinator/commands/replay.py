@@ -148,7 +148,8 @@ def _replay(options: argparse.Namespace) -> int:
         recording = read_recording(options.log)
     found = _played(options, recording)
     answer(options, found.document(), table(_rows(found)))
-    for line in (*found.differences, *(recording.problems if found.not_compared else ())):
+    lacking = () if found.lacking is None else (found.lacking,)
+    for line in (*recording.problems, *lacking, *found.differences):
         complain(f"{recording.path}: {line}")
     return DONE if found.agrees else FAILED
 
@@ -210,6 +211,6 @@ def _rows(found: Replayed) -> list[tuple[str, Any]]:
             ("not played", ", ".join(f"{count} {kind}" for kind, count in found.left_out.items()))
         )
     rows += [("time", f"{found.seconds:.2f} s"), ("result", found.result)]
-    if found.same and not found.complete:
+    if found.same and not found.has_end:
         rows.append(("complete", "false; the run was cut off"))
     return rows

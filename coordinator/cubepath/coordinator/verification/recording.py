@@ -18,12 +18,13 @@ from cubepath.coordinator.verification.choices import Moment, Player
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.ending import Course
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
-from cubepath.coordinator.verification.free import FREE_CHECKS, free_results, verify_free
+from cubepath.coordinator.verification.free import FREE_CHECKS, verify_free
 from cubepath.coordinator.verification.free_turns import FreePlayer
+from cubepath.coordinator.verification.holes import blocks_before, hole_in, verify_with_hole
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
-from cubepath.coordinator.verification.partial import verify_partial, why_partial
+from cubepath.coordinator.verification.partial import verify_partial, whole_rounds, why_partial
 from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.schedule import check_schedule
@@ -33,7 +34,6 @@ from cubepath.coordinator.verification.transcript import (
     OutOfOrder,
     Round,
     Sorting,
-    transcript_of,
 )
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.system import Scene
@@ -83,7 +83,7 @@ class Recovered:
     out: Path
     messages: int
     rounds: int
-    """The number of rounds, from the first on, that every module has reported."""
+    """The number of rounds that every module has reported, or of levels with commits."""
     problems: tuple[str, ...]
 
 
@@ -107,7 +107,8 @@ def verify(
 
     A recording of a run without rounds has other checks: `FREE_CHECKS`. Of one that was made from
     outside, or cut from another, and begins on the way or lacks messages in between, each message
-    is checked by itself; what would have to be derived is not `checked`.
+    is checked by itself; what would have to be derived is not `checked`. The same holds of what
+    stands behind a hole that damage has left.
 
     Messages stand in the order of their rounds, more or less: a round is checked and dropped as
     soon as nothing of it can be still to come.
@@ -123,12 +124,21 @@ def verify(
     if why is not None:
         checks = FREE_CHECKS if recording.clock == "free" else CHECKS
         return verify_partial(recording, checks, why, progress)
-    if recording.clock == "free":
-        return verify_free(recording, progress, free_player)
-    try:
-        return _verified(recording, recording.blocks(), progress, player)
-    except OutOfOrder:
-        return _verified(recording, [(recording.records, inf)], progress, player)
+    free = recording.clock == "free"
+    hole = hole_in(recording)
+
+    def from_the_start(some: Recording) -> Verification:
+        if free:
+            return verify_free(some, progress, free_player)
+        blocks = some.blocks() if hole is None else blocks_before(recording, hole)
+        try:
+            return _verified(some, blocks, progress, player)
+        except OutOfOrder:
+            return _verified(some, [(some.records, inf)], progress, player)
+
+    if hole is not None:
+        return verify_with_hole(recording, hole, from_the_start)
+    return from_the_start(recording)
 
 
 def _verified(
@@ -224,23 +234,15 @@ def recover(
     if isinstance(given, Remains):
         given = given if scene is None else given.with_scene(scene)
         given = given.recording() or given
-    rounds, gap = (0, 0) if isinstance(given, Remains) else _known(given)
+    rounds = 0 if isinstance(given, Remains) else whole_rounds(given)
     count = len(given.records)
+    last = max((record.sequence for record in given.records), default=-1)
+    gap = max(0, last + 1 - count)
     problems = "; ".join(given.problems) or "no problems"
     lost = f"; at least {gap} more are missing" if gap else ""
     note = f"{count} messages of {given.path.name}: {problems}{lost}"
     messages = copy_recording(given, out, {RECOVERED: note})
     return Recovered(out, messages, rounds, given.problems)
-
-
-def _known(recording: Recording) -> tuple[int, int]:
-    """Return how many rounds are whole, and how many messages are missing, by their numbers."""
-    transcript = (
-        free_results(recording)
-        if recording.clock == "free"
-        else transcript_of(recording, Failures(CHECKS).stage(0))
-    )
-    return transcript.complete_rounds, transcript.gap
 
 
 def _moment(number: int, derived: Rederivation, said: Round) -> Moment:
