@@ -167,8 +167,8 @@ def _verified(recording: Recording, found: Verification) -> _Told:
         rounds, messages = found.missing
         lines.append(f"known to be missing: {rounds} of the rounds begun, {messages} messages")
     if found.ok and not found.complete:
-        why = "messages are missing" if found.missing.messages else "the run was cut off"
-        lines.append(f"complete: false; {why}, and this is fine as far as it goes")
+        because = "messages are missing" if found.missing.messages else "the run was cut off"
+        lines.append(f"complete: false; {because}, and this is fine as far as it goes")
     text = "\n".join(map(visible, lines))
     if found.ok:
         return _Told(found.document(), text)

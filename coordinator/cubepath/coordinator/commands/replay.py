@@ -6,6 +6,7 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.branching import add_branching_options, branch, branches
@@ -119,17 +120,21 @@ def _add_choice(replay: argparse.ArgumentParser) -> None:
 
 
 def _pace(text: str) -> str:
-    """Check a rate: a number, which may end in an x."""
-    if text != "max":
-        _rate(text.removesuffix("x"))
-    return text
+    """Check a rate, such as 10, 2x or max."""
+    from cubepath.coordinator.playback.spots import read_pace  # noqa: PLC0415
+
+    return _checked(text, read_pace)
 
 
 def _spot(text: str) -> str:
     from cubepath.coordinator.playback.spots import read_spot  # noqa: PLC0415
 
+    return _checked(text, read_spot)
+
+
+def _checked(text: str, read: Callable[[str], object]) -> str:
     try:
-        read_spot(text)
+        read(text)
     except InputError as error:
         raise argparse.ArgumentTypeError(
             str(error).partition(": ")[2] + f", found {text!r}"
