@@ -108,6 +108,7 @@ def _recover(options: argparse.Namespace) -> int:
     """
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
     from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
+    from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
     from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 
@@ -118,7 +119,7 @@ def _recover(options: argparse.Namespace) -> int:
     scene = _scene(options)
     with progress_bar(None, "verify", " rounds") as bar:
         remains = remains_of(options.logs[0])
-        remains = remains if scene is None else remains.with_scene(scene)
+        remains = remains if scene is None else with_told_scene(remains, scene)
         recording = remains.recording()
         told = (
             _alone(remains)
@@ -134,7 +135,17 @@ def _recover(options: argparse.Namespace) -> int:
     complain(f"{saved.out}: {saved.messages} messages written{known}")
     for each in told.complaints:
         complain(each)
+    if scene is not None and "scene is lost" in " ".join(remains.problems):
+        _doubt(told, scene.spec)
     return DONE
+
+
+def _doubt(told: _Told, system: str) -> None:
+    """Say which checks fail with a scene that was told: maybe it is another one."""
+    checks = told.document.get("checks", ())
+    wrong = [each["name"] for each in checks if not each["ok"] and each["name"] != "readable"]
+    if wrong:
+        complain(f"with --system {system} {', '.join(wrong)} fail: is the run of another system?")
 
 
 def _scene(options: argparse.Namespace) -> Scene | None:

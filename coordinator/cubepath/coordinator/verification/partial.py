@@ -108,7 +108,7 @@ class WholeRounds:
     def take(self, part: Any) -> bool:
         """Take a message, or a part of a batch; return whether it was the last of its round."""
         match part:
-            case Report():
+            case Report() if part.module < self._modules:
                 self.last = max(self.last, part.round)
                 known = self._reported.setdefault(part.round, set())
                 known.add(part.module)

@@ -29,6 +29,7 @@ from cubepath.coordinator.verification.results import check_cubes, check_summary
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.stages import check_stages, stages_in
+from cubepath.coordinator.verification.told_scene import with_told_scene
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
     OutOfOrder,
@@ -156,7 +157,11 @@ def _verified(
     check_parameters(recording, failures.stage(0))
     told = recording.parameters
     stages = stages_in(recording)
-    derived = Rederivation(recording.scene, seed_in(told), failures.stage(1), stages)
+    seed = seed_in(told)
+    seed_lost = "seed" not in told and bool(recording.problems or RECOVERED in told)
+    if seed is None and not seed_lost:
+        failures.stage(1)("claims", "the recording names no seed, so nobody's rank is known")
+    derived = Rederivation(recording.scene, seed, failures.stage(1), stages)
     course = Course(recording, failures.stage(2))
     playing = None if player is None else player()
     another_choice = partial(failures.stage(1), "choices")
@@ -198,7 +203,7 @@ def _verified(
             "refused": transcript.refused,
         }
         check_summary(transcript.summary, expected, fail)
-    checks = failures.checks(_unchecked(playing))
+    checks = failures.checks(_unchecked(playing, seed_lost=seed_lost))
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),
@@ -223,7 +228,8 @@ def recover(
     Its parameter `recovered` says what it comes from. `scene` is that of the run, for a recording
     that has lost its own; without one, the messages are written alone, which other tools can read,
     and which is a recording again when it is recovered with the scene. InputError if no message can
-    be read, if `out` is the recording itself, or if `out` cannot be written.
+    be read, if they cannot be of the scene, if `out` is the recording itself, or if it cannot be
+    written.
 
     >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
     >>> found.rounds, found.problems, verify("copy.mcap").ok
@@ -232,7 +238,7 @@ def recover(
     given = source if isinstance(source, Recording | Remains) else remains_of(source)
     out = Path(out)
     if isinstance(given, Remains):
-        given = given if scene is None else given.with_scene(scene)
+        given = given if scene is None else with_told_scene(given, scene)
         given = given.recording() or given
     rounds = 0 if isinstance(given, Remains) else whole_rounds(given)
     count = len(given.records)
@@ -249,7 +255,10 @@ def _moment(number: int, derived: Rederivation, said: Round) -> Moment:
     return Moment(number, tuple(derived.sites), frozenset(derived.state), said)
 
 
-def _unchecked(playing: Player | None) -> dict[str, str]:
+def _unchecked(playing: Player | None, *, seed_lost: bool) -> dict[str, str]:
     """Return why checks were not made, by name."""
     why = "the rules were not asked again" if playing is None else playing.unchecked()
-    return {} if why is None else {"choices": f"not checked: {why}"}
+    found = {} if why is None else {"choices": f"not checked: {why}"}
+    if seed_lost:
+        found["claims"] = "not checked: the seed is lost, so nobody's rank is known"
+    return found
