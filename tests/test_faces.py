@@ -60,7 +60,8 @@ PUBLIC = {
     """,
     "cubepath.coordinator.testing": """
         Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
-        Trial Tried fault faults replay_into replay_into_node scenarios trial_of
+        Trial Tried fault faults live_modules other_rule replay_into
+        replay_into_node scenarios trial_of
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

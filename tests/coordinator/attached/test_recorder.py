@@ -86,6 +86,22 @@ def test_from_the_first_round_on_it_is_the_runs_own_recording(tmp_path: Path) ->
     assert found.path_digest == verify(inside).path_digest
 
 
+def test_who_leaves_before_the_end_has_a_recording_that_is_fine_as_far_as_it_goes(
+    tmp_path: Path,
+) -> None:
+    """Verified and compared from the first round on; it is not complete, and nothing fails."""
+    outside = tmp_path / "out.mcap"
+    with start("hex:n=4", processes=1, seed=1, log=tmp_path / "in.mcap") as run:
+        with record(run.endpoint, outside):
+            run.step(4)
+        run.play()
+    found = audit(outside)
+    assert (found.ok, found.complete, found.rounds) == (True, False, 4)
+    again = replay(outside)
+    assert (again.same, again.complete, again.rounds_compared) == (True, False, 4)
+    assert again.result == "the same as recorded, as far as it goes"
+
+
 def test_a_router_that_ends_with_its_run_is_no_failure(tmp_path: Path) -> None:
     """A run at an address has a router of its own, which is gone as soon as the run has ended."""
     with start("hex:n=3", processes=1, listen="tcp/127.0.0.1:0", log=tmp_path / "in.mcap") as run:
@@ -132,6 +148,9 @@ def test_in_the_middle_it_is_said_to_begin_there_and_the_run_does_not_notice(
     assert "not checked: the recording begins in round 6" in text
     assert "4 rounds, " in text
     assert main(["info", str(logs[2])]) == 0
+    found = replay(logs[2])
+    assert (found.rounds_compared, found.agrees, found.complete) == (4, True, False)
+    assert found.not_compared[0] == "rounds 1 to 5"
     whole = read_recording(logs[1]).moves()
     here = (whole["round"] >= 6) & (whole["round"] <= 9)
     assert recording.moves()["module"].tolist() == whole["module"][here].tolist()

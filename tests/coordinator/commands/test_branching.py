@@ -9,7 +9,8 @@ import pytest
 
 from command_line import GOLDEN, refused
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.verification.recording import verify
+from cubepath.coordinator.verification.recording import recover, verify
+from wrecks import taken_apart
 
 LOG = str(GOLDEN / "agv-6.mcap")
 Capture = pytest.CaptureFixture[str]
@@ -85,5 +86,31 @@ def test_a_recording_that_was_cut_off_says_so(tmp_path: Path, capsys: Capture) -
     cut.write_bytes((GOLDEN / "agv-6.mcap").read_bytes()[:30000])
     assert main(["replay", str(cut), "--live=0", "--processes=0"]) == 0
     told = capsys.readouterr()
-    assert "what follows is as far as it goes" in told.err
-    assert told.out.startswith("the same for ")
+    rounds = int(told.out.split()[3])
+    assert f"could be read before it; it is used up to round {rounds}\n" in told.err
+
+
+def test_what_a_hole_leaves_is_used_and_what_begins_late_is_refused_in_one_line(
+    tmp_path: Path, capsys: Capture
+) -> None:
+    """Recovered or not; where the beginning is lost the damage is told with the refusal."""
+    whole = (GOLDEN / "hex-5.mcap").read_bytes()
+    chunks = taken_apart("hex-5", whole).chunks
+    hole, saved = tmp_path / "hole.mcap", tmp_path / "saved.mcap"
+    for place, no_start in ((3, False), (0, True)):
+        middle = sum(chunks[place][:2]) // 2
+        hole.write_bytes(whole[:middle] + bytes([whole[middle] ^ 0xFF]) + whole[middle + 1 :])
+        saved.unlink(missing_ok=True)
+        recover(hole, saved)
+        for path in (hole, saved):
+            for words in (["--live", "0"], ["--what-if", "chain", "--from", "3"]):
+                out = tmp_path / f"{path.stem}-{place}-{words[0]}.mcap"
+                keep = ["-o", str(out), "--processes", "0"]
+                code = main(["replay", str(path), *words, *keep])
+                told = capsys.readouterr()
+                if no_start:
+                    assert (code, told.err.count("\n")) == (2, 1)
+                    assert f"{path}: begins in round 3, expected a recording from" in told.err
+                    assert ("corrupt at byte" in told.err) == (path == hole)
+                else:
+                    assert told.err.count("it is used up to round 7\n") == 1

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Sequence
 from types import ModuleType
 
 import pytest
 
+from command_line import GOLDEN
 from cubepath.coordinator.commands.entry import entry
 
 MAIN = "cubepath.coordinator.commands.main"
@@ -35,3 +37,47 @@ def test_an_interrupt_before_the_command_begins_is_one_line(
     monkeypatch.setattr(sys, "meta_path", [Interrupting(), *sys.meta_path])
     assert entry() == 130
     assert capsys.readouterr() == ("", "cubepath: interrupted\n")
+
+
+class Signalling:
+    """Stands there too, and sends a signal in the middle of an import."""
+
+    def __init__(self, module: str, number: signal.Signals) -> None:
+        self._module = module
+        self._number = number
+        self.went_on = False
+
+    def find_spec(
+        self,
+        name: str,
+        _path: Sequence[str] | None,
+        _target: ModuleType | None = None,
+    ) -> None:
+        """Send the signal where the module is looked for."""
+        if name == self._module and not self.went_on:
+            signal.raise_signal(self._number)
+            self.went_on = True
+
+
+@pytest.mark.parametrize(
+    ("module", "number"),
+    [
+        (MAIN, signal.SIGINT),
+        ("cubepath.coordinator.runs.contents", signal.SIGINT),
+        ("cubepath.coordinator.runs.contents", signal.SIGTERM),
+    ],
+)
+def test_an_interrupt_waits_for_the_end_of_an_import(
+    module: str,
+    number: signal.Signals,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Of the command, or of what it needs: then it is one line, with exit code 130."""
+    signalling = Signalling(module, number)
+    monkeypatch.delitem(sys.modules, module, raising=False)
+    monkeypatch.setattr(sys, "meta_path", [signalling, *sys.meta_path])
+    recording = str(GOLDEN / "hex-5.mcap")
+    code = entry(["replay", recording, "--rate", "1"] if module == MAIN else ["info", recording])
+    assert (code, signalling.went_on) == (130, True)
+    assert capsys.readouterr().err == "cubepath: interrupted\n"

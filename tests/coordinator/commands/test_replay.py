@@ -11,6 +11,7 @@ import subprocess
 import termios
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
@@ -57,7 +58,11 @@ def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
     [
         ("--rate 2 --real-time", "--rate and --real-time: expected one of the two"),
         ("--real-time=0", "argument --real-time: expected a number of at least 0.00001"),
-        ("--rate 0x", "argument --rate: expected a number of at least 0.00001"),
+        (
+            "--rate 0x",
+            "argument --rate: expected rounds or levels a second such as 10, times as fast as",
+        ),
+        ("--rate 2y", "such as 2x, both at least 0.00001, or max, found '2y'"),
         ("--from 3.5", "argument --from: expected a round or level such as 12, or a time such as"),
         ("--until x", "argument --until: expected a round or level such as 12"),
         ("--from 30", "from 30: nothing is on record there; it goes from round 0 to 29"),
@@ -75,7 +80,7 @@ def test_bad_options_are_one_line(words: str, said: str) -> None:
 class Terminal:
     """A command in a terminal of its own."""
 
-    def __init__(self, *words: str) -> None:
+    def __init__(self, *words: str, folder: Path | None = None) -> None:
         self.mine, theirs = pty.openpty()
         self.before = termios.tcgetattr(theirs)
         self._theirs = theirs
@@ -90,6 +95,7 @@ class Terminal:
             stdin=theirs,
             stderr=theirs,
             stdout=subprocess.PIPE,
+            env={**os.environ, **({} if folder is None else {"TMPDIR": str(folder)})},
             preexec_fn=lead,  # noqa: PLW1509 - nothing else runs here yet
         )
 
@@ -115,6 +121,11 @@ class Terminal:
     def settings(self) -> list[object]:
         return list(termios.tcgetattr(self._theirs))
 
+    def hang_up(self) -> None:
+        """Close it at both ends, as when a window is closed."""
+        os.close(self._theirs)
+        os.close(self.mine)
+
     def close(self) -> str:
         """Return what was answered."""
         out, _ = self.process.communicate(timeout=30)
@@ -128,18 +139,18 @@ def test_keys_control_it_and_the_terminal_is_left_as_it_was() -> None:
     """Steps and jumps, a stop by the terminal and on again, another rate, the end."""
     terminal = Terminal("replay", HEX, "--start-paused", "--json")
     try:
-        terminal.shows(r"paused  round 1 ")
+        terminal.shows(r"paused, next: round 1, message \d+ of 630, .* as fast as possible")
         assert "space pause, right/left a round on/back" in terminal.told
         assert terminal.settings != terminal.before
         terminal.press("\x1b[C\x1b[C")
-        terminal.shows(r"paused  round 3 ")
+        terminal.shows(r"paused, next: round 3, ")
         terminal.process.send_signal(signal.SIGTSTP)
         os.waitpid(terminal.process.pid, os.WUNTRACED)
         assert terminal.settings == terminal.before
         terminal.process.send_signal(signal.SIGCONT)
         terminal.wait(lambda: terminal.settings != terminal.before)
         terminal.press("\x1b[D-")
-        terminal.shows(r"paused  round 2 .* rate 10")
+        terminal.shows(r"paused, next: round 2, .* 10 rounds a second")
         terminal.press("q")
         found = json.loads(terminal.close())
         assert (found["rounds_compared"], found["messages"]) == (2, 22)
@@ -154,7 +165,7 @@ def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals) -> None:
     """And nothing else of it: exit code 130, in one line."""
     terminal = Terminal("replay", HEX, "--rate", "0.01")
     try:
-        terminal.shows(r"playing  round 2 ")
+        terminal.shows(r"playing, next: round 2, ")
         terminal.process.send_signal(number)
         terminal.wait(lambda: terminal.process.poll() is not None)
         assert terminal.settings == terminal.before
@@ -163,3 +174,43 @@ def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals) -> None:
         terminal.process.kill()
     assert terminal.process.returncode == 130
     assert terminal.told.rstrip().endswith("cubepath: interrupted")
+
+
+@pytest.mark.slow
+def test_a_quit_leaves_the_terminal_as_it_was() -> None:
+    """It ends by the signal itself, at once."""
+    terminal = Terminal("replay", HEX, "--rate", "0.01")
+    try:
+        terminal.shows(r"playing, next: round 2, ")
+        assert terminal.settings != terminal.before
+        terminal.process.send_signal(signal.SIGQUIT)
+        terminal.wait(lambda: terminal.process.poll() is not None)
+        assert terminal.settings == terminal.before
+    finally:
+        terminal.process.kill()
+        terminal.close()
+    assert terminal.process.returncode == -signal.SIGQUIT
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hangup", [False, True])
+def test_a_terminal_that_is_closed_ends_it_or_leaves_it_alone(
+    hangup: bool,
+    tmp_path: Path,
+) -> None:
+    """By SIGHUP in order, exit code 130, nothing left behind; it plays on to the end if ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL if hangup else signal.SIG_IGN)
+    try:
+        rate = "0.01" if hangup else "40"
+        terminal = Terminal("replay", HEX, "--rate", rate, "--json", folder=tmp_path)
+    finally:
+        signal.signal(signal.SIGHUP, before)
+    try:
+        terminal.shows(r"playing, next: round \d")
+        terminal.hang_up()
+        out, _ = terminal.process.communicate(timeout=30)
+    finally:
+        terminal.process.kill()
+    assert terminal.process.returncode == (130 if hangup else 0)
+    assert (out == b"") if hangup else json.loads(out)["same"]
+    assert list(tmp_path.iterdir()) == []

@@ -229,7 +229,9 @@ def test_a_recording_without_its_end_has_nothing_to_compare_with() -> None:
     whole = crowd()
     assert "no summary is on record" in differences(all_edited(whole, "summary", lambda _: None))
     damaged = with_fields(whole, problems=("corrupt: chunk 2",))
-    assert differences(damaged) == "corrupt: chunk 2"
+    found = replay(damaged)
+    assert (found.same, found.complete, found.problems) == (True, False, ("corrupt: chunk 2",))
+    assert found.result == "the same as recorded; the file is damaged"
     half = with_records(whole, whole.records[: len(whole.records) // 2])
     assert "no summary is on record" in differences(half)
     assert replay(half).result == "nothing to compare it with"

@@ -35,6 +35,13 @@ def test_topics_are_chosen_by_patterns() -> None:
         ({"topics": ["verdict"]}, r"topics=verdict/\*: nothing on record matches, expected topics"),
         ({"topics": [""]}, "topics=: expected topics such as"),
         ({"exclude": ["a#"]}, "exclude=a#: expected topics such as"),
+        ({"exclude": ["nobody"]}, r"exclude=nobody/\*: nothing on record matches, expected topics"),
+        ({"topics": ["here/nobody"]}, "topics=here/nobody: nothing on record matches"),
+        ({"exclude": ["*"]}, r"exclude=\*: leaves nothing to play, expected some topics of"),
+        (
+            {"topics": ["here"], "exclude": ["here"]},
+            "topics=here, exclude=here: leaves nothing to play",
+        ),
         ({"kinds": ["go"]}, "unknown kind 'go'"),
     ],
 )
@@ -62,6 +69,17 @@ def test_keys_are_remapped_by_topic_and_by_their_own_beginning() -> None:
     region = plain["said/process_0"].removeprefix("cubepath/r/to/")
     assert keys("to=from")["said/process_0"] == f"cubepath/r/from/{region}"
     assert keys("said=heard")["said/process_0"] == "cubepath/r/heard/process_0"
+
+
+@pytest.mark.parametrize("remap", ["nobody=a", "cube=a", "report=a", "to/nobody=a"])
+def test_what_concerns_no_message_that_is_played_is_refused(remap: str) -> None:
+    """Neither a topic nor a key of one begins so; a part of a batch has neither."""
+    recording = recorded("hex:n=4", "chain", rounds=5)
+    takes = Selection(recording).takes_topic
+    Keys(recording, "r", ["said=heard", "to=from", "reports/process_0=left"]).check_remap(takes)
+    old = remap.partition("=")[0]
+    with pytest.raises(InputError, match=f"remap={remap}: nothing that is played is on {old}, "):
+        Keys(recording, "r", ["said=heard", remap]).check_remap(takes)
 
 
 def test_what_other_tools_wrote_keeps_its_topic() -> None:

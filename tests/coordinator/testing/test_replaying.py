@@ -100,3 +100,45 @@ def test_a_process_that_does_not_listen_is_told(cubepath_replay: Replay) -> None
     command = [sys.executable, "-c", "print('busy')"]
     with pytest.raises(CheckError, match=r"listens to the run: it ended before; stdout: busy"):
         cubepath_replay.to(GOLDEN / "agv-3.mcap", command)
+
+
+def test_live_modules_are_tried_against_a_log(cubepath_replay: Replay) -> None:
+    """The same to the end; a divergence fails the test, and no divergence one that expects it."""
+    path = GOLDEN / "hex-5.mcap"
+    assert cubepath_replay.live(path, [1, 2], processes=0).rounds == 29
+    other = {"rule": "random", "processes": 0}
+    with pytest.raises(AssertionError, match=r"for 5 rounds, then round 6, module_1: claims "):
+        cubepath_replay.live(path, [1, 2], **other)
+    found = cubepath_replay.live(path, [1, 2], diverging=True, **other)
+    assert found.divergence is not None
+    assert found.divergence.module == 1
+    with pytest.raises(AssertionError, match="no divergence in 29 rounds, expected one"):
+        cubepath_replay.live(Log.read(path), [1], diverging=True, processes=0)
+
+
+def test_another_rule_takes_over_from_a_round_on(cubepath_replay: Replay) -> None:
+    """The log of the new run is asked as any; it goes to the folder of the test."""
+    path = GOLDEN / "agv-6.mcap"
+    log = cubepath_replay.what_if(path, "random", from_round=5, max_rounds=9, processes=0)
+    log.assert_legal()
+    parent, moves = Log.read(path), log.recording.moves()
+    assert log.rounds == 9
+    early = (moves["round"] < 5).sum()
+    assert moves["module"][:early].tolist() == parent.recording.moves()["module"][:early].tolist()
+    assert log.recording.parameters["parent"] == "agv-6.mcap"
+    assert cubepath_replay.told() == [
+        f"recording {log.recording.path}: rule random from round 5 on"
+    ]
+    with pytest.raises(AssertionError, match="from round 5 on: it ended: max-rounds"):
+        cubepath_replay.what_if(
+            path, "random", from_round=5, max_rounds=9, failing=True, processes=0
+        )
+
+
+def test_a_rule_that_gives_up_fails_a_what_if(cubepath_replay: Replay) -> None:
+    """Unless that is expected."""
+    path = GOLDEN / "hex-5.mcap"
+    given = {"from_round": 3, "processes": 0}
+    with pytest.raises(AssertionError, match="rule chain from round 3 on: rule 'chain': no goal"):
+        cubepath_replay.what_if(path, "chain", **given)
+    assert cubepath_replay.what_if(path, "chain", failing=True, **given).rounds <= 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -27,6 +28,19 @@ def recovered(data: bytes, folder: Path) -> list[Kept] | None:
     except InputError:
         return None
     return taken_apart("out", out.read_bytes()).messages
+
+
+def without(name: str, folder: Path, *words: bytes) -> Path:
+    """Return a golden recording in which all records with one of these words are damaged."""
+    data = bytearray((GOLDEN / f"{name}.mcap").read_bytes())
+    for word in words:
+        place = data.find(word)
+        while place >= 0:
+            data[place - 4] ^= 0xFF
+            place = data.find(word, place + 1)
+    path = folder / "lost.mcap"
+    path.write_bytes(data)
+    return path
 
 
 def is_part(some: Iterable[Kept], whole: Iterable[Kept]) -> bool:
@@ -108,7 +122,70 @@ def test_without_parameters_the_format_is_known_by_the_messages(name: str, tmp_p
     assert saved.messages == len(taken_apart("", whole).messages)
     again = read_recording(tmp_path / "out.mcap")
     assert again.scene.start == scene_from_spec("hex:n=5").start
-    assert not verify(again).ok
+    checked = {check.name: check for check in verify(again).checks}
+    if again.clock == "free":
+        assert not checked["parameters"].ok  # nobody knows how many keepers there were
+    else:
+        assert checked["claims"].detail.startswith("not checked: the seed is lost")
+        assert verify(again).ok
+
+
+@pytest.mark.parametrize(
+    ("name", "system", "said"),
+    [
+        ("hex-5", "hex:n=6", "names? hex:n=5"),
+        ("hex-5", "hex-open:n=5", "names? hex:n=5"),
+        ("agv-6", "agv:graph=grid4x4,n=6", "name agv-labelled:graph=grid4x4,n=6"),
+    ],
+)
+def test_another_system_than_the_parameters_name_is_refused(
+    name: str, system: str, said: str, tmp_path: Path
+) -> None:
+    """In one line, and nothing is written."""
+    path, out = without(name, tmp_path, b"cubepath-system-1"), tmp_path / "out.mcap"
+    with pytest.raises(InputError, match=f"system={system}: the parameters of .* {said}"):
+        recover(path, out, scene=scene_from_spec(system))
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "system", "said"),
+    [
+        ("hex-5", "hex:n=4", r"round 1, module_4: the system has 4 modules"),
+        ("hex-5", "agv:n=5", r"round 1, module_1: begins at \[1,0\], in the system at \[0,1\]"),
+        ("hex-free-5", "hex:n=3", r"level \d+, module_\d: the system has 3 modules"),
+        ("agv-6", "hex:n=6", "round 1, module_0: begins at"),
+        ("hex-5", "hex-open:n=5", None),
+    ],
+)
+def test_a_system_that_cannot_be_it_is_refused_by_the_first_message_that_says_so(
+    name: str,
+    system: str,
+    said: str | None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Where the parameters are lost too; where only the whole of it is wrong, that is said."""
+    path = without(name, tmp_path, b"cubepath-system-1", b"cubepath-recording-")
+    out = tmp_path / "out.mcap"
+    words = ["verify", str(path), "--recover", str(out), "--system", system]
+    if said is None:
+        assert main(words) == 0
+        doubt = "deliveries, normal, class, summary fail: is the run of another system?"
+        assert f"cubepath: with --system {system} {doubt}\n" in capsys.readouterr().err
+        return
+    assert main(words) == 2
+    line = capsys.readouterr().err
+    assert re.fullmatch(f"cubepath: system={system}: {path}: {said}.*\n", line)
+    assert not out.exists()
+
+
+def test_a_scene_that_is_not_lost_is_not_told_anew(tmp_path: Path) -> None:
+    """The same one may be told, another one is refused."""
+    path = GOLDEN / "hex-5.mcap"
+    assert recover(path, tmp_path / "out.mcap", scene=scene_from_spec("hex:n=5")).rounds == 29
+    with pytest.raises(InputError, match=r"system=hex:n=6: the scene of .* is not lost, and it is"):
+        recover(path, tmp_path / "other.mcap", scene=scene_from_spec("hex:n=6"))
 
 
 def test_nothing_to_recover_is_bad_input(

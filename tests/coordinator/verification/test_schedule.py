@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace as with_fields
+from math import inf
 
 import pytest
 from msgspec.structs import replace
 
 from cubepath.coordinator.verification.recording import verify
 from cubepath.coordinator.verification.schedule import check_schedule
-from cubepath.coordinator.verification.transcript import transcript_of
+from cubepath.coordinator.verification.transcript import Sorting, Transcript
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.path_files.schedules import schedule_from_jsonl, schedule_to_jsonl
 from cubepath.protocol.recordings.recording import Recording
@@ -24,6 +25,15 @@ from tamperings_of_schedules import carried_out, not_begun, stopped, with_cubes,
 def told(recording: Recording) -> str:
     """Return what the check says; nothing where it holds."""
     return next(each.detail for each in verify(recording).checks if each.name == "schedule")
+
+
+def transcript_of(recording: Recording) -> Transcript:
+    """Return the messages of a recording, sorted, with all rounds closed."""
+    sorting = Sorting(recording, lambda _name, _where: None)
+    sorting.take(recording.records)
+    assert list(sorting.close(inf))
+    sorting.end()
+    return sorting.found
 
 
 LOST = "there was one, but it is not on record"
@@ -121,7 +131,7 @@ def first_made(recording: Recording) -> Report:
 def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:
     """Not even one of the moves that were due has to be made; a move that was not due is named."""
     recording = stopped()
-    transcript = transcript_of(recording, lambda _name, _where: None)
+    transcript = transcript_of(recording)
     number = transcript.complete_rounds
     carried = transcript.carried[number]
     assert carried.made
@@ -145,7 +155,7 @@ def test_where_a_module_gave_up_others_may_stay_but_not_go_elsewhere() -> None:
 def test_a_stop_is_not_for_the_one_move_that_was_made() -> None:
     """Where a round has a single move, and the summary says that it stopped there for that one."""
     recording = stopped()
-    transcript = transcript_of(recording, lambda _name, _where: None)
+    transcript = transcript_of(recording)
     number = transcript.complete_rounds
     carried = transcript.carried[number]
     made = min(carried.made, key=repr)

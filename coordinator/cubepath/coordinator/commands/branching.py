@@ -170,15 +170,17 @@ def branch(options: argparse.Namespace) -> int:
     check_files(options, [options.log], Output(options.output))
     with progress_bar(None, "read", ""):
         recording = read_recording(options.log)
-    for problem in recording.problems:
-        complain(f"{recording.path}: {problem}; what follows is as far as it goes")
     keys = [*_BOTH, *(_WHAT_IF if options.what_if is not None else _LIVE)]
     given = {key: getattr(options, key) for key in keys if getattr(options, key) is not None}
     if "output" in given:
         given["log"] = given.pop("output")
-    if options.what_if is not None:
-        return _what_if(options, recording, given)
-    return _play_live(options, recording, given)
+    try:
+        if options.what_if is not None:
+            return _what_if(options, recording, given)
+        return _play_live(options, recording, given)
+    except InputError as error:
+        # What is damaged may be why the recording cannot be gone on from.
+        raise InputError("; ".join([str(error), *recording.problems])) from None
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ Standard output and standard error may be full, closed, or a pipe that nobody re
 
 from __future__ import annotations
 
+import _thread
 import argparse
 import contextlib
 import io
@@ -13,10 +14,11 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
-from typing import Any, Self, TextIO
+from typing import Any, Self, TextIO, cast
 
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError
@@ -26,6 +28,10 @@ DONE, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 CLOSED_PIPE = 141
 """The exit code that a shell reports for a program killed by SIGPIPE."""
 
+_AGAIN_S = 0.01
+_IMPORT_S_MAX = 2.0
+"""Seconds that an interrupt waits for an import, which may be that of a user's own file."""
+
 SYSTEM_HELP = "NAME, NAME:key=value,... or a .toml file; see 'cubepath systems' (default hex)"
 
 
@@ -33,14 +39,18 @@ class Interrupts:
     """Makes SIGTERM and SIGHUP act like SIGINT, and remembers whether a signal came.
 
     The exception lets half-written files be removed. The flag is needed because a compiler may
-    swallow the exception. It does nothing outside the main thread, and leaves signals alone that
-    already have another handler.
+    swallow the exception. During an import it waits until that is over, for a while: a module that
+    is half imported, or compiled, may not survive it. It does nothing outside the main thread, and
+    leaves signals alone that already have another handler.
     """
 
     def __init__(self) -> None:
         """Begin without a signal."""
         self.came = False
         self._before: dict[int, Any] = {}
+        self._sending = threading.Lock()
+        self._since: float | None = None
+        """When the first signal came that waits for the end of an import."""
 
     def __enter__(self) -> Self:
         if threading.current_thread() is threading.main_thread():
@@ -52,12 +62,36 @@ class Interrupts:
         return self
 
     def __exit__(self, *_: object) -> None:
-        for number, handler in self._before.items():
+        with self._sending:
+            before, self._before = self._before, {}
+        for number, handler in before.items():
             signal.signal(number, handler)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
         self.came = True
+        if _is_importing(frame):
+            self._since = self._since or time.monotonic()
+            if time.monotonic() < self._since + _IMPORT_S_MAX:
+                _thread.start_new_thread(self._send_again, (number,))
+                return
+        self._since = None
         signal.default_int_handler(number, frame)
+
+    def _send_again(self, number: int) -> None:
+        """Send a signal to the main thread once more, in a moment."""
+        time.sleep(_AGAIN_S)
+        with self._sending:
+            if self._before:
+                signal.pthread_kill(cast("int", threading.main_thread().ident), number)
+
+
+def _is_importing(frame: FrameType | None) -> bool:
+    """Return whether a module is being imported where a signal has come."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            return True
+        frame = frame.f_back
+    return False
 
 
 def prepare_streams() -> None:

@@ -1,22 +1,25 @@
 """A player under the keys of a terminal.
 
 Room: coordinator. Keys are read without waiting for a new line; signals keep their keys. Whatever
-ends or stops the command, the terminal is left as it was found.
+ends or stops the command, the terminal is left as it was found; if the terminal is gone, and the
+command was told to go on without (``nohup``), there are no more keys.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import select
 import signal
 import sys
 import termios
+import time
 import tty
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
-from cubepath.coordinator.commands.console import complain
+from cubepath.coordinator.commands.console import complain, silence
 from cubepath.protocol.core.errors import CubepathError
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -81,12 +84,21 @@ def order_of(key: str, start: str) -> Order | None:
 
 
 def status_line(status: PlayerStatus, step: str) -> str:
-    """Return where a player stands, in a line."""
+    """Return where a player stands, in a line: what comes next, and how fast."""
+    where = f"at the end, after {step} {status.round}"
+    if status.message < status.messages:
+        where = f"next: {step} {status.round}, message {status.message + 1} of {status.messages}"
     laps = f", lap {status.laps + 1}" if status.laps else ""
     return (
-        f"{status.state}  {step} {status.round}  {status.time_s:.2f} of {status.seconds:.2f} s"
-        f"  message {status.message} of {status.messages}  rate {status.rate}{laps}"
+        f"{status.state}, {where}, {status.time_s:.2f} of {status.seconds:.2f} s,"
+        f" {_rate_text(status.rate, step)}{laps}"
     )
+
+
+def _rate_text(rate: str, step: str) -> str:
+    if rate == "max":
+        return "as fast as possible"
+    return f"{rate} as fast as it was" if rate.endswith("x") else f"{rate} {step}s a second"
 
 
 class Keys:
@@ -95,11 +107,16 @@ class Keys:
     def __enter__(self) -> Self:
         """Read keys as they are pressed, until this is left."""
         self._number = sys.stdin.fileno()
+        self._gone = False
         self._found = termios.tcgetattr(self._number)
         self._before: dict[int, Any] = {}
         try:
             self._take()
-            for number, handler in ((signal.SIGTSTP, self._stop), (signal.SIGCONT, self._go_on)):
+            for number, handler in (
+                (signal.SIGTSTP, self._stop),
+                (signal.SIGCONT, self._go_on),
+                (signal.SIGQUIT, self._quit),
+            ):
                 self._before[number] = signal.signal(number, handler)
         except BaseException:
             self.__exit__()
@@ -116,7 +133,8 @@ class Keys:
         tty.setcbreak(self._number, termios.TCSADRAIN)
 
     def _give_back(self) -> None:
-        termios.tcsetattr(self._number, termios.TCSADRAIN, self._found)
+        with contextlib.suppress(termios.error):  # it may be gone
+            termios.tcsetattr(self._number, termios.TCSADRAIN, self._found)
 
     def _stop(self, _number: int, _frame: FrameType | None) -> None:
         """Stop as if there were no handler, with the terminal as it was."""
@@ -124,13 +142,30 @@ class Keys:
         os.kill(os.getpid(), signal.SIGSTOP)
 
     def _go_on(self, _number: int, _frame: FrameType | None) -> None:
-        if os.tcgetpgrp(self._number) == os.getpgrp():
-            self._take()
+        with contextlib.suppress(OSError, termios.error):
+            if os.tcgetpgrp(self._number) == os.getpgrp():
+                self._take()
+
+    def _quit(self, number: int, _frame: FrameType | None) -> None:
+        """Die of it as if there were no handler, with the terminal as it was."""
+        self._give_back()
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
 
     def pressed(self, timeout_s: float) -> list[str]:
         """Return the keys that were pressed, after waiting for one so long."""
+        if self._gone:
+            time.sleep(timeout_s)
+            return []
         ready = select.select([self._number], [], [], timeout_s)[0]
-        return keys_in(os.read(self._number, 256)) if ready else []
+        if not ready:
+            return []
+        try:
+            data = os.read(self._number, 256)
+        except OSError:
+            data = b""
+        self._gone = not data
+        return keys_in(data)
 
 
 def play_by_keys(player: Player, start: str, step: str) -> None:
@@ -166,4 +201,7 @@ def _press(player: Player, key: str, start: str) -> None:
 
 
 def _show(line: str) -> None:
-    print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
+    try:
+        print(f"\r{line}\x1b[K", end="", file=sys.stderr, flush=True)
+    except OSError:  # nobody sees it any more
+        silence(sys.stderr)

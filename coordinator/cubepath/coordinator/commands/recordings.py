@@ -108,6 +108,8 @@ def _recover(options: argparse.Namespace) -> int:
     """
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415
     from cubepath.coordinator.verification.recording import recover  # noqa: PLC0415
+    from cubepath.coordinator.verification.told_scene import with_told_scene  # noqa: PLC0415
+    from cubepath.protocol.recordings.description import FREE_FORMAT  # noqa: PLC0415
     from cubepath.protocol.recordings.remains import remains_of  # noqa: PLC0415
 
     if len(options.logs) > 1:
@@ -117,7 +119,7 @@ def _recover(options: argparse.Namespace) -> int:
     scene = _scene(options)
     with progress_bar(None, "verify", " rounds") as bar:
         remains = remains_of(options.logs[0])
-        remains = remains if scene is None else remains.with_scene(scene)
+        remains = remains if scene is None else with_told_scene(remains, scene)
         recording = remains.recording()
         told = (
             _alone(remains)
@@ -128,10 +130,22 @@ def _recover(options: argparse.Namespace) -> int:
         saved = recover(recording or remains, options.recover)
     finally:
         answer(options, told.document, told.text)
-    complain(f"{saved.out}: {saved.messages} messages written, {saved.rounds} whole rounds")
+    steps = "levels" if remains.format == FREE_FORMAT else "whole rounds"
+    known = "" if recording is None else f", {saved.rounds} {steps}"
+    complain(f"{saved.out}: {saved.messages} messages written{known}")
     for each in told.complaints:
         complain(each)
+    if scene is not None and "scene is lost" in " ".join(remains.problems):
+        _doubt(told, scene.spec)
     return DONE
+
+
+def _doubt(told: _Told, system: str) -> None:
+    """Say which checks fail with a scene that was told: maybe it is another one."""
+    checks = told.document.get("checks", ())
+    wrong = [each["name"] for each in checks if not each["ok"] and each["name"] != "readable"]
+    if wrong:
+        complain(f"with --system {system} {', '.join(wrong)} fail: is the run of another system?")
 
 
 def _scene(options: argparse.Namespace) -> Scene | None:
@@ -164,7 +178,8 @@ def _verified(recording: Recording, found: Verification) -> _Told:
         rounds, messages = found.missing
         lines.append(f"known to be missing: {rounds} of the rounds begun, {messages} messages")
     if found.ok and not found.complete:
-        lines.append("complete: false; the run was cut off, and this is fine as far as it goes")
+        because = "messages are missing" if found.missing.messages else "the run was cut off"
+        lines.append(f"complete: false; {because}, and this is fine as far as it goes")
     text = "\n".join(map(visible, lines))
     if found.ok:
         return _Told(found.document(), text)

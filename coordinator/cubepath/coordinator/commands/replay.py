@@ -6,6 +6,7 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.branching import add_branching_options, branch, branches
@@ -117,17 +118,21 @@ def _add_choice(replay: argparse.ArgumentParser) -> None:
 
 
 def _pace(text: str) -> str:
-    """Check a rate: a number, which may end in an x."""
-    if text != "max":
-        _rate(text.removesuffix("x"))
-    return text
+    """Check a rate, such as 10, 2x or max."""
+    from cubepath.coordinator.playback.spots import read_pace  # noqa: PLC0415
+
+    return _checked(text, read_pace)
 
 
 def _spot(text: str) -> str:
     from cubepath.coordinator.playback.spots import read_spot  # noqa: PLC0415
 
+    return _checked(text, read_spot)
+
+
+def _checked(text: str, read: Callable[[str], object]) -> str:
     try:
-        read_spot(text)
+        read(text)
     except InputError as error:
         raise argparse.ArgumentTypeError(
             str(error).partition(": ")[2] + f", found {text!r}"
@@ -146,7 +151,8 @@ def _replay(options: argparse.Namespace) -> int:
         recording = read_recording(options.log)
     found = _played(options, recording)
     answer(options, found.document(), table(_rows(found)))
-    for line in (*found.differences, *(recording.problems if found.not_compared else ())):
+    lacking = () if found.lacking is None else (found.lacking,)
+    for line in (*recording.problems, *lacking, *found.differences):
         complain(f"{recording.path}: {line}")
     return DONE if found.agrees else FAILED
 
@@ -208,6 +214,6 @@ def _rows(found: Replayed) -> list[tuple[str, Any]]:
             ("not played", ", ".join(f"{count} {kind}" for kind, count in found.left_out.items()))
         )
     rows += [("time", f"{found.seconds:.2f} s"), ("result", found.result)]
-    if found.same and not found.complete:
+    if found.same and not found.has_end:
         rows.append(("complete", "false; the run was cut off"))
     return rows

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.playback.player import Player
     from cubepath.coordinator.playback.playing import PlayOptions
     from cubepath.coordinator.playback.replaying import replay
-    from cubepath.coordinator.playback.spots import read_spot
+    from cubepath.coordinator.playback.spots import read_pace, read_spot
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -25,7 +25,7 @@ else:
             "player": "Player",
             "playing": "PlayOptions",
             "replaying": "replay",
-            "spots": "read_spot",
+            "spots": "read_pace read_spot",
         },
     )
 
@@ -37,6 +37,7 @@ __all__ = [
     "Position",
     "Replayed",
     "read_order",
+    "read_pace",
     "read_spot",
     "replay",
 ]

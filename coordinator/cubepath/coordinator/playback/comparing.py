@@ -5,13 +5,13 @@ Room: coordinator.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+from cubepath.coordinator.playback.extent import Extent
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.verification.certificate import check_certificate
-from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import site_from_json
@@ -25,14 +25,17 @@ from cubepath.protocol.wire.messages import (
     decode,
 )
 
+_RESULTS = ("cubes", "summary")
+"""What the coordinator says at the end of a whole run."""
+
 
 @dataclass(frozen=True, slots=True)
 class Replayed:
     """The result of a replay; `same` says whether all of it was compared, and agrees.
 
-    `differences` has one line for each place where it does not, where the recording has nothing to
-    compare with, and for what could not be read of the recording. Of a replay in parts the numbers
-    are of what was gathered since it last jumped, and `not_compared` says what they leave open.
+    `differences` has one line for each place where it does not, and where the recording has nothing
+    to compare with. Of a replay in parts the numbers are of what was gathered since it last jumped,
+    or since rounds are missing, and `not_compared` says what they leave open.
     """
 
     log: str
@@ -46,20 +49,26 @@ class Replayed:
     path_digest: str
     same: bool
     compared: bool
-    """Whether the recording has a result, or says that it was recovered; otherwise it is cut off,
-    and there may be more of it elsewhere."""
+    """Whether the recording has a result, or says why it has none: it is damaged, was recovered, or
+    is a part of another."""
     complete: bool
-    """Whether the recording has a result and can all be read. What was recovered of a run that was
-    cut off can be the same without."""
+    """Whether the recording has a result and all messages, and can all be read. What there is of a
+    run that was cut off can be the same without."""
     differences: tuple[str, ...]
     messages: int
     seconds: float
     not_compared: tuple[str, ...] = ()
     """What of the recording was not compared, and why; empty if all was."""
     rounds_compared: int = 0
-    """How many rounds were compared one by one, if not all was."""
+    """How many rounds, or levels, were compared with the moves on record."""
     left_out: dict[str, int] | None = None
     """By kind, how many messages of the recording were not played."""
+    has_end: bool = True
+    """Whether the end of the run is on record."""
+    problems: tuple[str, ...] = ()
+    """What is damaged of the file, a line each."""
+    lacking: str | None = None
+    """Why messages are missing at the start or in between, in a line; None if none are."""
 
     @property
     def agrees(self) -> bool:
@@ -69,13 +78,19 @@ class Replayed:
     @property
     def result(self) -> str:
         """Return in words how the replay compares with the recording."""
+        return self._found + ("; the file is damaged" if self.problems else "")
+
+    @property
+    def _found(self) -> str:
         if self.not_compared:
             found = "differs from the recording; " if self.differences else ""
-            if self.rounds_compared and not self.differences:
+            if not self.differences and "summary" not in self.not_compared:
+                found = "the same as recorded; "
+            elif not self.differences and self.rounds_compared:
                 found = f"the same as recorded in {self.rounds_compared} rounds; "
             return f"{found}not compared: {', '.join(self.not_compared)}"
         if self.same:
-            return "the same as recorded" + ("" if self.complete else ", as far as it goes")
+            return "the same as recorded" + ("" if self.has_end else ", as far as it goes")
         return "differs from the recording" if self.compared else "nothing to compare it with"
 
     def document(self) -> dict[str, Any]:
@@ -84,28 +99,91 @@ class Replayed:
         return found | {
             "differences": list(self.differences),
             "not_compared": list(self.not_compared),
+            "problems": list(self.problems),
             "left_out": self.left_out or {},
         }
 
 
-def is_recovered(recording: Recording) -> bool:
-    """Return whether the recording says that it holds what could be read of another."""
-    return RECOVERED in recording.parameters
+def not_compared_of(
+    recording: Recording, rounds: set[int], last: int, results: Iterable[str] = _RESULTS
+) -> list[str]:
+    """Return what was not compared if these rounds, or levels, were, of those up to the last."""
+    missing = _spans(rounds, last)
+    steps = "levels" if recording.clock == "free" else "rounds"
+    return [*([f"{steps} {missing}"] if missing else []), *results]
+
+
+def _spans(numbers: set[int], last: int) -> str:
+    """Return the numbers from 1 to the last one that are missing: "1 to 3, 7", "" for none."""
+    missing = [number for number in range(1, last + 1) if number not in numbers]
+    found: list[tuple[int, int]] = []
+    for number in missing:
+        if found and found[-1][1] == number - 1:
+            found[-1] = found[-1][0], number
+        else:
+            found.append((number, number))
+    shown = [f"{low}" if low == high else f"{low} to {high}" for low, high in found[:4]]
+    return ", ".join(shown) + (", ..." if len(found) > 4 else "")
+
+
+class Compared(NamedTuple):
+    """What came of comparing some rounds, or levels, with the edges on record."""
+
+    rounds: set[int]
+    """Those that were compared, whether they agree or not."""
+    differences: list[str]
 
 
 class Comparison:
-    """What was gathered of a whole recording, beside what is on record."""
+    """What was gathered of a whole recording from its start on, beside what is on record.
 
-    def __init__(self, recording: Recording, gathered: Gathered) -> None:
-        """Compare nothing yet."""
+    Of a recording that lacks messages only what is there is compared.
+    """
+
+    def __init__(self, recording: Recording, gathered: Gathered, extent: Extent) -> None:
+        """Compare everything."""
         self._recording = recording
         self._gatherer = gathered
-        self._free = recording.clock == "free"
-        self._recovered = is_recovered(recording)
+        self._extent = extent
+        self._step = "level" if recording.clock == "free" else "round"
+        self.differences: list[str] = []
+        """A line for each difference between the gathered run and the one on record."""
+        self.not_compared: list[str] = []
+        """What of the results there is nothing to compare with."""
+        self.rounds: set[int] = set()
+        """The rounds, or levels, whose moves were compared."""
+        self._compare()
 
-    def differences(self) -> Iterator[str]:
-        """Yield each difference between the gathered run and the one on record."""
-        yield from self._recording.problems
+    def _compare(self) -> None:
+        edges, cubes, summary = self._on_record()
+        differences, lacking = self.differences, self._extent.lacking
+        cut_off = self._extent.cut_off and summary is None
+        rounds = self._gatherer.rounds
+        if not cut_off and not lacking and self._gatherer.unfinished is not None:
+            differences.append(self._gatherer.unfinished)
+        differences += self._other_edges(edges, cut_off=cut_off)
+        if summary is None and not self._extent.cut_off:
+            differences.append("no summary is on record, so there is no result to compare with")
+            return
+        if lacking and (summary is None or rounds < summary.rounds):
+            last = max(rounds, *edges, 0 if summary is None else summary.rounds)
+            self.not_compared += not_compared_of(self._recording, self.rounds, last)
+            return
+        # A run that is cut off may have had no time to write the edges of its last round, and
+        # without rounds those of any level.
+        if (lacking or cut_off) and not {*range(1, rounds)} <= self.rounds:
+            results = _RESULTS if summary is None else ()
+            self.not_compared += not_compared_of(self._recording, self.rounds, rounds, results)
+        if lacking and not cubes:
+            self.not_compared.append("cubes")
+        else:
+            differences += self._other_cubes(cubes, all_of_them=summary is not None)
+        if summary is not None:
+            differences += self._other_numbers(summary)
+        differences += self._not_proved()
+
+    def _on_record(self) -> tuple[dict[int, Edges], dict[int, Cube], Summary | None]:
+        """Return the edges by round, the cubes by index, and the summary if there is one."""
         edges: dict[int, Edges] = {}
         cubes: dict[int, Cube] = {}
         summary: Summary | None = None
@@ -119,30 +197,22 @@ class Comparison:
                     summary = message
                 case _:
                     pass
-        cut_off = self._recovered and summary is None
-        if not cut_off and self._gatherer.unfinished is not None:
-            yield self._gatherer.unfinished
-        yield from self._other_edges(edges, cut_off=cut_off)
-        if summary is None and not self._recovered:
-            yield "no summary is on record, so there is no result to compare with"
-            return
-        yield from self._other_cubes(cubes, all_of_them=summary is not None)
-        if summary is not None:
-            yield from self._other_numbers(summary)
-        yield from self._not_proved()
+        return edges, cubes, summary
 
     def _other_edges(self, recorded: dict[int, Edges], *, cut_off: bool) -> Iterator[str]:
-        steps, step_name = self._gatherer.steps, "level" if self._free else "round"
-        for step in steps:
-            known = recorded.pop(step.round, None)
-            # A run that was killed may have had no time to write the edges of its last round.
-            if known is None and not (cut_off and step is steps[-1]):
-                yield f"{step_name} {step.round}: gathered, but its edges are not on record"
-            elif known is not None and known.moves != list(step.executed):
-                yield f"{step_name} {step.round}: other moves were gathered than are on record"
-        if recorded:
-            why = "no keeper reported a move of it" if self._free else "not all modules reported it"
-            yield f"{step_name} {min(recorded)}: edges on record, but {why}"
+        lacking = bool(self._extent.lacking)
+        found = _edges_compared(
+            self._gatherer, recorded, 0, self._step, lacking=lacking, whole=not cut_off
+        )
+        self.rounds |= found.rounds
+        yield from found.differences
+        if lacking:
+            return
+        stray = recorded.keys() - range(1, self._gatherer.rounds + 1)
+        if stray:
+            free = self._recording.clock == "free"
+            why = "no keeper reported a move of it" if free else "not all modules reported it"
+            yield f"{self._step} {min(stray)}: edges on record, but {why}"
 
     def _other_cubes(self, recorded: dict[int, Cube], *, all_of_them: bool) -> Iterator[str]:
         found = self._gatherer.heap.cube_path()
@@ -187,23 +257,54 @@ class Comparison:
                 yield f"{key} is {value}, on record is {getattr(summary, key)}"
 
 
-def rounds_that_differ(recording: Recording, gathered: Gathered, base: int) -> Iterator[str]:
-    """Yield each round that was gathered from a state after round `base` and is not as recorded."""
-    steps = gathered.steps
-    rounds = range(base + 1, base + len(steps) + 1)
+def rounds_compared(
+    recording: Recording, gathered: Gathered, base: int, *, lacking: bool
+) -> Compared:
+    """Compare rounds that were gathered from a state after round `base` with those on record.
+
+    Edges that are not there are a difference if later ones are, unless messages are `lacking`.
+    """
+    rounds = range(base + 1, base + len(gathered.steps) + 1)
     by_wall = recording.parameters.get("log_time") == "wall"
     told: dict[int, Edges] = {}
     for record in recording.written({"edges"}, None if by_wall else rounds):
         message = _message(recording, record)
         if isinstance(message, Edges) and message.round in rounds:
             told[message.round] = message
-    for step in steps:
-        known = told.get(base + step.round)
+    return _edges_compared(gathered, told, base, "round", lacking=lacking)
+
+
+def _edges_compared(
+    gathered: Gathered,
+    told: Mapping[int, Edges],
+    base: int,
+    step_name: str,
+    *,
+    lacking: bool,
+    whole: bool = False,
+) -> Compared:
+    """Compare moves with the edges on record.
+
+    Those that are not there are a difference if all have to be (`whole`), or if later ones are,
+    since a run that was killed may have had no time to write the last.
+    """
+    found = Compared(set(), [])
+    last = max(told, default=0)
+    for step in gathered.steps:
+        number = base + step.round
+        known = told.get(number)
         if known is None:
-            if told and base + step.round < max(told):
-                yield f"round {base + step.round}: gathered, but its edges are not on record"
-        elif known.moves != list(step.executed):
-            yield f"round {base + step.round}: other moves were gathered than are on record"
+            if not lacking and (whole or number < last):
+                found.differences.append(
+                    f"{step_name} {number}: gathered, but its edges are not on record"
+                )
+            continue
+        found.rounds.add(number)
+        if known.moves != list(step.executed):
+            found.differences.append(
+                f"{step_name} {number}: other moves were gathered than are on record"
+            )
+    return found
 
 
 def _message(recording: Recording, record: Record) -> Message:

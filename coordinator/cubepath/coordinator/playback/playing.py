@@ -18,7 +18,8 @@ import msgspec
 import zenoh
 
 from cubepath.coordinator.playback.asked import Asked, answer_queries
-from cubepath.coordinator.playback.comparing import Replayed, is_recovered
+from cubepath.coordinator.playback.comparing import Comparison, Replayed, not_compared_of
+from cubepath.coordinator.playback.extent import extent_of
 from cubepath.coordinator.playback.machine import Jumped, Machine, Over, Put, Rest
 from cubepath.coordinator.playback.orders import (
     PlayerStatus,
@@ -28,7 +29,7 @@ from cubepath.coordinator.playback.orders import (
     position_key,
 )
 from cubepath.coordinator.playback.reel import Mark, Reel
-from cubepath.coordinator.playback.segments import Segments, spans
+from cubepath.coordinator.playback.segments import Segments
 from cubepath.coordinator.playback.selection import Keys, Selection, check_run
 from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
 from cubepath.coordinator.playback.states import States
@@ -52,8 +53,8 @@ from cubepath.protocol.wire.sessions import (
 )
 
 _PATIENCE_S_MAX = 30.0
-_REST_S_MAX = 3600.0
-"""The longest single wait: the system's clock cannot count the seconds of any rate."""
+_REST_S_MAX = 0.5
+"""The longest single wait: a signal that comes just before one is noticed after it."""
 _WAIT_S = 60.0
 _LOOK_S = 0.05
 
@@ -131,6 +132,7 @@ class Playing:
         self._endpoint = given.get("endpoint")
         self._keys.check_reach(private=self._endpoint is None)
         self._wait_for_subscribers = given.get("wait_for_subscribers", False)
+        self._keys.check_remap(self._selection.takes_topic)
         self._wait_s = seconds("wait_s", given.get("wait_s", _WAIT_S))
         self._progress = given.get("progress")
         self._machine = Machine(
@@ -144,7 +146,8 @@ class Playing:
             delay_s=seconds("delay_s", given.get("delay_s", 0.0)),
         )
         self._states = States(self.reel)
-        self._segments = Segments(recording)
+        self._extent = extent_of(recording)
+        self._segments = Segments(recording, self._extent)
         self._queue: SimpleQueue[_Came] = SimpleQueue()
         self._resources = contextlib.ExitStack()
         self._arrived = self._sent = 0
@@ -303,10 +306,14 @@ class Playing:
                 self._take(self._queue.get_nowait())
 
     def _gather(self) -> None:
+        since = time.monotonic()
         while self._arrived < self._sent:
             try:
-                self._take(self._queue.get(timeout=_PATIENCE_S_MAX))
+                self._take(self._queue.get(timeout=min(_REST_S_MAX, _PATIENCE_S_MAX)))
+                since = time.monotonic()
             except Empty:
+                if time.monotonic() < since + _PATIENCE_S_MAX:
+                    continue
                 raise CheckError(
                     f"{self._arrived} of {self._sent} messages arrived, and none for"
                     f" {_PATIENCE_S_MAX:.0f} s"
@@ -391,19 +398,27 @@ class Playing:
             for kind, count in sorted(total.items())
             if count.messages > self._played[kind]
         }
-        segments, machine = self._segments, self._machine
+        segments, extent = self._segments, self._extent
+        machine = self._machine
         whole = (
             not segments.jumps
+            and not segments.resumed
             and machine.ended
             and machine.end == self.reel.end
             and not self._keys.remap
             and self._selection.needed.isdisjoint(left_out)
         )
-        differences = tuple(segments.differences(whole=whole))
+        if whole:
+            comparison = Comparison(self.recording, segments.gathered, extent)
+            differences, rounds = tuple(comparison.differences), comparison.rounds
+            not_compared = comparison.not_compared
+        else:
+            differences, rounds = segments.compared(), segments.rounds
+            last = self.reel.step_at(self.reel.end)
+            not_compared = not_compared_of(self.recording, rounds, last)
         gathered = segments.gathered
         heap = gathered.heap
-        ended = any(self.recording.of_kind("summary"))
-        not_compared = () if whole else self._not_compared()
+        has_end = any(self.recording.of_kind("summary"))
         return Replayed(
             log=str(self.recording.path),
             run=self.run,
@@ -414,23 +429,19 @@ class Playing:
             cubes=heap.cubes,
             max_cube_dimension=heap.max_cube_dimension,
             path_digest=gathered.digest,
-            same=not differences and whole,
-            compared=ended or is_recovered(self.recording),
-            complete=ended and not self.recording.problems,
+            same=whole and not differences and not not_compared,
+            compared=has_end or extent.cut_off,
+            complete=has_end and not self.recording.problems and extent.lacking is None,
             differences=differences,
             messages=self._arrived,
             seconds=round(time.monotonic() - self._began, 3),
-            not_compared=not_compared,
-            rounds_compared=0 if whole else len(segments.rounds),
+            not_compared=tuple(not_compared),
+            rounds_compared=len(rounds),
             left_out=left_out,
+            has_end=has_end,
+            problems=self.recording.problems,
+            lacking=extent.lacking,
         )
-
-    def _not_compared(self) -> tuple[str, ...]:
-        free = self.recording.clock == "free"
-        last = self.reel.step_at(self.reel.end)
-        missing = spans(self._segments.rounds, last)
-        steps = [f"{'levels' if free else 'rounds'} {missing}"] if missing else []
-        return (*steps, "cubes", "summary")
 
 
 def _pace(given: float | str | None, *, by_wall: bool) -> Pace:

@@ -1,21 +1,25 @@
 """What is gathered of a replay, a segment at a time: from its start, or from where it jumped to.
 
+A recording that begins on the way, or has a hole, is gathered from the first whole round that is
+there: its reports say where modules stood.
+
 Room: coordinator.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 from msgspec.structs import replace as with_fields
 
-from cubepath.coordinator.playback.comparing import Comparison, rounds_that_differ
+from cubepath.coordinator.playback.comparing import rounds_compared
+from cubepath.coordinator.playback.extent import Extent
 from cubepath.coordinator.playback.states import StateAt
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.keys import topic_in_key
@@ -28,9 +32,10 @@ _OF_KEEPERS = ("moved/", "tail/", "turns/")
 class Segments:
     """Gathers what arrives, and compares it with the record whenever a segment is over."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, extent: Extent) -> None:
         """Begin at the start of the run; InputError if the recording does not say of how many."""
         self._recording = recording
+        self._extent = extent
         self._free: FreeGatherer | None = None
         self._lockstep: Gatherer | None = None
         if recording.clock == "free":
@@ -42,8 +47,10 @@ class Segments:
             self.gathered = self._lockstep
         self._base = 0
         self.jumps = 0
+        self.resumed = False
+        """Whether it was gathered anew where rounds are missing."""
         self.rounds: set[int] = set()
-        """The rounds that were compared one by one."""
+        """The rounds, or levels, whose moves were compared with those on record."""
         self._differences: dict[str, None] = {}
 
     def take(self, key: str, data: bytes) -> None:
@@ -62,6 +69,28 @@ class Segments:
             gatherer.receive(report)
         elif report.round > self._base:
             gatherer.receive(with_fields(report, round=report.round - self._base))
+        if self._extent.lacking:
+            self._resume(gatherer)
+
+    def _resume(self, gatherer: Gatherer) -> None:
+        """Gather anew from the first round that is whole, if the one before it is not."""
+        first = gatherer.ahead
+        if first is None:
+            return
+        waiting = [each for each in gatherer.waiting() if each.round >= first]
+        begun = sorted((each.module, each.before) for each in waiting if each.round == first)
+        start = tuple(site_from_json(site) for _, site in begun)
+        self.end()
+        self.resumed = True
+        base, self._base = self._base, self._base + first - 1
+        try:
+            self._lockstep = Gatherer(replace(self._recording.scene, start=start))
+        except InputError:  # where nobody can stand
+            self._lockstep = None
+            return
+        self.gathered = self._lockstep
+        for report in waiting:
+            self._receive(self._lockstep, with_fields(report, round=report.round + base))
 
     def jump(self, state: StateAt) -> None:
         """End the segment, and begin another where modules stand like this."""
@@ -83,27 +112,13 @@ class Segments:
     def end(self) -> None:
         """Compare the rounds of the segment that are whole."""
         if self._lockstep is not None and self._lockstep.rounds:
-            for line in rounds_that_differ(self._recording, self._lockstep, self._base):
-                self._differences[line] = None
-            self.rounds.update(range(self._base + 1, self._base + self._lockstep.rounds + 1))
+            found = rounds_compared(
+                self._recording, self._lockstep, self._base, lacking=bool(self._extent.lacking)
+            )
+            self._differences |= dict.fromkeys(found.differences)
+            self.rounds |= found.rounds
 
-    def differences(self, *, whole: bool) -> Iterator[str]:
-        """Yield what differs from the record: in all of it, or in the segments so far."""
-        if whole:
-            yield from Comparison(self._recording, self.gathered).differences()
-        else:
-            self.end()
-            yield from self._differences
-
-
-def spans(numbers: set[int], last: int) -> str:
-    """Return the numbers from 1 to the last one that are missing: "1 to 3, 7", "" for none."""
-    missing = [number for number in range(1, last + 1) if number not in numbers]
-    found: list[tuple[int, int]] = []
-    for number in missing:
-        if found and found[-1][1] == number - 1:
-            found[-1] = found[-1][0], number
-        else:
-            found.append((number, number))
-    shown = [f"{low}" if low == high else f"{low} to {high}" for low, high in found[:4]]
-    return ", ".join(shown) + (", ..." if len(found) > 4 else "")
+    def compared(self) -> tuple[str, ...]:
+        """Return what differs from the record in the rounds of all segments so far."""
+        self.end()
+        return tuple(self._differences)

@@ -55,17 +55,17 @@ class Selection:
         """Take messages of `kinds`, or what matches one of `topics`, but nothing of `exclude`.
 
         Patterns are those of file names, over topics such as "reports/process_0"; one without a
-        slash means all topics of a kind. InputError if there is no such kind.
+        slash means all topics of a kind. InputError if nothing on record matches one of them, or if
+        nothing is left to play.
         """
         said = said_under(recording.clock)
         stray = sorted(set(kinds or ()) - set(said))
         if stray:
             raise InputError(f"unknown kind {stray[0]!r}, expected some of {', '.join(said)}")
         kept = frozenset(said if kinds is None else kinds)
-        taken = [_pattern("topics", each) for each in topics]
-        if taken:
-            _check_kinds(recording, taken)
-        left = [_pattern("exclude", each) for each in exclude]
+        there = recording.topics()
+        taken = [_pattern("topics", each, there) for each in topics]
+        left = [_pattern("exclude", each, there) for each in exclude]
 
         def takes(topic: str) -> bool:
             within = any(fnmatchcase(topic, each) for each in taken) if taken else None
@@ -78,28 +78,43 @@ class Selection:
         """The kinds that can be among them; None if that is not known."""
         self.needed = _NEEDED[recording.clock]
         self.filtered = bool(taken or left)
+        if kinds is None and there and not any(map(self._takes, there)):
+            named = ", ".join([*_named("topics", topics), *_named("exclude", exclude)])
+            raise InputError(
+                f"{named or recording.path}: leaves nothing to play, expected some topics of"
+                f" {_kinds_in(there)}"
+            )
 
     def takes(self, record: Record) -> bool:
         """Return whether a message is played."""
         return self._takes(record.topic)
 
+    def takes_topic(self, topic: str) -> bool:
+        """Return whether the messages on a topic are played."""
+        return self._takes(topic)
 
-def _pattern(name: str, text: str) -> str:
+
+def _named(name: str, given: Collection[str]) -> list[str]:
+    return [f"{name}={each}" for each in given]
+
+
+def _pattern(name: str, text: str, there: Collection[str]) -> str:
+    """Return a pattern of topics; InputError if nothing on record matches.
+
+    Parts of batches are no topics.
+    """
     if not text or any(each in text for each in "#$"):
         raise InputError(f"{name}={text}: expected topics such as 'reports/*' or 'said'")
-    return text if "/" in text else f"{text}/*"
+    found = text if "/" in text else f"{text}/*"
+    if there and not any(fnmatchcase(topic, found) for topic in there):
+        raise InputError(
+            f"{name}={found}: nothing on record matches, expected topics of {_kinds_in(there)}"
+        )
+    return found
 
 
-def _check_kinds(recording: Recording, patterns: Sequence[str]) -> None:
-    """Refuse a pattern that no kind on record can match: parts of batches are no topics."""
-    there = frozenset[str]().union(*(chunk.kinds for chunk in recording.chunks()))
-    for each in patterns:
-        kind = each.partition("/")[0]
-        if "" not in there and not any(fnmatchcase(known, kind) for known in there):
-            raise InputError(
-                f"topics={each}: nothing on record matches, expected topics of"
-                f" {', '.join(sorted(there))}"
-            )
+def _kinds_in(topics: Collection[str]) -> str:
+    return ", ".join(sorted({topic.partition("/")[0] for topic in topics}))
 
 
 def _kinds_among(patterns: Sequence[str]) -> frozenset[str] | None:
@@ -137,6 +152,25 @@ class Keys:
                     " endpoint such as tcp/127.0.0.1:7447"
                 )
 
+    def check_remap(self, takes: Callable[[str], bool]) -> None:
+        """Check that each of `remap` concerns a message that is played; InputError if not."""
+        topics = self._recording.topics()
+        played = [topic for topic in topics if takes(topic)]
+        left = [each for each in self.remap if not any(_begins(one, each[0]) for one in played)]
+        if not left:
+            return
+        # What is not a topic may be a key, which messages tell: of a region, for example.
+        for record in self._recording.records:
+            key = topic_in_key(self._plain(record)) if takes(record.topic) else ""
+            left = [each for each in left if not _begins(key, each[0])]
+            if not left:
+                return
+        old, new = left[0]
+        raise InputError(
+            f"remap={old}={new}: nothing that is played is on {old}, expected topics of"
+            f" {_kinds_in(topics)}, or how keys begin"
+        )
+
     def key(self, record: Record) -> str:
         """Return the key of a message; InputError with its place if it is malformed."""
         found = self._plain(record)
@@ -156,10 +190,14 @@ class Keys:
     def _remapped(self, topic: str, key: str) -> str:
         for old, new in self.remap:
             for whole in (topic, topic_in_key(key)):
-                if whole == old or whole.startswith(f"{old}/"):
+                if _begins(whole, old):
                     rest = new + whole.removeprefix(old)
                     return rest.lstrip("/") if new.startswith("/") else f"{ROOT}/{self.run}/{rest}"
         return key
+
+
+def _begins(whole: str, beginning: str) -> bool:
+    return whole == beginning or whole.startswith(f"{beginning}/")
 
 
 def check_run(run: str) -> None:

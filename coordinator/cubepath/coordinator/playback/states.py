@@ -1,7 +1,8 @@
 """Where modules stand at a place of a recording, as far as what was written before it tells.
 
 Room: coordinator. With rounds that is the end of the last round of which all reports were written,
-and only the chunks with that round are read. Without rounds it is what all commits so far have
+and only the chunks with that round are read; in a recording that begins on the way, the state in
+which its first whole round began. Without rounds it is what all commits so far have
 made of the start; snapshots on the way spare reading them again.
 """
 
@@ -70,7 +71,26 @@ class States:
                 if whole and self._none_later_before(where.chunk, max(whole), found):
                     return self._of_reports(max(whole), found)
         whole = [number for number, each in found.items() if len(each) == modules]
-        return self._of_reports(max(whole, default=0), found)
+        return self._of_reports(max(whole), found) if whole else self._before_the_first(mark, found)
+
+    def _before_the_first(self, mark: Mark, found: dict[int, dict[int, Report]]) -> StateAt:
+        """Return the state before the first whole round, which is the first if all is on record."""
+        modules = len(self._scene.start)
+        told = {number: dict(each) for number, each in found.items()}
+        each = self._reel.next(mark, _REPORTS)
+        while each is not None:
+            where, record = each
+            for report in self._reports_in(record) if record.kind in _REPORTS else ():
+                known = told.setdefault(report.round, {})
+                known[report.module] = report
+                if len(known) == modules and report.round > 1:
+                    sites = tuple(site_from_json(known[n].before) for n in range(modules))
+                    begun = tuple(one for _, one in sorted(found.get(report.round, {}).items()))
+                    return self._state(report.round - 1, sites, begun)
+                if len(known) == modules:
+                    return self._of_reports(0, found)
+            each = self._reel.next(Mark(where.chunk, where.place + 1), _REPORTS)
+        return self._of_reports(0, found)
 
     def _none_later_before(
         self, chunk: int, number: int, found: dict[int, dict[int, Report]]

@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 
+from cubepath.coordinator.verification.holes import lacks
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
@@ -72,7 +73,7 @@ def info(recording: Recording | Source) -> dict[str, Any]:
         **_certificate(recording),
         "refused": _refused(recording),
         "ended": None if summary is None else summary.ended,
-        "complete": summary is not None and not recording.problems,
+        "complete": summary is not None and not recording.problems and not lacks(recording),
         "error": None if summary is None else summary.error,
         "messages": counts.messages,
         "kinds": _kinds(counts),

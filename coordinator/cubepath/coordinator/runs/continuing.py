@@ -14,7 +14,7 @@ from cubepath.agents.processes.pacer import PATIENCE_S
 from cubepath.agents.rules.recorded import Recorded
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.on_record import OnRecord, on_record
+from cubepath.coordinator.runs.on_record import OnRecord, on_record, tell_damages
 from cubepath.coordinator.runs.outcome import Outcome
 from cubepath.coordinator.runs.plan import MAX_ROUNDS, Branch, Plan
 from cubepath.coordinator.runs.running import Running, Say
@@ -95,6 +95,7 @@ def what_if(
         patience=patience,
     )
     branch = _branch(record, rule, stage)
+    tell_damages(record, say)
 
     def compared(gatherer: Gathered) -> None:
         _compare(record, gatherer, first - 1)

@@ -73,6 +73,19 @@ class Gatherer(Gathered):
             f" {self.begun}: expected all rounds up to the last"
         )
 
+    @property
+    def ahead(self) -> int | None:
+        """Return the first round that is whole although the one before it is not; None if none."""
+        if self.begun <= self.rounds + 1:
+            return None
+        whole = (n for n, each in self._waiting.items() if len(each) == len(self.sites))
+        return min(whole, default=None)
+
+    def waiting(self) -> list[Report]:
+        """Return the reports of the rounds that are not released yet, in the order of rounds."""
+        rounds = (reports for _, reports in sorted(self._waiting.items()))
+        return [reports[module] for reports in rounds for module in sorted(reports)]
+
     def receive(self, report: Report) -> None:
         """Take a report; CheckError if two differ, or if it cannot be."""
         if not 0 <= report.module < len(self.sites):

@@ -22,7 +22,13 @@ from cubepath.agents.rules.asked import own_rule
 from cubepath.agents.rules.recorded import Recorded
 from cubepath.agents.rules.registry import find_rule, rule_named
 from cubepath.coordinator.runs.continuing import parent_parameters
-from cubepath.coordinator.runs.on_record import OnRecord, Words, move_text, on_record
+from cubepath.coordinator.runs.on_record import (
+    OnRecord,
+    Words,
+    move_text,
+    on_record,
+    tell_damages,
+)
 from cubepath.coordinator.runs.plan import Branch, Plan
 from cubepath.coordinator.runs.running import Running, Say
 from cubepath.coordinator.runs.standing import Watch
@@ -158,6 +164,7 @@ def replay_live(
     name = _rule_of(record, stage, live, joined=bool(wait_for)) if rule is None else rule
     own, told = _note_lengths(record, name)
     kept = None if log is None else str(log)
+    tell_damages(record, say)
     with ExitStack() as resources:
         if log is None:
             folder = resources.enter_context(TemporaryDirectory(prefix="cubepath-live-"))

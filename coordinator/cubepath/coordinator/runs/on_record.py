@@ -6,7 +6,7 @@ derive again; here it is only checked that reports and claims fit together.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -15,6 +15,7 @@ from cubepath.agents.rules.recorded import RECORDED, RecordedChoice
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.verification.holes import hole_in
 from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
 from cubepath.coordinator.verification.stages import Stage, spans, stages_in
 from cubepath.protocol.core.errors import InputError
@@ -105,6 +106,16 @@ def on_record(recording: Recording) -> OnRecord:
         _stages(recording, own_modules),
         max_rounds_in(recording.parameters),
     )
+
+
+def tell_damages(record: OnRecord, say: Callable[[str], object] | None) -> None:
+    """Say in lines what of a recording is damaged, or was, and up to where it is used."""
+    recording = record.recording
+    hole = hole_in(recording)
+    if say is None:
+        return
+    for each in recording.problems or (() if hole is None else (str(hole),)):
+        say(f"{recording.path}: {each}; it is used up to round {record.rounds}")
 
 
 def _check_kind(recording: Recording) -> None:

@@ -14,7 +14,13 @@ if TYPE_CHECKING:
     from cubepath.coordinator.testing.fixtures import Replay, Simulate, StartRun
     from cubepath.coordinator.testing.link import Link
     from cubepath.coordinator.testing.log import Claimed, Executed, Log
-    from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+    from cubepath.coordinator.testing.replaying import (
+        Listener,
+        live_modules,
+        other_rule,
+        replay_into,
+        replay_into_node,
+    )
     from cubepath.coordinator.testing.rig import Rig
     from cubepath.coordinator.testing.rules import Pattern, Rule
     from cubepath.coordinator.testing.seen import Seen
@@ -28,7 +34,7 @@ else:
             "fixtures": "Replay Simulate StartRun",
             "link": "Link",
             "log": "Claimed Executed Log",
-            "replaying": "Listener replay_into replay_into_node",
+            "replaying": "Listener live_modules other_rule replay_into replay_into_node",
             "rig": "Rig",
             "rules": "Pattern Rule",
             "seen": "Seen",
@@ -55,6 +61,8 @@ __all__ = [
     "Tried",
     "fault",
     "faults",
+    "live_modules",
+    "other_rule",
     "replay_into",
     "replay_into_node",
     "scenarios",

@@ -6,18 +6,25 @@ Room: coordinator. The plugin imports this when a fixture is asked for.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from inspect import signature
 from pathlib import Path
 from typing import Any, TypeVar
 
+from cubepath.coordinator.runs.live import LiveReplay
 from cubepath.coordinator.runs.plan import Plan
 from cubepath.coordinator.simulation.faults import Fault
 from cubepath.coordinator.testing.checks import check_name
 from cubepath.coordinator.testing.joiners import CommandLine
 from cubepath.coordinator.testing.log import Log
-from cubepath.coordinator.testing.replaying import Listener, replay_into, replay_into_node
+from cubepath.coordinator.testing.replaying import (
+    Listener,
+    live_modules,
+    other_rule,
+    replay_into,
+    replay_into_node,
+)
 from cubepath.coordinator.testing.rig import Rig
 from cubepath.coordinator.testing.seen import Seen
 from cubepath.coordinator.testing.trials import Tried, trial_of
@@ -162,9 +169,11 @@ class Simulate:
 class Replay:
     """The fixture ``cubepath_replay``: puts a recording into the code under test."""
 
-    def __init__(self, timeout_s: float) -> None:
-        """Wait so long for commands unless told otherwise."""
+    def __init__(self, timeout_s: float, places: Places) -> None:
+        """Wait so long for commands and for phases of runs unless told otherwise."""
         self._timeout_s = timeout_s
+        self._places = places
+        self._told: list[str] = []
         self._resources = ExitStack()
 
     def into(
@@ -183,6 +192,31 @@ class Replay:
         """Start a command, replay to it on a wire, and return both; as `Listener`."""
         given: dict[str, Any] = {"timeout_s": self._timeout_s, **options}
         return self._resources.enter_context(Listener(_log(log), command, **given))
+
+    def live(
+        self, log: Log | Path | str, modules: Iterable[int] | None = None, **options: Any
+    ) -> LiveReplay:
+        """Try live modules against a log, up to the first divergence; as `live_modules`."""
+        __tracebackhide__ = True
+        return live_modules(_log(log), modules, **self._of_a_run(options))
+
+    def what_if(self, log: Log | Path | str, rule: str, *, from_round: int, **options: Any) -> Log:
+        """Go on from a round with another rule, in a new run; as `other_rule`.
+
+        Its recording goes to the folder of the test, unless told otherwise.
+        """
+        __tracebackhide__ = True
+        given = self._of_a_run(options)
+        path = given.setdefault("out", self._places.new("what-if"))
+        self._told.append(f"recording {path}: rule {rule} from round {from_round} on")
+        return other_rule(_log(log), rule, from_round=from_round, **given)
+
+    def _of_a_run(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        return {"patience": self._timeout_s, "processes": 2, **options}
+
+    def told(self) -> list[str]:
+        """Return a line for each recording that was made."""
+        return self._told
 
     def close(self) -> None:
         """End all commands."""

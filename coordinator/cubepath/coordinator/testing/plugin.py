@@ -268,11 +268,12 @@ def cubepath_simulate(
 
 
 @pytest.fixture
-def cubepath_replay(request: pytest.FixtureRequest) -> Iterator[Replay]:
-    """Return what puts a recording into the code under test: a function, a node or a command."""
+def cubepath_replay(request: pytest.FixtureRequest, _cubepath_places: Places) -> Iterator[Replay]:
+    """Return what puts a recording into the code under test: a function, a command, a rule."""
     from cubepath.coordinator.testing.fixtures import Replay  # noqa: PLC0415 - as above
 
-    found = Replay(_timeout_s(request.config))
+    found = Replay(_timeout_s(request.config), _cubepath_places)
+    _tell(request, found)
     try:
         yield found
     finally:

@@ -1,4 +1,4 @@
-"""Recordings replayed into the code under test: into a function or a node, or onto a wire.
+"""Recordings replayed into the code under test: a function, a node, a process, a rule.
 
 Room: coordinator.
 """
@@ -6,12 +6,15 @@ Room: coordinator.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from cubepath.coordinator.playback.comparing import Replayed
 from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.runs.continuing import what_if
+from cubepath.coordinator.runs.live import LiveReplay, replay_live
 from cubepath.coordinator.testing.commands import Command, check_command
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.log import Log, What, pattern_of
@@ -76,6 +79,60 @@ def _on_wire(seen: Seen, run: str) -> Seen:
     has_rounds = getattr(message, "round", None) is not None
     key = key_of(run, message) if has_rounds else free_key(run, message)
     return Seen(key, seen.data, seen.at_s)
+
+
+def live_modules(
+    log: Log,
+    modules: Iterable[int] | None = None,
+    *,
+    diverging: bool = False,
+    **options: Any,
+) -> LiveReplay:
+    """Replay a log with these modules live, by default all, and the others as on record.
+
+    The options are those of `cubepath.coordinator.replay_live`, such as ``rule``. AssertionError
+    names the first divergence, or with `diverging` says that there was none.
+
+    >>> log = Log.read("logs/golden/agv-6.mcap")
+    >>> live_modules(log, [0, 1], processes=0).rounds
+    20
+    """
+    __tracebackhide__ = True
+    _check_log(log)
+    found = replay_live(log.recording, modules, **options)
+    if diverging and found.same:
+        raise AssertionError(f"no divergence in {found.rounds} rounds, expected one")
+    if not diverging and not found.same:
+        raise AssertionError(f"the same for {found.rounds} rounds, then {found.divergence}")
+    return found
+
+
+def other_rule(
+    log: Log,
+    rule: str,
+    *,
+    from_round: int,
+    failing: bool = False,
+    out: Path | str | None = None,
+    **options: Any,
+) -> Log:
+    """Go on from a round of a log with another rule; return the log of the new run.
+
+    It is recorded in the file `out`, by default a new one in the folder ``logs``. The options are
+    those of `cubepath.coordinator.what_if`. AssertionError if the run fails, or if it does not and
+    is expected to (`failing`).
+
+    >>> log = Log.read("logs/golden/agv-6.mcap")
+    >>> other_rule(log, "random", from_round=5, max_rounds=9, processes=0, out="if.mcap").rounds
+    9
+    """
+    __tracebackhide__ = True
+    _check_log(log)
+    outcome = what_if(log.recording, rule, from_round=from_round, log=out, **options)
+    if (outcome.ended == "failed") is not failing:
+        found = f"it ended: {outcome.ended}" if failing else outcome.error
+        raise AssertionError(f"rule {rule} from round {from_round} on: {found}")
+    return Log(outcome.recording())
 
 
 class Listener:

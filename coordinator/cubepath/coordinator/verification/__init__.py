@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
     from cubepath.coordinator.verification.free_units import changed_by, held_by
+    from cubepath.coordinator.verification.holes import hole_in, lacks
     from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
+    from cubepath.coordinator.verification.partial import why_partial
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
     from cubepath.coordinator.verification.rounds import rank
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
         stages_of,
         stages_text,
     )
+    from cubepath.coordinator.verification.told_scene import with_told_scene
     from cubepath.coordinator.verification.transcript import (
         RECOVERED,
         OutOfOrder,
@@ -56,11 +59,14 @@ else:
             "free_transcript": "turn_text",
             "free_turns": "Seen",
             "free_units": "changed_by held_by",
+            "holes": "hole_in lacks",
             "parameters": "hesitation_in max_rounds_in seed_in",
+            "partial": "why_partial",
             "proof": "check_proof",
             "recording": "Recovered recover verify",
             "rounds": "rank",
             "stages": "RECORDED Stage spans stages_in stages_of stages_text",
+            "told_scene": "with_told_scene",
             "transcript": "OutOfOrder RECOVERED Round Sorting Transcript is_cut_off site_in",
         },
     )
@@ -92,7 +98,9 @@ __all__ = [
     "difference",
     "held_by",
     "hesitation_in",
+    "hole_in",
     "is_cut_off",
+    "lacks",
     "max_rounds_in",
     "rank",
     "recover",
@@ -104,4 +112,6 @@ __all__ = [
     "stages_text",
     "turn_text",
     "verify",
+    "why_partial",
+    "with_told_scene",
 ]

@@ -28,7 +28,6 @@ from cubepath.coordinator.verification.parameters import (
 from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
 from cubepath.coordinator.verification.transcript import (
     Fail,
-    Transcript,
     check_complete,
     is_cut_off,
     site_in,
@@ -72,15 +71,6 @@ FREE_CHECKS = {
     "ended": "the run ended as the summary says",
 }
 """The checks of a run without rounds by name, with what holds if they pass."""
-
-
-def free_results(recording: Recording) -> Transcript:
-    """Return what the coordinator says of a run, and how many messages are missing."""
-    failures = Failures(FREE_CHECKS)
-    transcript = FreeReading(recording, failures.stage(0)).read(recording)
-    levels = (moved.level for moved in transcript.of_keepers())
-    transcript.results.complete_rounds = max(levels, default=0)
-    return transcript.results
 
 
 def verify_free(

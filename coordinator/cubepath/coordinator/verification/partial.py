@@ -17,9 +17,9 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, is_beginning, left_out, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Record, Recording
-from cubepath.protocol.wire.free_messages import decode_free, free_topic
+from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free, free_topic
 from cubepath.protocol.wire.keys import topic_of
-from cubepath.protocol.wire.messages import Cube, Report, decode, parts_of
+from cubepath.protocol.wire.messages import Cube, Go, Report, decode, parts_of
 
 _CHECKED = frozenset({"readable", "parameters", "messages"})
 
@@ -51,32 +51,26 @@ def verify_partial(
 ) -> Verification:
     """Check each message by itself; `rounds` counts the whole ones, of which all have reported.
 
-    The moves and cubes are those on record: nothing is derived.
+    Without rounds it counts the levels of which there are commits. The moves and cubes are those on
+    record: nothing is derived.
     """
     failures = Failures(checks)
     fail = failures.stage(0)
     for problem in recording.problems:
         fail("readable", problem)
     check_parameters(recording, fail)
-    reported: dict[int, set[int]] = {}
-    rounds = cubes = count = 0
+    whole = WholeRounds(recording)
+    cubes = count = 0
     last = -1
     for record in recording.records:
         if record.sequence <= last:
             where = f"message {record.sequence} ({record.topic})"
             fail("messages", f"{where} stands after message {last}")
         count, last = count + 1, max(last, record.sequence)
-        for part in _parts(recording, record, fail):
-            if isinstance(part, Cube):
-                cubes += 1
-            elif isinstance(part, Report):
-                known = reported.setdefault(part.round, set())
-                known.add(part.module)
-                if len(known) == len(recording.scene.start):
-                    del reported[part.round]
-                    rounds += 1
-                    if progress is not None:
-                        progress(1)
+        for part in parts_checked(recording, record, fail):
+            cubes += isinstance(part, Cube)
+            if whole.take(part) and progress is not None:
+                progress(1)
     unchecked = {name: f"not checked: {why}" for name in checks if name not in _CHECKED}
     made = failures.checks(unchecked)
     return Verification(
@@ -85,13 +79,68 @@ def verify_partial(
         missing=Missing(0, max(last + 1 - count, left_out(recording))),
         checks=made,
         moves=_moves(recording),
-        rounds=rounds,
+        rounds=whole.count,
         cubes=cubes,
         path_digest="",
     )
 
 
-def _parts(recording: Recording, record: Record, fail: Fail) -> Iterable[Any]:
+class WholeRounds:
+    """Counts the rounds that all modules have reported, wherever a recording begins.
+
+    Without rounds it counts the levels of which there are commits.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        """Begin with none."""
+        self._modules = len(recording.scene.start)
+        self._reported: dict[int, set[int]] = {}
+        self._levels: set[int] = set()
+        self._whole = 0
+        self.last = 0
+        """The last round that was begun."""
+
+    @property
+    def count(self) -> int:
+        """Return how many there are so far."""
+        return self._whole or len(self._levels)
+
+    def take(self, part: Any) -> bool:
+        """Take a message, or a part of a batch; return whether it was the last of its round."""
+        match part:
+            case Report() if part.module < self._modules:
+                self.last = max(self.last, part.round)
+                known = self._reported.setdefault(part.round, set())
+                known.add(part.module)
+                if len(known) == self._modules:
+                    del self._reported[part.round]
+                    self._whole += 1
+                    return True
+            case Go(phase="sense"):
+                self.last = max(self.last, part.round)
+            case Moved():
+                before = len(self._levels)
+                self._levels |= {part.level} - {0}  # those of no move
+                return len(self._levels) > before
+            case Tail():
+                before = len(self._levels)
+                self._levels |= {each.level for each in part.parts} - {0}
+                return len(self._levels) > before
+            case _:
+                pass
+        return False
+
+
+def whole_rounds(recording: Recording) -> int:
+    """Return how many rounds are whole, wherever the recording begins; without rounds levels."""
+    found = WholeRounds(recording)
+    for record in recording.records:
+        for part in parts_checked(recording, record, lambda _check, _detail: None):
+            found.take(part)
+    return found.count
+
+
+def parts_checked(recording: Recording, record: Record, fail: Fail) -> Iterable[Any]:
     """Check a message by itself; return it and its parts, or nothing if it is none."""
     where = f"message {record.sequence} ({record.topic})"
     parts: tuple[Any, ...]

@@ -18,22 +18,23 @@ from cubepath.coordinator.verification.choices import Moment, Player
 from cubepath.coordinator.verification.dependencies import check_dependencies
 from cubepath.coordinator.verification.ending import Course
 from cubepath.coordinator.verification.findings import Failures, Missing, Progress, Verification
-from cubepath.coordinator.verification.free import FREE_CHECKS, free_results, verify_free
+from cubepath.coordinator.verification.free import FREE_CHECKS, verify_free
 from cubepath.coordinator.verification.free_turns import FreePlayer
+from cubepath.coordinator.verification.holes import blocks_before, hole_in, verify_with_hole
 from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
-from cubepath.coordinator.verification.partial import verify_partial, why_partial
+from cubepath.coordinator.verification.partial import verify_partial, whole_rounds, why_partial
 from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.stages import check_stages, stages_in
+from cubepath.coordinator.verification.told_scene import with_told_scene
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
     OutOfOrder,
     Round,
     Sorting,
-    transcript_of,
 )
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.system import Scene
@@ -83,7 +84,7 @@ class Recovered:
     out: Path
     messages: int
     rounds: int
-    """The number of rounds, from the first on, that every module has reported."""
+    """The number of rounds that every module has reported, or of levels with commits."""
     problems: tuple[str, ...]
 
 
@@ -107,7 +108,8 @@ def verify(
 
     A recording of a run without rounds has other checks: `FREE_CHECKS`. Of one that was made from
     outside, or cut from another, and begins on the way or lacks messages in between, each message
-    is checked by itself; what would have to be derived is not `checked`.
+    is checked by itself; what would have to be derived is not `checked`. The same holds of what
+    stands behind a hole that damage has left.
 
     Messages stand in the order of their rounds, more or less: a round is checked and dropped as
     soon as nothing of it can be still to come.
@@ -123,12 +125,21 @@ def verify(
     if why is not None:
         checks = FREE_CHECKS if recording.clock == "free" else CHECKS
         return verify_partial(recording, checks, why, progress)
-    if recording.clock == "free":
-        return verify_free(recording, progress, free_player)
-    try:
-        return _verified(recording, recording.blocks(), progress, player)
-    except OutOfOrder:
-        return _verified(recording, [(recording.records, inf)], progress, player)
+    free = recording.clock == "free"
+    hole = hole_in(recording)
+
+    def from_the_start(some: Recording) -> Verification:
+        if free:
+            return verify_free(some, progress, free_player)
+        blocks = some.blocks() if hole is None else blocks_before(recording, hole)
+        try:
+            return _verified(some, blocks, progress, player)
+        except OutOfOrder:
+            return _verified(some, [(some.records, inf)], progress, player)
+
+    if hole is not None:
+        return verify_with_hole(recording, hole, from_the_start)
+    return from_the_start(recording)
 
 
 def _verified(
@@ -146,7 +157,11 @@ def _verified(
     check_parameters(recording, failures.stage(0))
     told = recording.parameters
     stages = stages_in(recording)
-    derived = Rederivation(recording.scene, seed_in(told), failures.stage(1), stages)
+    seed = seed_in(told)
+    seed_lost = "seed" not in told and bool(recording.problems or RECOVERED in told)
+    if seed is None and not seed_lost:
+        failures.stage(1)("claims", "the recording names no seed, so nobody's rank is known")
+    derived = Rederivation(recording.scene, seed, failures.stage(1), stages)
     course = Course(recording, failures.stage(2))
     playing = None if player is None else player()
     another_choice = partial(failures.stage(1), "choices")
@@ -188,7 +203,7 @@ def _verified(
             "refused": transcript.refused,
         }
         check_summary(transcript.summary, expected, fail)
-    checks = failures.checks(_unchecked(playing))
+    checks = failures.checks(_unchecked(playing, seed_lost=seed_lost))
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),
@@ -213,7 +228,8 @@ def recover(
     Its parameter `recovered` says what it comes from. `scene` is that of the run, for a recording
     that has lost its own; without one, the messages are written alone, which other tools can read,
     and which is a recording again when it is recovered with the scene. InputError if no message can
-    be read, if `out` is the recording itself, or if `out` cannot be written.
+    be read, if they cannot be of the scene, if `out` is the recording itself, or if it cannot be
+    written.
 
     >>> found = recover("logs/golden/hex-5.mcap", "copy.mcap")
     >>> found.rounds, found.problems, verify("copy.mcap").ok
@@ -222,10 +238,12 @@ def recover(
     given = source if isinstance(source, Recording | Remains) else remains_of(source)
     out = Path(out)
     if isinstance(given, Remains):
-        given = given if scene is None else given.with_scene(scene)
+        given = given if scene is None else with_told_scene(given, scene)
         given = given.recording() or given
-    rounds, gap = (0, 0) if isinstance(given, Remains) else _known(given)
+    rounds = 0 if isinstance(given, Remains) else whole_rounds(given)
     count = len(given.records)
+    last = max((record.sequence for record in given.records), default=-1)
+    gap = max(0, last + 1 - count)
     problems = "; ".join(given.problems) or "no problems"
     lost = f"; at least {gap} more are missing" if gap else ""
     note = f"{count} messages of {given.path.name}: {problems}{lost}"
@@ -233,21 +251,14 @@ def recover(
     return Recovered(out, messages, rounds, given.problems)
 
 
-def _known(recording: Recording) -> tuple[int, int]:
-    """Return how many rounds are whole, and how many messages are missing, by their numbers."""
-    transcript = (
-        free_results(recording)
-        if recording.clock == "free"
-        else transcript_of(recording, Failures(CHECKS).stage(0))
-    )
-    return transcript.complete_rounds, transcript.gap
-
-
 def _moment(number: int, derived: Rederivation, said: Round) -> Moment:
     return Moment(number, tuple(derived.sites), frozenset(derived.state), said)
 
 
-def _unchecked(playing: Player | None) -> dict[str, str]:
+def _unchecked(playing: Player | None, *, seed_lost: bool) -> dict[str, str]:
     """Return why checks were not made, by name."""
     why = "the rules were not asked again" if playing is None else playing.unchecked()
-    return {} if why is None else {"choices": f"not checked: {why}"}
+    found = {} if why is None else {"choices": f"not checked: {why}"}
+    if seed_lost:
+        found["claims"] = "not checked: the seed is lost, so nobody's rank is known"
+    return found

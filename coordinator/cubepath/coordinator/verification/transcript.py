@@ -17,6 +17,7 @@ from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.path_files.certificates import Certificate
 from cubepath.protocol.recordings.cuts import whole_of
+from cubepath.protocol.recordings.description import ATTACHED
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import (
@@ -56,9 +57,11 @@ Fail = Callable[[str, str], None]
 def is_cut_off(recording: Recording) -> bool:
     """Return whether a recording says itself that its end may be missing.
 
-    It was recovered from a damaged one, or has some messages of another.
+    It was recovered from a damaged one, has some messages of another, or was made from outside by
+    somebody who may leave before the run ends.
     """
-    return RECOVERED in recording.parameters or whole_of(recording) is not None
+    told = recording.parameters
+    return RECOVERED in told or ATTACHED in told or whole_of(recording) is not None
 
 
 class OutOfOrder(Exception):  # noqa: N818 - a state of affairs, not an error
@@ -301,16 +304,6 @@ class Sorting:
             self._fail("reports", f"round {after}, module_{absent}: no report")
         if self._first < 1:
             self._fail("reports", f"round {self._first}: rounds count from 1")
-
-
-def transcript_of(recording: Recording, fail: Fail) -> Transcript:
-    """Sort the messages of a recording and close its rounds without looking at them."""
-    sorting = Sorting(recording, fail)
-    sorting.take(recording.records)
-    for _ in sorting.close(inf):
-        pass
-    sorting.end()
-    return sorting.found
 
 
 def _carried(reports: Mapping[int, Report]) -> Carried:

@@ -172,6 +172,13 @@ class _StoredRecords(Sequence[Record]):
     def sha256(self) -> str:
         return self._stored.sha256()
 
+    @property
+    def topics(self) -> frozenset[str]:
+        if self.lost or any("" in block.kinds for block in self._chunks):
+            return frozenset(record.topic for record in self)
+        loose = {record.topic for record in self._named(self._loose)}
+        return frozenset({*loose, *self._topics.values()})
+
     def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
         rounds = [message.round for message in self._loose]
         least = [min(rounds, default=inf)]
@@ -361,6 +368,17 @@ class Recording:
             return records.chunks()
         some = range(0, len(records), _UNSTORED)
         return [_chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
+
+    def topics(self) -> frozenset[str]:
+        """Return the topics on record, at no cost if the file says of all channels what they are.
+
+        >>> sorted(read_recording("logs/golden/hex-5.mcap").topics())[:2]
+        ['claim/module_0', 'claim/module_1']
+        """
+        records = self.records
+        if isinstance(records, _StoredRecords):
+            return records.topics
+        return frozenset(record.topic for record in records)
 
     def sha256(self) -> str | None:
         """Return the SHA-256 of the file in hexadecimal, as ``sha256sum`` prints it.

@@ -307,9 +307,10 @@ def copy_recording(
 ) -> int:
     """Write what could be read as a complete recording, in its format; return the message count.
 
-    `notes` are parameters to add. Of what remains of a recording without its scene the messages are
-    written alone. Raises InputError if `out` is the recording itself, exists already or cannot be
-    written, and CheckError if the disk is full; then nothing is left of it.
+    Messages keep their numbers, so that a hole between them can be seen. `notes` are parameters to
+    add. Of what remains of a recording without its scene the messages are written alone. Raises
+    InputError if `out` is the recording itself, exists already or cannot be written, and CheckError
+    if the disk is full; then nothing is left of it.
     """
     if same_file(out, recording.path):
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
@@ -328,6 +329,10 @@ def copy_recording(
     ):
         for record in recording.records:
             writer.write(
-                record.topic, record.data, round_number=record.round, wall_ns=record.wall_ns
+                record.topic,
+                record.data,
+                round_number=record.round,
+                wall_ns=record.wall_ns,
+                sequence=record.sequence,
             )
         return writer.messages

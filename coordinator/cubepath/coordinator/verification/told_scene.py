@@ -1,0 +1,102 @@
+"""Whether a recording that has lost its scene can be of the one that is told.
+
+Room: coordinator. Part of `cubepath verify --recover`: what cannot be is found at the first message
+that contradicts it; what comes of all of them is for `verify` to say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.names import GeneratorPlacement, Json
+from cubepath.protocol.core.sites import Site, site_from_json, site_text
+from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.remains import Remains
+from cubepath.protocol.scenes.specs import scene_from_spec
+from cubepath.protocol.scenes.toml import scene_to_toml
+from cubepath.protocol.wire.free_messages import Moved, Tail
+from cubepath.protocol.wire.messages import Report
+
+
+def with_told_scene(remains: Remains, scene: Scene) -> Remains:
+    """Return what remains of a recording, with its scene as it is told.
+
+    InputError in one line if the recording has another scene, names another system, or has a
+    message that cannot be of this one.
+    """
+    if remains.scene is not None:
+        if not _equal(remains.scene, scene):
+            raise InputError(
+                f"system={scene.spec}: the scene of {remains.path} is not lost, and it is that of"
+                f" {remains.scene.spec}"
+            )
+        return remains
+    named = remains.parameters.get("system", scene.spec)
+    if named != scene.spec and not _may_be(named, scene):
+        raise InputError(f"system={scene.spec}: the parameters of {remains.path} name {named}")
+    found = remains.with_scene(scene)
+    recording = found.recording()
+    if recording is None:
+        raise AssertionError("it has a scene now")
+    why = next(_contradictions(recording), None)
+    if why is not None:
+        raise InputError(f"system={scene.spec}: {remains.path}: {why}")
+    return found
+
+
+def _equal(one: Scene, other: Scene) -> bool:
+    return one.start == other.start and scene_to_toml(one) == scene_to_toml(other)
+
+
+def _may_be(named: str, scene: Scene) -> bool:
+    """Return whether a scene may be the one of a name, which may be a file that is not here."""
+    try:
+        return _equal(scene_from_spec(named), scene)
+    except InputError:
+        return True
+
+
+def _contradictions(recording: Recording) -> Iterator[str]:
+    """Yield in a line each what of a recording cannot be of its scene."""
+    kinds = ("moved", "tail") if recording.clock == "free" else ("report",)
+    for logged in recording.messages(kinds):
+        match logged.message:
+            case Report() as report:
+                begins = report.before if report.round == 1 else None
+                yield from _report(recording, f"round {report.round}", report.module, begins)
+                yield from _move(recording, f"round {report.round}", report.move)
+            case Moved() | Tail() as message:
+                for moved in message.parts if isinstance(message, Tail) else (message,):
+                    where = f"level {moved.level}"
+                    for module, before, _, version in moved.motion:
+                        begins = before if version == 1 else None
+                        yield from _report(recording, where, module, begins)
+                    if moved.generator is not None:
+                        placed = GeneratorPlacement(moved.generator, moved.at)
+                        yield from _move(recording, where, placed)
+            case _:
+                pass
+
+
+def _report(recording: Recording, where: str, module: int, begins: Json | None) -> Iterator[str]:
+    start = recording.scene.start
+    if module >= len(start):
+        yield f"{where}, module_{module}: the system has {len(start)} modules"
+        return
+    found: Site | None = None if begins is None else site_from_json(begins)
+    if found is not None and found != start[module]:
+        yield (
+            f"{where}, module_{module}: begins at {site_text(found)}, in the system at"
+            f" {site_text(start[module])}"
+        )
+
+
+def _move(recording: Recording, where: str, move: GeneratorPlacement | None) -> Iterator[str]:
+    if move is None:
+        return
+    try:
+        recording.scene.system.action(move.generator, site_from_json(move.at))
+    except InputError as error:
+        yield f"{where}: {error}"

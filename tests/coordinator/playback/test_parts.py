@@ -1,0 +1,135 @@
+"""Replaying recordings that begin on the way, or have some messages of a run alone."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace as with_fields
+from pathlib import Path
+
+import pytest
+
+from command_line import GOLDEN
+from cubepath.coordinator.commands.main import main
+from cubepath.coordinator.playback.player import Player
+from cubepath.coordinator.playback.reel import Reel
+from cubepath.coordinator.playback.replaying import replay
+from cubepath.coordinator.playback.spots import Spot
+from cubepath.coordinator.playback.states import States
+from cubepath.coordinator.runs.contents import info
+from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.protocol.recordings.cutting import filter_recording, split_recording
+from cubepath.protocol.recordings.recording import read_recording
+from recordings import new_path
+
+HEX = GOLDEN / "hex-5.mcap"
+AGV = GOLDEN / "agv-6.mcap"
+FREE = GOLDEN / "hex-free-5.mcap"
+
+
+def cut(
+    source: Path,
+    first: int | None = None,
+    until: int | None = None,
+    exclude: tuple[str, ...] = (),
+) -> Path:
+    """Return what is left of a golden recording."""
+    filter_recording(source, out := new_path(), first=first, until=until, exclude=exclude)
+    return out
+
+
+def test_a_recording_that_begins_late_is_compared_from_its_first_whole_round_on() -> None:
+    """Reports of that round say where modules stood; the numbers are of what is there."""
+    found = replay(cut(AGV, first=5))
+    assert (found.agrees, found.same, found.complete) == (True, False, False)
+    assert (found.rounds_compared, found.rounds, found.differences) == (16, 16, ())
+    assert found.not_compared == ("rounds 1 to 4", "cubes", "summary")
+    told = read_recording(AGV).moves()["round"]
+    assert found.moves == int((told >= 5).sum())
+    assert "of 609 messages (from 5)" in str(found.lacking)
+
+
+def test_what_differs_in_a_late_recording_is_found() -> None:
+    """A round of other moves than on record, though nothing before it is known."""
+    recording = read_recording(cut(HEX, first=5))
+    records = list(recording.records)
+    place = next(n for n, each in enumerate(records) if each.kind == "edges" and each.round == 7)
+    records[place] = with_fields(records[place], data=b'{"kind":"edges","round":7,"moves":[]}')
+    found = replay(with_fields(recording, records=records))
+    assert found.differences == ("round 7: other moves were gathered than are on record",)
+    assert not found.agrees
+
+
+def test_a_beginning_is_the_same_as_far_as_it_goes(tmp_path: Path) -> None:
+    """Not complete, and no difference: cut by rounds, split, or cut off by damage."""
+    first, *_ = split_recording(HEX, tmp_path, parts=3)
+    for path, rounds in ((cut(HEX, until=10), 10), (first, 9)):
+        found = replay(path)
+        assert (found.same, found.complete, found.rounds_compared) == (True, False, rounds)
+        assert found.result == "the same as recorded, as far as it goes"
+
+
+def test_what_was_left_out_by_topic_is_not_compared() -> None:
+    """Without edges the results are, without cubes the rounds, without reports nothing."""
+    no_edges = replay(cut(HEX, exclude=("edges",)))
+    assert (no_edges.not_compared, no_edges.agrees) == (("rounds 1 to 29",), True)
+    assert no_edges.result == "the same as recorded; not compared: rounds 1 to 29"
+    no_cubes = replay(cut(HEX, exclude=("cube",)))
+    assert (no_cubes.not_compared, no_cubes.rounds_compared) == (("cubes",), 29)
+    no_reports = replay(cut(HEX, exclude=("report",)))
+    assert no_reports.not_compared == ("rounds 1 to 29", "cubes", "summary")
+    assert no_reports.agrees
+
+
+@pytest.mark.parametrize("first", [None, 5])
+def test_levels_are_compared_only_from_the_start_of_a_run(first: int | None) -> None:
+    """Of a part without rounds nothing is, since edges are written at the end; it is no failure."""
+    found = replay(cut(FREE, first=first, until=None if first else 5))
+    assert found.agrees
+    assert not found.same
+    assert found.not_compared[0].startswith("levels 1 to ")
+    assert found.rounds_compared == 0
+    assert replay(FREE).rounds_compared == 19
+
+
+def test_all_rounds_are_counted_where_all_is_compared() -> None:
+    """Of a whole recording too."""
+    found = replay(HEX)
+    assert (found.same, found.rounds_compared, found.rounds) == (True, 29, 29)
+
+
+def test_who_seeks_in_a_late_recording_is_told_where_modules_stand() -> None:
+    """Before its first whole round, in which one was reported in part, and after it."""
+    whole, late = (States(Reel(read_recording(each))) for each in (HEX, cut(HEX, first=5)))
+    reels = [Reel(read_recording(each)) for each in (HEX, cut(HEX, first=5))]
+    for number in (5, 6, 20):
+        marks = [reel.find(Spot(step=number)) for reel in reels]
+        assert late.at(marks[1]) == whole.at(marks[0])
+    with Player(cut(HEX, first=5)) as player:
+        player.seek(12)
+        player.play()
+        assert player.wait(10).not_compared[0] == "rounds 1 to 11"
+
+
+def test_parts_say_that_they_are_not_complete_and_how_much_of_a_run_they_hold() -> None:
+    """`info` as `verify` does; whole rounds or levels are counted wherever a part begins."""
+    for path, whole in (
+        (cut(HEX, first=5), 25),
+        (cut(HEX, until=10), 10),
+        (cut(FREE, first=5), 15),
+    ):
+        assert not info(path)["complete"]
+        assert not verify(path).complete
+        out = new_path()
+        assert recover(path, out).rounds == whole
+        assert verify(out) == verify(path)
+    assert verify(cut(FREE, first=5)).rounds == 15
+
+
+@pytest.mark.slow
+def test_one_line_says_what_is_missing(capsys: pytest.CaptureFixture[str]) -> None:
+    """With exit code 0, and in the document."""
+    late = str(cut(HEX, first=5))
+    assert main(["replay", late, "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == f"cubepath: {late}: 544 of 630 messages (from 5)\n"
+    assert json.loads(said.out)["lacking"] == "544 of 630 messages (from 5)"
