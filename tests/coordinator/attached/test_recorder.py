@@ -378,10 +378,15 @@ def test_a_replay_can_be_recorded_as_far_as_it_puts_messages(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("--connect nowhere", "endpoint=nowhere: expected tcp/HOST:PORT"),
+        ("--connect nowhere", "endpoint nowhere: expected tcp/HOST:PORT"),
+        ("--connect nowhere", "or the unixsock-stream/PATH that a run has said"),
+        ("--connect tcp/127.0.0.1:1 --secure .", "expected tls/HOST:PORT with certificates"),
         ("--connect tcp/127.0.0.1:1 --patience 0.1", "no zenoh router at tcp/127.0.0.1:1"),
         ("--connect tls/127.0.0.1:1", "expected a folder of certificates (--secure DIR)"),
-        ("--connect tcp/127.0.0.1:1 --snapshot 5 --split-size 1", "each snapshot is one file"),
+        (
+            "--connect tcp/127.0.0.1:1 --snapshot 5 --split-size 1",
+            "--snapshot: each snapshot is one file",
+        ),
         ("--connect tcp/127.0.0.1:1 --topics=", "found an empty glob"),
         ("--connect tcp/127.0.0.1:1 --split-size 0", "expected a number above 0"),
         ("--connect tcp/127.0.0.1:1 -o here.mcap", "here.mcap: "),

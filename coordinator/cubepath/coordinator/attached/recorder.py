@@ -21,6 +21,7 @@ import msgspec
 import zenoh
 
 from cubepath.coordinator.attached.backlog import Backlog, Heard
+from cubepath.coordinator.attached.guests import guest_at
 from cubepath.coordinator.attached.losses import Losses
 from cubepath.coordinator.attached.parts import Parts, Splitting, numbered
 from cubepath.coordinator.attached.times import Times
@@ -30,15 +31,9 @@ from cubepath.coordinator.runs.about import About, about_key, find_run
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.recordings.description import FREE_FORMAT
-from cubepath.protocol.wire.credentials import GUEST, Credentials
+from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.keys import everything
-from cubepath.protocol.wire.router import check_secure
-from cubepath.protocol.wire.sessions import (
-    check_endpoint,
-    open_client,
-    routers_of,
-    watch,
-)
+from cubepath.protocol.wire.sessions import open_client, routers_of, watch
 from cubepath.protocol.wire.sockets import is_private
 
 MEMORY_BYTES = 100 << 20
@@ -373,8 +368,7 @@ def record(
     >>> verify("logs/outside.mcap").ok, recorder.lost
     (True, {})
     """
-    folder = None if secure is None else Path(secure)
-    _check_endpoint(endpoint, folder)
+    credentials = guest_at(endpoint, secure)
     for name, value in (
         ("split_megabytes", split_megabytes),
         ("split_seconds", split_seconds),
@@ -400,20 +394,11 @@ def record(
         ),
         window_s=snapshot_seconds,
         memory_bytes=int(memory_megabytes * _MEGABYTE),
-        credentials=GUEST if folder is None else Credentials(GUEST.name, "", str(folder)),
+        credentials=credentials,
         patience_s=seconds("patience_s", patience_s),
         parameters=parameters,
         say=say,
     )
-
-
-def _check_endpoint(endpoint: str, secure: Path | None) -> None:
-    """Check that an endpoint is one at which a run can be listened to; InputError if not."""
-    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
-    if not is_private(endpoint):
-        check_endpoint(endpoint, connect=True)
-        check_secure(endpoint, secure)
 
 
 def _socket(endpoint: str) -> Path:
