@@ -22,6 +22,7 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.playback.selection import SAID
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -148,6 +149,9 @@ def test_topics_are_chosen_by_glob_and_exclusion(tmp_path: Path) -> None:
         assert recorder.left_out > 0
     recording = read_recording(tmp_path / "out.mcap")
     assert {record.topic for record in recording.records} == {"said/process_0", "reports/process_0"}
+    assert recording.parameters["attached"] == "1"  # the round began with what is left out
+    with pytest.raises(InputError, match=r"left out when it was .*\(topics said reports/\*, excl"):
+        gathered(recording)
     found = verify(recording)
     assert found.ok
     why = "not checked: messages were left out (topics said reports/*)"

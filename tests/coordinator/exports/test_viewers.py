@@ -319,6 +319,36 @@ def test_a_new_run_is_shown(tmp_path: Path) -> None:
     assert found == [expected[number] for number in sorted(expected)]
 
 
+@pytest.mark.parametrize("name", ["hex-5", "hex-free-5"])
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        ({"attached": "6"}, "begins in (round|level) 6, expected a recording from the start"),
+        ({"topics": "go said"}, r"messages were left out when it was recorded \(topics go said\)"),
+        (
+            {"exclude": "moved reports/process_0"},
+            r"left out .* \(exclude moved reports",
+        ),
+    ],
+)
+def test_where_nobody_knows_the_places_no_robot_is_shown(
+    name: str, told: dict[str, str], why: str
+) -> None:
+    """Of a run recorded from its middle, or without reports: one line says so, nothing is left."""
+    whole = read_recording(GOLDEN / f"{name}.mcap")
+    parameters = {**whole.parameters, **told}
+    with RecordingWriter(
+        late := new_path(), whole.scene, parameters, written_as=whole.format
+    ) as writer:
+        for each in whole.records:
+            if each.round >= 6:
+                writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
+    with pytest.raises(InputError, match=why):
+        export(late, out := new_path(".mcap"), foxglove=True)
+    assert not out.exists()
+    assert export(late, out).count > 0
+
+
 @pytest.mark.parametrize(
     ("options", "why"),
     [
@@ -330,8 +360,8 @@ def test_a_new_run_is_shown(tmp_path: Path) -> None:
             {"table": "claims"},
             "no tables and no kinds, expected a choice by rounds and topics",
         ),
-        ({"form": "csv", "foxglove": True}, "csv: has no time line and no space"),
-        ({"form": "csv", "log_time": "wall"}, "csv: has no time line and no space"),
+        ({"form": "csv", "foxglove": True}, "csv has no time line and no space"),
+        ({"form": "csv", "log_time": "wall"}, "csv has no time line and no space"),
         (
             {"form": "rrd", "topics": ["go"]},
             "no tables and no kinds, expected a choice by rounds$",

@@ -85,6 +85,10 @@ class Recorder:
         self._in_snapshots = 0
         self._taken = threading.Condition()
         self._failed: BaseException | None = None
+        self._whole: int | None = None
+        """The first whole round as of the last round that began, or of the first message."""
+        self._begins = False
+        """Whether nothing was written since."""
         self._summed_up = False
         """Whether the run has told how it ended."""
         self._leaving = threading.Event()
@@ -174,23 +178,32 @@ class Recorder:
             kind = topic.partition("/")[0]
             self._summed_up = self._summed_up or kind == "summary"
             at, begins, round_begins = self._times.of(kind, each, head)
+            if round_begins or self._whole is None:
+                # What is not wanted begins a round as well: the next that is written is its first.
+                self._whole, self._begins = begins, True
             if not wanted:
                 self.left_out += 1
             elif self._times.is_repeated(topic, each.data):
                 continue
-            elif self._window is None:
-                self._parts.write(
-                    topic,
-                    each.data,
-                    at=at,
-                    wall_ns=each.wall_ns,
-                    begins=begins,
-                    round_begins=round_begins,
-                )
             else:
-                self._window.put(Kept(topic, each.data, at, each.wall_ns, begins))
+                self._take(topic, each, at, self._whole if self._begins else begins)
+                self._begins = False
         if each is not None:
             self._heard_s = time.monotonic()
+
+    def _take(self, topic: str, each: Heard, at: int, begins: int) -> None:
+        """Write a message, or keep it for a snapshot."""
+        if self._window is None:
+            self._parts.write(
+                topic,
+                each.data,
+                at=at,
+                wall_ns=each.wall_ns,
+                begins=begins,
+                round_begins=self._begins,
+            )
+        else:
+            self._window.put(Kept(topic, each.data, at, each.wall_ns, begins))
 
     def _end(self) -> str | None:
         """Return why the recorder has to end, None if it goes on."""
