@@ -26,6 +26,7 @@ from cubepath.coordinator.attached.losses import Losses
 from cubepath.coordinator.attached.parts import Parts, Splitting, numbered
 from cubepath.coordinator.attached.times import Times
 from cubepath.coordinator.attached.topics import Topics
+from cubepath.coordinator.attached.turns import Item, Turns
 from cubepath.coordinator.attached.window import Kept, Window
 from cubepath.coordinator.runs.about import About, about_key, find_run
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
@@ -108,7 +109,9 @@ class Recorder:
             # round on that is told now nothing is missed.
             about = self.about = find_run(self._session, endpoint, self.run, patience_s)
             self._times = Times(about)
-            self._losses = Losses(free=about.format == FREE_FORMAT)
+            free = about.format == FREE_FORMAT
+            self._losses = Losses(free=free)
+            self._turns = Turns(None if free else _processes(about), from_start=not about.round)
             self._path = log or _new_name(about)
             self._parts = Parts(about, self._path, splitting, self._notes, parameters)
             self._given = parameters
@@ -147,11 +150,13 @@ class Recorder:
     def _work(self) -> None:
         try:
             while self.ended is None:
-                self._write(self._backlog.take(_STEP_S))
+                self._hear(self._backlog.take(_STEP_S))
+                self._write_all(self._turns.due())
                 self._parts.flush_if_due()
                 self._answer()
                 self.ended = self._end()
-            self._write(self._backlog.take(_LAST_S))
+            self._hear(self._backlog.take(_LAST_S))
+            self._write_all(self._turns.rest())
             self._answer()
         except BaseException as error:  # noqa: BLE001 - it is raised where the block is left
             self._failed = error
@@ -166,7 +171,8 @@ class Recorder:
             with self._taken:
                 self._taken.notify_all()
 
-    def _write(self, heard: Iterable[Heard]) -> None:
+    def _hear(self, heard: Iterable[Heard]) -> None:
+        """Take note of what came, and write what is next in order."""
         each = None
         for each in heard:
             topic, wanted = self._topics.of(each.key)
@@ -175,35 +181,42 @@ class Recorder:
                 continue
             with self._lock:
                 head = self._losses.take(topic, each)
-            kind = topic.partition("/")[0]
-            self._summed_up = self._summed_up or kind == "summary"
-            at, begins, round_begins = self._times.of(kind, each, head)
-            if round_begins or self._whole is None:
-                # What is not wanted begins a round as well: the next that is written is its first.
-                self._whole, self._begins = begins, True
-            if not wanted:
-                self.left_out += 1
-            elif self._times.is_repeated(topic, each.data):
-                continue
-            else:
-                self._take(topic, each, at, self._whole if self._begins else begins)
-                self._begins = False
+            item = Item(topic, each, head, wanted)
+            self._write_all(self._turns.put(item))
         if each is not None:
             self._heard_s = time.monotonic()
 
-    def _take(self, topic: str, each: Heard, at: int, begins: int) -> None:
-        """Write a message, or keep it for a snapshot."""
-        if self._window is None:
+    def _write_all(self, items: Iterable[Item]) -> None:
+        for item in items:
+            self._write(item)
+
+    def _write(self, item: Item) -> None:
+        """Write a message if it is wanted, or keep it for a snapshot."""
+        topic, heard, head, wanted = item
+        kind = topic.partition("/")[0]
+        self._summed_up = self._summed_up or kind == "summary"
+        at, begins, round_begins = self._times.of(kind, heard, head)
+        if round_begins or self._whole is None:
+            # What is not wanted begins a round as well: the next that is written is its first.
+            self._whole, self._begins = begins, True
+        if not wanted:
+            self.left_out += 1
+            return
+        if self._times.is_repeated(topic, heard.data):
+            return
+        begins = self._whole if self._begins else begins
+        if self._window is not None:
+            self._window.put(Kept(topic, heard.data, at, heard.wall_ns, begins))
+        else:
             self._parts.write(
                 topic,
-                each.data,
+                heard.data,
                 at=at,
-                wall_ns=each.wall_ns,
+                wall_ns=heard.wall_ns,
                 begins=begins,
                 round_begins=self._begins,
             )
-        else:
-            self._window.put(Kept(topic, each.data, at, each.wall_ns, begins))
+        self._begins = False
 
     def _end(self) -> str | None:
         """Return why the recorder has to end, None if it goes on."""
@@ -416,6 +429,12 @@ def record(
 
 def _socket(endpoint: str) -> Path:
     return Path(endpoint.partition("/")[2])
+
+
+def _processes(about: About) -> int:
+    """Return how many processes a run says that it has; 1 if that is malformed."""
+    told = about.parameters.get("processes", "")
+    return int(told) if told.isascii() and told.isdigit() and len(told) < 9 else 1
 
 
 def _new_name(about: About) -> Path:
