@@ -246,6 +246,24 @@ def test_a_full_backlog_holds_up_who_blocks_and_memory_is_bounded(tmp_path: Path
 
 
 @pytest.mark.thorough
+def test_a_recorder_leaves_while_its_backlog_is_full(tmp_path: Path) -> None:
+    """While more comes than it has room for: its file is closed, and nothing is raised."""
+    log = tmp_path / "out.mcap"
+    with Router("tcp/127.0.0.1:0") as router, published(router.endpoint, 500_000) as child:
+        with record(router.endpoint, log, memory_megabytes=0.001) as recorder:
+            assert child.stdin is not None
+            child.stdin.write("\n")
+            child.stdin.flush()
+            deadline = time.monotonic() + 20
+            while not recorder.messages:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+        assert recorder.ended == "stopped"
+    assert read_recording(log).problems == ()
+    assert len(read_recording(log).records) == recorder.messages
+
+
+@pytest.mark.thorough
 def test_what_a_publisher_drops_is_counted(tmp_path: Path) -> None:
     """While the recorder stands still; what came and what is missing are all that was put."""
     count = 60_000
@@ -392,6 +410,8 @@ def test_a_replay_can_be_recorded_as_far_as_it_puts_messages(tmp_path: Path) -> 
             "--snapshot: each snapshot is one file",
         ),
         ("--connect tcp/127.0.0.1:1 --topics=", "found an empty glob"),
+        ("--connect tcp/127.0.0.1:1 --topics redy", "no kind of messages matches (did you mean"),
+        ("--connect tcp/127.0.0.1:1 --exclude nix/*", "topics nix/*: no kind of messages matches"),
         ("--connect tcp/127.0.0.1:1 --split-size 0", "expected a number above 0"),
         ("--connect tcp/127.0.0.1:1 -o here.mcap", "here.mcap: "),
         ("--connect tcp/127.0.0.1:1 -o out.png", "found the suffix .png"),

@@ -344,7 +344,8 @@ class Recorder:
         """
         self._leaving.set()
         self._thread.join()
-        self._session.close()
+        with self._backlog.emptied(), contextlib.suppress(zenoh.ZError):
+            self._session.close()
         failed, self._failed = self._failed, None
         if failed is not None:
             raise failed
