@@ -72,7 +72,8 @@ class Recorder:
         """Attach, and record from now on; the errors are those of `record`."""
         self.endpoint = endpoint
         self.ended: str | None = None
-        """Why nothing more is recorded: "run ended", "router gone", "stopped" or "failed"."""
+        """Why nothing more is recorded: "run ended", "run gone" without a word of how it ended,
+        "router gone", "stopped" or "failed"."""
         self.cut_off = 0
         """How often the router was lost, or cut the recorder off, and was found again."""
         self.others = 0
@@ -163,7 +164,7 @@ class Recorder:
             self.ended = "failed"
         finally:
             try:
-                if self._window is None or self._failed is not None:
+                if self._window is None:
                     self._parts.close()
             except CubepathError as error:
                 self._failed = self._failed or error
@@ -226,19 +227,22 @@ class Recorder:
         routers = routers_of(self._session)
         if not routers:
             if self._summed_up:  # a router of its own ends with the run
-                return "run ended"
+                return self._how_it_ended()
             self._router_lost_s = self._router_lost_s or now
             gone = is_private(self.endpoint) and not _socket(self.endpoint).exists()
             over = gone or now - self._router_lost_s > _BACK_S
-            return ("run ended" if gone else "router gone") if over else None
+            return (self._how_it_ended() if gone else "router gone") if over else None
         if routers != self._router:
             self._router, self._gone_s = routers, now
         self._router_lost_s = None
         # After a restart of the router it takes a while until its token is there again.
         patience_s = _QUIET_S if not self.cut_off else _BACK_S
         if self._alive is False and now - max(self._gone_s, self._heard_s) > patience_s:
-            return "run ended"
+            return self._how_it_ended()
         return None
+
+    def _how_it_ended(self) -> str:
+        return "run ended" if self._summed_up else "run gone"
 
     def _answer(self) -> None:
         """Write the snapshots that were asked for."""

@@ -129,6 +129,8 @@ def _record(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             interrupted = True
     answer(options, _document(recorder), table(_rows(recorder)))
+    if recorder.ended == "run gone":
+        complain(f"run {recorder.run} is gone, and has not said how it ended")
     if interrupted:
         complain("interrupted")
         return INTERRUPTED
