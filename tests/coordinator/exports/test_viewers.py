@@ -343,8 +343,9 @@ def test_where_nobody_knows_the_places_no_robot_is_shown(
         for each in whole.records:
             if each.round >= 6:
                 writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
+    out = new_path(".mcap")
     with pytest.raises(InputError, match=why):
-        export(late, out := new_path(".mcap"), foxglove=True)
+        export(late, out, foxglove=True)
     assert not out.exists()
     assert export(late, out).count > 0
 

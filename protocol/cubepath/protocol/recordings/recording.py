@@ -360,7 +360,7 @@ class Recording:
         """Return the topics of the messages, KIND/SENDER.
 
         >>> sorted(read_recording("logs/golden/hex-5.mcap").topics())[:2]
-        ['certificate/coordinator', 'claim/module_0']
+        ['claim/module_0', 'claim/module_1']
         """
         records = self.records
         if isinstance(records, _StoredRecords) and not self.problems:
