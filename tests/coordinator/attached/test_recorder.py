@@ -22,6 +22,7 @@ from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.playback.selection import SAID
+from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -167,6 +168,9 @@ def test_topics_are_chosen_by_glob_and_exclusion(tmp_path: Path) -> None:
         assert recorder.left_out > 0
     recording = read_recording(tmp_path / "out.mcap")
     assert {record.topic for record in recording.records} == {"said/process_0", "reports/process_0"}
+    assert recording.parameters["attached"] == "1"  # the round began with what is left out
+    with pytest.raises(InputError, match=r"left out when it was .*\(topics said reports/\*, excl"):
+        gathered(recording)
     found = verify(recording)
     assert found.ok
     why = "not checked: messages were left out (topics said reports/*)"
@@ -258,6 +262,24 @@ def test_a_full_backlog_holds_up_who_blocks_and_memory_is_bounded(tmp_path: Path
         # A busy machine may stop it for longer than the router waits; then it says so.
         assert recorder.room == 4
         assert recorder.cut_off or (recorder.messages, recorder.lost) == (3000, {})
+
+
+@pytest.mark.thorough
+def test_a_recorder_leaves_while_its_backlog_is_full(tmp_path: Path) -> None:
+    """While more comes than it has room for: its file is closed, and nothing is raised."""
+    log = tmp_path / "out.mcap"
+    with Router("tcp/127.0.0.1:0") as router, published(router.endpoint, 500_000) as child:
+        with record(router.endpoint, log, memory_megabytes=0.001) as recorder:
+            assert child.stdin is not None
+            child.stdin.write("\n")
+            child.stdin.flush()
+            deadline = time.monotonic() + 20
+            while not recorder.messages:
+                assert time.monotonic() < deadline
+                time.sleep(0.01)
+        assert recorder.ended == "stopped"
+    assert read_recording(log).problems == ()
+    assert len(read_recording(log).records) == recorder.messages
 
 
 @pytest.mark.thorough
@@ -397,11 +419,18 @@ def test_a_replay_can_be_recorded_as_far_as_it_puts_messages(tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        ("--connect nowhere", "endpoint=nowhere: expected tcp/HOST:PORT"),
+        ("--connect nowhere", "endpoint nowhere: expected tcp/HOST:PORT"),
+        ("--connect nowhere", "or the unixsock-stream/PATH that a run has said"),
+        ("--connect tcp/127.0.0.1:1 --secure .", "expected tls/HOST:PORT with certificates"),
         ("--connect tcp/127.0.0.1:1 --patience 0.1", "no zenoh router at tcp/127.0.0.1:1"),
         ("--connect tls/127.0.0.1:1", "expected a folder of certificates (--secure DIR)"),
-        ("--connect tcp/127.0.0.1:1 --snapshot 5 --split-size 1", "each snapshot is one file"),
+        (
+            "--connect tcp/127.0.0.1:1 --snapshot 5 --split-size 1",
+            "--snapshot: each snapshot is one file",
+        ),
         ("--connect tcp/127.0.0.1:1 --topics=", "found an empty glob"),
+        ("--connect tcp/127.0.0.1:1 --topics redy", "no kind of messages matches (did you mean"),
+        ("--connect tcp/127.0.0.1:1 --exclude nix/*", "topics nix/*: no kind of messages matches"),
         ("--connect tcp/127.0.0.1:1 --split-size 0", "expected a number above 0"),
         ("--connect tcp/127.0.0.1:1 -o here.mcap", "here.mcap: "),
         ("--connect tcp/127.0.0.1:1 -o out.png", "found the suffix .png"),

@@ -100,7 +100,7 @@ def test_the_exit_code_is_that_of_the_worst(folder: Path, capsys: Capture) -> No
     ("line", "message"),
     [
         ("verify runs/a.mcap runs/b.mcap --recover o.mcap", "--recover: found 2 recordings"),
-        ("verify runs --recover o.mcap", "runs: Is a directory"),
+        ("verify runs --recover o.mcap", "runs: a folder, expected a file"),
         ("verify a.json b.json --of moves.jsonl", "--of: found 2 files to check, expected one"),
         ("verify runs cubes.jsonl", "cubes.jsonl: is checked against its input, expected --of"),
         ("info - -", "standard input: named twice"),

@@ -197,7 +197,7 @@ def new_parquet(log: Path) -> Path:
         ({"table": "mvoes"}, r"unknown table 'mvoes' \(did you mean 'moves'\?\)"),
         ({"form": "xlsx"}, "unknown form 'xlsx', expected one of csv, parquet"),
         ({"out": "out.xls"}, r"found the suffix .xls, expected one of .csv, .parquet"),
-        ({"topics": ["claim"]}, "table moves: has no topics and kinds"),
+        ({"topics": ["claim"]}, "table moves has no topics and kinds, expected table messages"),
         ({"table": "messages", "kinds": ["clam"]}, r"unknown kind 'clam' \(did you mean 'claim'"),
         ({"form": "moves", "first": 3}, "a moves file has all moves"),
         ({"table": "claims", "form": "moves"}, "a moves file has all moves"),

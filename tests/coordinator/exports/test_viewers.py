@@ -224,7 +224,8 @@ def test_bars_lie_along_their_chords() -> None:
 def test_messages_are_those_of_the_recording(path: Path, log_time: Any) -> None:
     """All of them, with all fields, in order; log times are rounds or the wall clock."""
     recording = read_recording(path)
-    export(path, out := new_path(".mcap"), log_time=log_time, round_seconds=0.5)
+    lasting = None if log_time == "wall" else 0.5
+    export(path, out := new_path(".mcap"), log_time=log_time, round_seconds=lasting)
     expected = [
         (
             record.topic,
@@ -318,6 +319,37 @@ def test_a_new_run_is_shown(tmp_path: Path) -> None:
     assert found == [expected[number] for number in sorted(expected)]
 
 
+@pytest.mark.parametrize("name", ["hex-5", "hex-free-5"])
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        ({"attached": "6"}, "begins in (round|level) 6, expected a recording from the start"),
+        ({"topics": "go said"}, r"messages were left out when it was recorded \(topics go said\)"),
+        (
+            {"exclude": "moved reports/process_0"},
+            r"left out .* \(exclude moved reports",
+        ),
+    ],
+)
+def test_where_nobody_knows_the_places_no_robot_is_shown(
+    name: str, told: dict[str, str], why: str
+) -> None:
+    """Of a run recorded from its middle, or without reports: one line says so, nothing is left."""
+    whole = read_recording(GOLDEN / f"{name}.mcap")
+    parameters = {**whole.parameters, **told}
+    with RecordingWriter(
+        late := new_path(), whole.scene, parameters, written_as=whole.format
+    ) as writer:
+        for each in whole.records:
+            if each.round >= 6:
+                writer.write(each.topic, each.data, round_number=each.round, wall_ns=each.wall_ns)
+    out = new_path(".mcap")
+    with pytest.raises(InputError, match=why):
+        export(late, out, foxglove=True)
+    assert not out.exists()
+    assert export(late, out).count > 0
+
+
 @pytest.mark.parametrize(
     ("options", "why"),
     [
@@ -325,10 +357,16 @@ def test_a_new_run_is_shown(tmp_path: Path) -> None:
         ({"round_seconds": 0.0}, "a round of 0 s: expected at least 1e-09 s"),
         ({"round_seconds": float("nan")}, "a round of nan s"),
         ({"round_seconds": 1e12}, "expected less than 2\\^63 nanoseconds"),
-        ({"table": "claims"}, "mcap: has no tables and kinds, expected a choice by rounds"),
-        ({"form": "csv", "foxglove": True}, "csv: has no time line and no space"),
-        ({"form": "csv", "log_time": "wall"}, "csv: has no time line and no space"),
-        ({"form": "rrd", "topics": ["go"]}, "rrd: has no tables and kinds"),
+        (
+            {"table": "claims"},
+            "no tables and no kinds, expected a choice by rounds and topics",
+        ),
+        ({"form": "csv", "foxglove": True}, "csv has no time line and no space"),
+        ({"form": "csv", "log_time": "wall"}, "csv has no time line and no space"),
+        (
+            {"form": "rrd", "topics": ["go"]},
+            "no tables and no kinds, expected a choice by rounds$",
+        ),
     ],
 )
 def test_what_cannot_be_shown_is_told(options: dict[str, Any], why: str) -> None:

@@ -182,7 +182,7 @@ def test_progress_is_told_of_every_message() -> None:
         ({"rate": float("nan")}, "rate=nan: expected more than 0"),
         ({"kinds": ["rapports"]}, "unknown kind 'rapports', expected some of said"),
         ({"kinds": ["here"]}, "without reports there is nothing to gather"),
-        ({"endpoint": "nonsense"}, "endpoint=nonsense: expected tcp/HOST:PORT"),
+        ({"endpoint": "nonsense"}, "endpoint nonsense: expected tcp/HOST:PORT"),
     ],
 )
 def test_bad_options_are_refused_in_one_line(options: dict[str, object], message: str) -> None:

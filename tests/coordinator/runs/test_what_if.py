@@ -236,7 +236,9 @@ def test_it_begins_anywhere_from_the_start_to_the_end() -> None:
     assert not [note for note in parts(after.recording(), "note") if note.round == 6]
     checked(after)
     for wrong in (0, 7):
-        with pytest.raises(InputError, match=f"from={wrong}: .* has 5 whole rounds, expected 1 to"):
+        with pytest.raises(
+            InputError, match=f"round {wrong}: .* has 5 whole rounds, expected 1 to"
+        ):
             gone_on(parent, NOTING, wrong)
     with pytest.raises(InputError, match="max-rounds=3: expected 4 or more"):
         gone_on(parent, NOTING, 4, max_rounds=3)

@@ -42,7 +42,7 @@ def test_what_cannot_be_read_is_refused_with_its_path(tmp_path: Path) -> None:
     """Nothing there, a folder, and what is no text."""
     with pytest.raises(InputError, match=r"none: No such file or directory$"):
         read_text(tmp_path / "none")
-    with pytest.raises(InputError, match="Is a directory"):
+    with pytest.raises(InputError, match="a folder, expected a file"):
         read_text(tmp_path)
     (tmp_path / "file").write_bytes(b"ab\xff")
     with pytest.raises(InputError, match=r"file: not UTF-8 text \(byte 2\)$"):

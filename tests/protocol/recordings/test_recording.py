@@ -89,7 +89,7 @@ def test_other_tools_can_open_a_recording(tmp_path: Path) -> None:
     ("make", "message"),
     [
         (lambda _: None, "No such file"),
-        (lambda path: path.mkdir(), "Is a directory"),
+        (lambda path: path.mkdir(), "a folder, expected a file"),
         (lambda path: path.write_bytes(b""), "empty file"),
         (lambda path: path.write_bytes(b"{}"), "not an MCAP file"),
         (lambda path: path.write_bytes(MAGIC[:4]), "truncated within its first bytes"),

@@ -170,5 +170,5 @@ def test_only_the_folder_of_a_private_router_is_discarded(tmp_path: Path) -> Non
 )
 def test_where_no_router_can_listen_is_one_line(place: Path, endpoint: str, line: str) -> None:
     """InputError, with what was found."""
-    with pytest.raises(InputError, match=f"^endpoint={endpoint}: {line}"):
+    with pytest.raises(InputError, match=f"^endpoint {endpoint}: {line}"):
         Router(endpoint)

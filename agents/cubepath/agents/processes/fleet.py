@@ -193,8 +193,7 @@ class Fleet:
         where = self.endpoint if self._router is None else self._router.listening
         if network.is_open:
             self._say(without_tls(where))
-        else:
-            self._say(f"endpoint {where}, run {self.run}")
+        self._say(f"endpoint {where}, run {self.run}")
 
     def credentials(self, name: str = COORDINATOR) -> Credentials:
         """Return by what the one of this name shows who speaks."""

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.attached.guests import guest_at
     from cubepath.coordinator.attached.recorder import Recorder, record
 else:
-    __getattr__, __dir__ = lazy_face(__name__, {"recorder": "Recorder record"})
+    __getattr__, __dir__ = lazy_face(
+        __name__, {"guests": "guest_at", "recorder": "Recorder record"}
+    )
 
-__all__ = ["Recorder", "record"]
+__all__ = ["Recorder", "guest_at", "record"]

@@ -6,8 +6,10 @@ every message; who fills a full one waits, so publishers that block are held up 
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import zenoh
@@ -54,6 +56,28 @@ class Backlog:
             if time.monotonic() > until:
                 return
             found = take()
+
+    @contextmanager
+    def emptied(self) -> Generator[None]:
+        """Throw away what comes during the block: a session whose queue is full cannot close."""
+        over = threading.Event()
+
+        def empty() -> None:
+            while not over.is_set():
+                try:
+                    found = self._subscriber.try_recv()
+                except zenoh.ZError:  # the session has closed
+                    return
+                if found is None:
+                    over.wait(_IDLE_S)
+
+        thread = threading.Thread(target=empty, name="cubepath-recorder-leaves", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
 
 
 def _heard(sample: zenoh.Sample) -> Heard:

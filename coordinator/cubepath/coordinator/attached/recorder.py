@@ -21,24 +21,20 @@ import msgspec
 import zenoh
 
 from cubepath.coordinator.attached.backlog import Backlog, Heard
+from cubepath.coordinator.attached.guests import guest_at
 from cubepath.coordinator.attached.losses import Losses
 from cubepath.coordinator.attached.parts import Parts, Splitting, numbered
 from cubepath.coordinator.attached.times import Times
 from cubepath.coordinator.attached.topics import Topics
+from cubepath.coordinator.attached.turns import Item, Turns
 from cubepath.coordinator.attached.window import Kept, Window
 from cubepath.coordinator.runs.about import About, about_key, find_run
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.recordings.description import FREE_FORMAT
-from cubepath.protocol.wire.credentials import GUEST, Credentials
+from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.keys import everything
-from cubepath.protocol.wire.router import check_secure
-from cubepath.protocol.wire.sessions import (
-    check_endpoint,
-    open_client,
-    routers_of,
-    watch,
-)
+from cubepath.protocol.wire.sessions import open_client, routers_of, watch
 from cubepath.protocol.wire.sockets import is_private
 
 MEMORY_BYTES = 100 << 20
@@ -76,7 +72,8 @@ class Recorder:
         """Attach, and record from now on; the errors are those of `record`."""
         self.endpoint = endpoint
         self.ended: str | None = None
-        """Why nothing more is recorded: "run ended", "router gone", "stopped" or "failed"."""
+        """Why nothing more is recorded: "run ended", "run gone" without a word of how it ended,
+        "router gone", "stopped" or "failed"."""
         self.cut_off = 0
         """How often the router was lost, or cut the recorder off, and was found again."""
         self.others = 0
@@ -90,6 +87,10 @@ class Recorder:
         self._in_snapshots = 0
         self._taken = threading.Condition()
         self._failed: BaseException | None = None
+        self._whole: int | None = None
+        """The first whole round as of the last round that began, or of the first message."""
+        self._begins = False
+        """Whether nothing was written since."""
         self._summed_up = False
         """Whether the run has told how it ended."""
         self._leaving = threading.Event()
@@ -109,7 +110,9 @@ class Recorder:
             # round on that is told now nothing is missed.
             about = self.about = find_run(self._session, endpoint, self.run, patience_s)
             self._times = Times(about)
-            self._losses = Losses(free=about.format == FREE_FORMAT)
+            free = about.format == FREE_FORMAT
+            self._losses = Losses(free=free)
+            self._turns = Turns(None if free else _processes(about), from_start=not about.round)
             self._path = log or _new_name(about)
             self._parts = Parts(about, self._path, splitting, self._notes, parameters)
             self._given = parameters
@@ -148,18 +151,20 @@ class Recorder:
     def _work(self) -> None:
         try:
             while self.ended is None:
-                self._write(self._backlog.take(_STEP_S))
+                self._hear(self._backlog.take(_STEP_S))
+                self._write_all(self._turns.due())
                 self._parts.flush_if_due()
                 self._answer()
                 self.ended = self._end()
-            self._write(self._backlog.take(_LAST_S))
+            self._hear(self._backlog.take(_LAST_S))
+            self._write_all(self._turns.rest())
             self._answer()
         except BaseException as error:  # noqa: BLE001 - it is raised where the block is left
             self._failed = error
             self.ended = "failed"
         finally:
             try:
-                if self._window is None or self._failed is not None:
+                if self._window is None:
                     self._parts.close()
             except CubepathError as error:
                 self._failed = self._failed or error
@@ -167,7 +172,8 @@ class Recorder:
             with self._taken:
                 self._taken.notify_all()
 
-    def _write(self, heard: Iterable[Heard]) -> None:
+    def _hear(self, heard: Iterable[Heard]) -> None:
+        """Take note of what came, and write what is next in order."""
         each = None
         for each in heard:
             topic, wanted = self._topics.of(each.key)
@@ -176,26 +182,42 @@ class Recorder:
                 continue
             with self._lock:
                 head = self._losses.take(topic, each)
-            kind = topic.partition("/")[0]
-            self._summed_up = self._summed_up or kind == "summary"
-            at, begins, round_begins = self._times.of(kind, each, head)
-            if not wanted:
-                self.left_out += 1
-            elif self._times.is_repeated(topic, each.data):
-                continue
-            elif self._window is None:
-                self._parts.write(
-                    topic,
-                    each.data,
-                    at=at,
-                    wall_ns=each.wall_ns,
-                    begins=begins,
-                    round_begins=round_begins,
-                )
-            else:
-                self._window.put(Kept(topic, each.data, at, each.wall_ns, begins))
+            item = Item(topic, each, head, wanted)
+            self._write_all(self._turns.put(item))
         if each is not None:
             self._heard_s = time.monotonic()
+
+    def _write_all(self, items: Iterable[Item]) -> None:
+        for item in items:
+            self._write(item)
+
+    def _write(self, item: Item) -> None:
+        """Write a message if it is wanted, or keep it for a snapshot."""
+        topic, heard, head, wanted = item
+        kind = topic.partition("/")[0]
+        self._summed_up = self._summed_up or kind == "summary"
+        at, begins, round_begins = self._times.of(kind, heard, head)
+        if round_begins or self._whole is None:
+            # What is not wanted begins a round as well: the next that is written is its first.
+            self._whole, self._begins = begins, True
+        if not wanted:
+            self.left_out += 1
+            return
+        if self._times.is_repeated(topic, heard.data):
+            return
+        begins = self._whole if self._begins else begins
+        if self._window is not None:
+            self._window.put(Kept(topic, heard.data, at, heard.wall_ns, begins))
+        else:
+            self._parts.write(
+                topic,
+                heard.data,
+                at=at,
+                wall_ns=heard.wall_ns,
+                begins=begins,
+                round_begins=self._begins,
+            )
+        self._begins = False
 
     def _end(self) -> str | None:
         """Return why the recorder has to end, None if it goes on."""
@@ -205,19 +227,22 @@ class Recorder:
         routers = routers_of(self._session)
         if not routers:
             if self._summed_up:  # a router of its own ends with the run
-                return "run ended"
+                return self._how_it_ended()
             self._router_lost_s = self._router_lost_s or now
             gone = is_private(self.endpoint) and not _socket(self.endpoint).exists()
             over = gone or now - self._router_lost_s > _BACK_S
-            return ("run ended" if gone else "router gone") if over else None
+            return (self._how_it_ended() if gone else "router gone") if over else None
         if routers != self._router:
             self._router, self._gone_s = routers, now
         self._router_lost_s = None
         # After a restart of the router it takes a while until its token is there again.
         patience_s = _QUIET_S if not self.cut_off else _BACK_S
         if self._alive is False and now - max(self._gone_s, self._heard_s) > patience_s:
-            return "run ended"
+            return self._how_it_ended()
         return None
+
+    def _how_it_ended(self) -> str:
+        return "run ended" if self._summed_up else "run gone"
 
     def _answer(self) -> None:
         """Write the snapshots that were asked for."""
@@ -323,7 +348,8 @@ class Recorder:
         """
         self._leaving.set()
         self._thread.join()
-        self._session.close()
+        with self._backlog.emptied(), contextlib.suppress(zenoh.ZError):
+            self._session.close()
         failed, self._failed = self._failed, None
         if failed is not None:
             raise failed
@@ -373,8 +399,7 @@ def record(
     >>> verify("logs/outside.mcap").ok, recorder.lost
     (True, {})
     """
-    folder = None if secure is None else Path(secure)
-    _check_endpoint(endpoint, folder)
+    credentials = guest_at(endpoint, secure)
     for name, value in (
         ("split_megabytes", split_megabytes),
         ("split_seconds", split_seconds),
@@ -400,24 +425,21 @@ def record(
         ),
         window_s=snapshot_seconds,
         memory_bytes=int(memory_megabytes * _MEGABYTE),
-        credentials=GUEST if folder is None else Credentials(GUEST.name, "", str(folder)),
+        credentials=credentials,
         patience_s=seconds("patience_s", patience_s),
         parameters=parameters,
         say=say,
     )
 
 
-def _check_endpoint(endpoint: str, secure: Path | None) -> None:
-    """Check that an endpoint is one at which a run can be listened to; InputError if not."""
-    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
-    if not is_private(endpoint):
-        check_endpoint(endpoint, connect=True)
-        check_secure(endpoint, secure)
-
-
 def _socket(endpoint: str) -> Path:
     return Path(endpoint.partition("/")[2])
+
+
+def _processes(about: About) -> int:
+    """Return how many processes a run says that it has; 1 if that is malformed."""
+    told = about.parameters.get("processes", "")
+    return int(told) if told.isascii() and told.isdigit() and len(told) < 9 else 1
 
 
 def _new_name(about: About) -> Path:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 
@@ -42,11 +43,15 @@ class Topics:
         """Record what fits one of the globs `topics` (all, if there is none) and none of `exclude`.
 
         A glob without a slash is of the kind, and stands for all senders. InputError if one is
-        empty.
+        empty, or matches no kind that there can be.
         """
         for each in (*topics, *exclude):
             if not each:
                 raise InputError("topics: found an empty glob, expected one as 'said/*' or 'ready'")
+            kind = each.partition("/")[0]
+            if not any(fnmatchcase(known, kind) for known in _KINDS):
+                near = did_you_mean(kind, _KINDS)
+                raise InputError(f"topics {each}: no kind of messages matches{near}")
         self._topics = [_whole(each) for each in topics]
         self._exclude = [_whole(each) for each in exclude]
         self._known: dict[str, tuple[str | None, bool]] = {}

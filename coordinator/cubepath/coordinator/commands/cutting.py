@@ -85,7 +85,7 @@ def _filter(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.cutting import filter_recording  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_undamaged  # noqa: PLC0415
 
-    check_files(options, [options.log], Output(options.out))
+    check_files(options, [options.log], Output(options.out, (".mcap",)))
     with progress_bar(None, "filter", ""):
         recording = read_undamaged(options.log)
         count = filter_recording(
@@ -119,7 +119,7 @@ def _split(options: argparse.Namespace) -> int:
         )
     first, *others = made
     last = f" to {others[-1].name}" if others else ""
-    text = f"{len(made)} parts written: {first}{last}"
+    text = f"{'1 part' if len(made) == 1 else f'{len(made)} parts'} written: {first}{last}"
     answer(options, {"parts": [str(path) for path in made]}, visible(text))
     return DONE
 
@@ -127,10 +127,11 @@ def _split(options: argparse.Namespace) -> int:
 def _merge(options: argparse.Namespace) -> int:
     from cubepath.protocol.recordings.merging import merge_recordings  # noqa: PLC0415
 
-    check_files(options, options.logs, Output(options.output))
+    check_files(options, options.logs, Output(options.output, (".mcap",)))
     with progress_bar(None, "merge", ""):
         count = merge_recordings(options.logs, options.output)
     document = {"messages": count, "recordings": len(options.logs), "output": str(options.output)}
-    text = f"{count} messages of {len(options.logs)} recordings written to {options.output}"
+    of = "1 recording" if len(options.logs) == 1 else f"{len(options.logs)} recordings"
+    text = f"{count} messages of {of} written to {options.output}"
     answer(options, document, visible(text))
     return DONE

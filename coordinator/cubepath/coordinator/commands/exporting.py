@@ -73,7 +73,6 @@ def add_export_command(command: AddCommand) -> None:
     export.add_argument(
         "--round-seconds",
         type=number("a number of at least 1e-9", lambda found: found >= 1e-9),
-        default=1.0,
         metavar="S",
         help="how long a round or level lasts on the time line (default 1)",
     )

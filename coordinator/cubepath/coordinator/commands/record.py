@@ -104,6 +104,9 @@ def _record(options: argparse.Namespace) -> int:
     check_files(options, [], Output(options.output, (".mcap",)))
     if options.output is not None and options.output.is_file():
         raise InputError(f"{options.output}: exists already, expected a new file")
+    for given, name in ((options.split_size, "size"), (options.split_duration, "duration")):
+        if options.snapshot is not None and given is not None:
+            raise InputError(f"--snapshot: each snapshot is one file, expected no --split-{name}")
     interrupted = False
     with record(
         options.connect,
@@ -126,6 +129,8 @@ def _record(options: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             interrupted = True
     answer(options, _document(recorder), table(_rows(recorder)))
+    if recorder.ended == "run gone":
+        complain(f"run {recorder.run} is gone, and has not said how it ended")
     if interrupted:
         complain("interrupted")
         return INTERRUPTED

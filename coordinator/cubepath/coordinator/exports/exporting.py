@@ -19,7 +19,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, written_whole
 from cubepath.protocol.core.suggestions import did_you_mean
-from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.cuts import Selection, check_topics
 from cubepath.protocol.recordings.recording import Recording, read_undamaged
 
 MOVES = "moves"
@@ -73,7 +73,7 @@ def export(
     exclude: Sequence[str] = (),
     kinds: Sequence[str] = (),
     log_time: LogTime | None = None,
-    round_seconds: float = 1.0,
+    round_seconds: float | None = None,
     foxglove: bool = False,
 ) -> Exported:
     """Write a table of a recording, or a file for viewers; return what was written.
@@ -87,7 +87,7 @@ def export(
     Two forms more are for viewers, which have a time line: "mcap" holds the messages of the
     recording, and with `foxglove` the robot as well, as Foxglove's protobuf messages; "rrd" holds
     the robot as entities of rerun. Their log times are "round" (or "level"), where each lasts
-    `round_seconds`, which is the default, or "wall".
+    `round_seconds` (by default 1), which is the default, or "wall".
 
     InputError if the recording is damaged, a message cannot be decoded, a name is unknown, a
     library is missing, or `out` cannot be written; then nothing is left of it.
@@ -103,11 +103,14 @@ def export(
         raise InputError(f"{out}: is the recording itself, expected another file to write to")
     named = form_of(out, form)
     wanted = Wanted(table, Selection(tuple(topics), tuple(exclude), first, until), tuple(kinds))
+    check_topics(recording, wanted.selection)
     if named in VIEWERS:
         times = times_of(recording, log_time, round_seconds)
         return _viewed(recording, out, named, wanted, times, in_space=foxglove)
-    if log_time is not None or foxglove:
-        raise InputError(f"{named}: has no time line and no space, expected .mcap or .rrd for them")
+    if log_time is not None or round_seconds is not None or foxglove:
+        raise InputError(
+            f"{out}: {named} has no time line and no space, expected .mcap or .rrd for them"
+        )
     if named == MOVES:
         if wanted != Wanted():
             raise InputError("moves: a moves file has all moves, expected no choice among them")
@@ -129,7 +132,7 @@ def _viewed(
     of_messages = bool(selection.topics or selection.exclude)
     if wanted.table != Wanted().table or wanted.kinds or (of_messages and form == "rrd"):
         raise InputError(
-            f"{form}: has no tables and kinds, expected a choice by rounds"
+            f"{out}: a file for viewers has no tables and no kinds, expected a choice by rounds"
             + ("" if form == "rrd" else " and topics")
         )
     with written_whole(out) as stream:

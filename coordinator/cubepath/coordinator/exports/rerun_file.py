@@ -47,21 +47,26 @@ def write_rerun(
     written = log.binary_stream()
     painter = _Painter(rr, log, recording)
     count = 0
-    for state in _taken(recording, selection):
-        log.set_time("level" if recording.clock == "free" else "round", sequence=state.round)
-        log_time = times.at(state.round, state.wall_ns)
-        if times.by_wall:
-            log.set_time("time", timestamp=log_time / _NS)
-        else:
-            log.set_time("time", duration=log_time / _NS)
-        painter.state(state)
-        count += 1
-        if count % _FLUSHED == 0:
-            stream.write(written.read() or b"")
-    painter.ground()
-    stream.write(written.read() or b"")
-    log.disconnect()
-    stream.write(written.read() or b"")
+    try:
+        for state in _taken(recording, selection):
+            log.set_time("level" if recording.clock == "free" else "round", sequence=state.round)
+            log_time = times.at(state.round, state.wall_ns)
+            if times.by_wall:
+                log.set_time("time", timestamp=log_time / _NS)
+            else:
+                log.set_time("time", duration=log_time / _NS)
+            painter.state(state)
+            count += 1
+            if count % _FLUSHED == 0:
+                stream.write(written.read() or b"")
+        painter.ground()
+        stream.write(written.read() or b"")
+        log.disconnect()
+        stream.write(written.read() or b"")
+    except BaseException:
+        log.disconnect()
+        written.read()  # what nobody reads rerun complains of at its end
+        raise
     return count
 
 

@@ -66,7 +66,7 @@ def table_of(recording: Recording, wanted: Wanted) -> Table:
         near = did_you_mean(name, TABLES)
         raise InputError(f"unknown table {name!r}{near}, expected one of {', '.join(TABLES)}")
     if name != "messages" and (selection.topics or selection.exclude or wanted.kinds):
-        raise InputError(f"table {name}: has no topics and kinds, expected them for messages")
+        raise InputError(f"table {name} has no topics and kinds, expected table messages")
     if wanted.kinds:
         recording.messages(wanted.kinds)  # refuses unknown kinds
     if name == "messages":

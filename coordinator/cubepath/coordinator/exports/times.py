@@ -38,7 +38,7 @@ class Times:
         return found
 
 
-def times_of(recording: Recording, log_time: LogTime | None, round_seconds: float) -> Times:
+def times_of(recording: Recording, log_time: LogTime | None, round_seconds: float | None) -> Times:
     """Return how log times are made; by default from rounds, or without rounds from levels.
 
     InputError if the run has none of what is asked for, or a round lasts no time.
@@ -46,6 +46,12 @@ def times_of(recording: Recording, log_time: LogTime | None, round_seconds: floa
     logical = "level" if recording.clock == "free" else "round"
     if log_time not in (None, logical, "wall"):
         raise InputError(f"{recording.path}: log time {log_time!r}, expected '{logical}' or 'wall'")
+    if log_time == "wall" and round_seconds is not None:
+        raise InputError(
+            f"a round of {round_seconds:g} s: by the wall clock a round lasts as long as it took,"
+            f" expected log time '{logical}'"
+        )
+    round_seconds = 1.0 if round_seconds is None else round_seconds
     if not (isfinite(round_seconds) and round_seconds * _NS >= 1):
         raise InputError(f"a round of {round_seconds:g} s: expected at least 1e-09 s")
     return Times(log_time == "wall", round(round_seconds * _NS))

@@ -15,6 +15,7 @@ from typing import Any, Self
 
 import zenoh
 
+from cubepath.coordinator.attached.guests import guest_at
 from cubepath.coordinator.live.feed import Feed
 from cubepath.coordinator.live.server import Server
 from cubepath.coordinator.runs.about import About, about_key, find_run
@@ -27,18 +28,15 @@ from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.scenes.toml import scene_from_toml
-from cubepath.protocol.wire.credentials import GUEST, Credentials
+from cubepath.protocol.wire.credentials import Credentials
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Edges, Message, Summary, decode
-from cubepath.protocol.wire.router import check_secure
 from cubepath.protocol.wire.sessions import (
-    check_endpoint,
     open_client,
     routers_of,
     subscribe,
     watch,
 )
-from cubepath.protocol.wire.sockets import is_private
 
 _QUIET_S = 1.0
 """A run whose token has gone, and of which nothing more comes for so long, has ended."""
@@ -50,7 +48,13 @@ class Watched:
     """A run elsewhere, with the page that shows it; as a context manager it leaves both."""
 
     def __init__(
-        self, endpoint: str, *, run: str | None, port: int, secure: Path | None, patience_s: float
+        self,
+        endpoint: str,
+        *,
+        run: str | None,
+        port: int,
+        credentials: Credentials,
+        patience_s: float,
     ) -> None:
         """Attach to the run, and serve the page; the errors are those of `watch_run`."""
         self.ended: str | None = None
@@ -60,7 +64,6 @@ class Watched:
         self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
         self._news = threading.Event()
         self._gone_s: float | None = None
-        credentials = GUEST if secure is None else Credentials(GUEST.name, "", str(secure))
         self._session = open_client(endpoint, patience_s, credentials=credentials)
         try:
             about = self._about = find_run(self._session, endpoint, run, patience_s)
@@ -212,11 +215,6 @@ def watch_run(
     True
     (True, 2, True)
     """
-    if not isinstance(endpoint, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        raise InputError(f"endpoint={endpoint!r}: expected where a run can be joined")
-    folder = None if secure is None else Path(secure)
-    if not is_private(endpoint):
-        check_endpoint(endpoint, connect=True)
-        check_secure(endpoint, folder)
+    credentials = guest_at(endpoint, secure)
     patience_s = seconds("patience_s", patience_s)
-    return Watched(endpoint, run=run, port=port, secure=folder, patience_s=patience_s)
+    return Watched(endpoint, run=run, port=port, credentials=credentials, patience_s=patience_s)

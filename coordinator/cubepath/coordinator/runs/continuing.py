@@ -80,7 +80,7 @@ def what_if(
     if not 1 <= first <= most:
         why = "" if most > record.rounds else f", in round {most} a module gave up"
         raise InputError(
-            f"from={first}: {path} has {record.rounds} whole rounds{why}, expected 1 to {most}"
+            f"round {first}: {path} has {record.rounds} whole rounds{why}, expected 1 to {most}"
         )
     _check_silence(record, first)
     stage = _stage(record, rule, first, modules, seed)
@@ -110,8 +110,8 @@ def _check_silence(record: OnRecord, first: int) -> None:
     for stage in record.stages[1:]:
         if record.note_length and not stage.heard and stage.begins < first:
             raise InputError(
-                f"from={first}: in round {stage.begins} of {record.recording.path} other rules took"
-                f" over, and nothing was noted; expected 1 to {stage.begins}"
+                f"round {first}: in round {stage.begins} of {record.recording.path} other rules"
+                f" took over, and nothing was noted; expected 1 to {stage.begins}"
             )
 
 

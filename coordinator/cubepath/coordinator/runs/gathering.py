@@ -5,25 +5,28 @@ Room: coordinator.
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from typing import NoReturn
 
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.recordings.description import ATTACHED
+from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Report, decode
+
+_NEEDED = {"lockstep": ("reports",), "free": ("moved", "turns", "tail")}
+"""The kinds of messages from which a run is gathered."""
 
 
 def gathered(recording: Recording) -> Gathered:
     """Gather what modules or keepers of a recording reported.
 
     Incomplete rounds are left out, and commits that depend on others which are not on record.
-    InputError if the recording begins in the middle of a run, so that nobody knows where modules
-    stood, or if a message on record is malformed; CheckError as for `Gatherer.receive` and
-    `FreeGatherer.receive`.
+    InputError as for `check_from_the_start`, or if a message on record is malformed; CheckError as
+    for `Gatherer.receive` and `FreeGatherer.receive`.
 
     >>> from pathlib import Path
     >>> from cubepath.protocol import read_recording
@@ -31,10 +34,34 @@ def gathered(recording: Recording) -> Gathered:
     >>> path.rounds, len(path.path), path.reached
     (29, 28, True)
     """
-    attached = recording.parameters.get(ATTACHED, "1")
+    check_from_the_start(recording)
+    return _free(recording) if recording.clock == "free" else _lockstep(recording)
+
+
+def check_from_the_start(recording: Recording) -> None:
+    """Raise InputError if a recording was not made from the start on, with all that was reported.
+
+    Then nobody knows where modules stood.
+    """
+    told = recording.parameters
+    attached = told.get(ATTACHED, "1")
     if attached not in {"0", "1"}:
         _refuse(recording, attached)
-    return _free(recording) if recording.clock == "free" else _lockstep(recording)
+    taken, without = (told.get(key, "").split() for key in LEFT_OUT)
+    for kind in _NEEDED[recording.clock]:
+        whole = not taken or any(_matches(kind, each, "*") for each in taken)
+        if not whole or any(_matches(kind, each) for each in without):
+            left = ", ".join(f"{key} {told[key]}" for key in LEFT_OUT if key in told)
+            raise InputError(
+                f"{recording.path}: messages were left out when it was recorded ({left}), expected"
+                f" all of {' and '.join(_NEEDED[recording.clock])}"
+            )
+
+
+def _matches(kind: str, glob: str, senders: str | None = None) -> bool:
+    """Return whether a glob is for messages of a kind, of some senders or of these."""
+    named, _, of = glob.partition("/")
+    return fnmatchcase(kind, named) and (senders is None or of in {"", senders})
 
 
 def _refuse(recording: Recording, begins: object) -> NoReturn:

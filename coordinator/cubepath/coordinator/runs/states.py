@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from cubepath.coordinator.runs.gathering import check_from_the_start
 from cubepath.coordinator.runs.snapshots import snapshots
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
@@ -34,7 +35,7 @@ class State:
 def states_of(recording: Recording) -> Iterator[State]:
     """Yield the start as round 0, and the state after each round, or without rounds each level.
 
-    InputError if the recording does not begin where the run begins, if messages are missing in
+    InputError as for `check_from_the_start`, if messages are missing in
     between, if one cannot be decoded, or if a move is not admissible when its turn comes.
 
     >>> states = list(states_of(read_recording("logs/golden/hex-5.mcap")))
@@ -46,6 +47,7 @@ def states_of(recording: Recording) -> Iterator[State]:
             f"{recording.path}: holds {len(recording.records)} messages of a longer recording,"
             " expected all from its beginning ('cubepath merge' puts parts together)"
         )
+    check_from_the_start(recording)
     first = recording.counts().first_wall_ns or 0
     ahead: list[tuple[int, int]] = [(0, first)]
 

@@ -47,7 +47,7 @@ class Link:
             raise InputError(f"endpoint={endpoint!r}: expected where the router is")
         if endpoint.startswith("tls/"):
             raise InputError(
-                f"endpoint={endpoint}: a link has no certificate, expected tcp/HOST:PORT"
+                f"endpoint {endpoint}: a link has no certificate, expected tcp/HOST:PORT"
             )
         self.name = name
         self._tokens: dict[tuple[Direction, str], zenoh.LivelinessToken | None] = {}

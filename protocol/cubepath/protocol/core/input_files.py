@@ -84,6 +84,8 @@ def readable(path: Path) -> Generator[None]:
     """Turn an OSError from reading a file into an InputError."""
     try:
         yield
+    except IsADirectoryError:
+        raise InputError(f"{path}: a folder, expected a file") from None
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
 

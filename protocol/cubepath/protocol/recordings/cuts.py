@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.suggestions import did_you_mean
 
 if TYPE_CHECKING:
     from cubepath.protocol.recordings.recording import Record, Recording
@@ -68,10 +69,8 @@ class Selection:
         return found
 
     def _takes(self, topic: str) -> bool:
-        names = topic, topic.partition("/")[0]
-
         def match(patterns: tuple[str, ...]) -> bool:
-            return any(fnmatchcase(name, each) for each in patterns for name in names)
+            return any(_matches(topic, each) for each in patterns)
 
         return (not self.topics or match(self.topics)) and not match(self.exclude)
 
@@ -92,6 +91,24 @@ class Selection:
         if self.first is not None or self.until is not None:
             rounds = range(self.first or 0, (1 << 64) if self.until is None else self.until + 1)
         return (each for each in recording.written(rounds=rounds) if self.keeps(each))
+
+
+def check_topics(recording: Recording, selection: Selection) -> None:
+    """Raise InputError if a pattern of topics to take matches no topic of the recording."""
+    topics = recording.topics() if selection.topics else ()
+    kinds = sorted({topic.partition("/")[0] for topic in topics})
+    for pattern in selection.topics:
+        if not any(_matches(topic, pattern) for topic in topics):
+            near = did_you_mean(pattern, kinds)
+            raise InputError(
+                f"{recording.path}: topics {pattern}: nothing on record matches{near}, expected"
+                f" topics of {', '.join(kinds) or 'a recording with messages'}"
+            )
+
+
+def _matches(topic: str, pattern: str) -> bool:
+    """Return whether a pattern matches a topic, or its kind."""
+    return fnmatchcase(topic, pattern) or fnmatchcase(topic.partition("/")[0], pattern)
 
 
 def whole_of(recording: Recording) -> int | None:

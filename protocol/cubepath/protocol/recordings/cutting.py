@@ -7,15 +7,16 @@ them together again. What is cut says so in its parameters.
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
+from math import ceil
 from pathlib import Path
 from typing import IO
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
-from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, Selection, cut_notes
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, Selection, check_topics, cut_notes
 from cubepath.protocol.recordings.recording import Record, Recording, read_undamaged
 from cubepath.protocol.recordings.writing import RecordingWriter, refuse_existing
 
@@ -37,8 +38,9 @@ def filter_recording(
 
     `topics` and `exclude` are patterns of topics or kinds, `first` and `until` log times, both
     included. Scene, schedule and parameters are those of the recording; if something was left out,
-    the parameters `filtered` and `whole_messages` say so. InputError if the source is damaged, if
-    nothing is left, or if `out` exists or cannot be written.
+    the parameters `filtered` and `whole_messages` say so. InputError if the source is damaged, if a
+    pattern of `topics` matches nothing on record, if nothing is left, or if `out` exists or cannot
+    be written.
 
     >>> filter_recording("logs/golden/hex-5.mcap", "reports.mcap", topics=["report"], until=10)
     50
@@ -47,6 +49,7 @@ def filter_recording(
     """
     recording, out = read_undamaged(source), Path(out)
     selection = Selection(tuple(topics), tuple(exclude), first, until)
+    check_topics(recording, selection)
     count = sum(1 for _ in selection.of(recording))
     if not count:
         raise InputError(f"{recording.path}: {selection}: found no such message, expected some")
@@ -89,11 +92,8 @@ def split_recording(
     records: Iterator[Record] = iter(recording.records)
     ahead = next(records, None)
     with contextlib.ExitStack() as undo:
+        undo.enter_context(_folder(folder))
         undo.callback(_remove, made)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise unwritable(folder, error) from None
         while ahead is not None or not made:
             if len(made) == PARTS_MAX:
                 raise InputError(
@@ -135,7 +135,10 @@ def _beginnings(
     if parts is not None:
         count = len(recording.records)
         if parts > max(count, 1):
-            raise InputError(f"{recording.path}: has {count} messages, expected {parts} or more")
+            raise InputError(
+                f"{recording.path}: has {count} messages, expected at most so many parts, not"
+                f" {parts}"
+            )
         share = _Share(count, parts)
         return lambda _, record: share.begins(record)
     if rounds is not None:
@@ -154,8 +157,9 @@ def _is_full(recording: Recording, writer: RecordingWriter, record: Record, size
     if full and not writer.messages:
         least = writer.size_with(record.topic, len(record.data))
         raise InputError(
-            f"{recording.path}: a part with message {record.sequence} alone may take {least} bytes,"
-            f" expected at least so many, found {size}"
+            f"{recording.path}: a part of {size} bytes has no room for scene, parameters and"
+            f" message {record.sequence}: expected at least {least} bytes"
+            f" ({ceil(least / 1000) / 1000:g} MB)"
         )
     return full
 
@@ -188,6 +192,23 @@ class _Span:
         if not writer.messages:
             self._first = at
         return at >= self._first + self._span
+
+
+@contextlib.contextmanager
+def _folder(path: Path) -> Generator[None]:
+    """Make a folder and those above it; if the block fails, take away those that are new."""
+    new = [each for each in (path, *path.parents) if not each.exists()]
+    try:
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise unwritable(path, error) from None
+        yield
+    except BaseException:
+        for each in new:
+            with contextlib.suppress(OSError):  # others may have put something there
+                each.rmdir()
+        raise
 
 
 def _remove(made: Iterable[Path]) -> None:

@@ -76,7 +76,7 @@ def settings_for(endpoint: str, credentials: Credentials) -> Mapping[str, Any]:
     if not endpoint.startswith(TLS):
         return {}  # a router without passwords refuses whoever has one
     if not credentials.folder:
-        raise InputError(f"endpoint={endpoint}: expected a folder of certificates (--secure DIR)")
+        raise InputError(f"endpoint {endpoint}: expected a folder of certificates (--secure DIR)")
     authority, own, key = certificate_files(Path(credentials.folder), credentials.name)
     return {
         "transport/link/tls/root_ca_certificate": str(authority),

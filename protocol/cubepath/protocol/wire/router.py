@@ -214,9 +214,9 @@ class Router:
 def check_secure(endpoint: str, secure: Path | None) -> None:
     """Check that an endpoint over TLS has certificates, and no other has; InputError if not."""
     if endpoint.startswith(TLS) and secure is None:
-        raise InputError(f"endpoint={endpoint}: expected a folder of certificates (--secure DIR)")
+        raise InputError(f"endpoint {endpoint}: expected a folder of certificates (--secure DIR)")
     if secure is not None and not endpoint.startswith(TLS):
-        raise InputError(f"endpoint={endpoint}: expected tls/HOST:PORT with certificates")
+        raise InputError(f"endpoint {endpoint}: expected tls/HOST:PORT with certificates")
 
 
 def without_tls(endpoint: str) -> str:

@@ -88,7 +88,7 @@ def check_endpoint(endpoint: str, *, connect: bool = False) -> None:
     bound = not sharp or (connect and _FROM.fullmatch(endpoint.removeprefix(place)) is not None)
     if not _ENDPOINT.fullmatch(place) or not bound:
         raise InputError(
-            f"endpoint={endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT, as tcp/127.0.0.1:7447"
+            f"endpoint {endpoint}: expected tcp/HOST:PORT or tls/HOST:PORT, as tcp/127.0.0.1:7447"
         )
 
 
@@ -113,7 +113,7 @@ def open_router(
     try:
         session = zenoh.open(_config("router", **settings))
     except zenoh.ZError:
-        raise InputError(f"endpoint={endpoint}: cannot listen there") from None
+        raise InputError(f"endpoint {endpoint}: cannot listen there") from None
     if endpoint.startswith(SCHEME) or not endpoint.endswith(":0"):
         return session, endpoint
     # The system chooses the port; the router's own admin space tells which.

@@ -1,0 +1,81 @@
+"""`cubepath record` beside other commands, each a process of its own."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from cubepath.coordinator.testing import Command
+from cubepath.coordinator.verification.recording import verify
+from cubepath.protocol.recordings.recording import read_recording
+from elsewhere import Commands, soon
+
+pytestmark = pytest.mark.slow
+RANDOM = ("run", "hex:n=6", "--rule=random", "--max-rounds=999999")
+"""A run that goes on until it is ended."""
+
+
+@pytest.fixture
+def commands(tmp_path: Path) -> Iterator[Commands]:
+    """Return what starts commands, and ends them."""
+    with Commands(tmp_path) as found:
+        yield found
+
+
+def test_the_line_that_a_run_says_of_itself_is_what_record_takes(
+    commands: Commands, tmp_path: Path
+) -> None:
+    """Also of a run that listens at an address: its endpoint and its name, to be pasted."""
+    run = commands.start("run", "hex:n=3", "--listen=tcp/127.0.0.1:0", "--wait-for=1")
+    run.says(r"listening on \S+ without TLS")
+    endpoint, name = run.says(r"endpoint (\S+), run (\S+)").groups()
+    recorder = commands.start("record", "--connect", endpoint, "--run", name, "-o", "out.mcap")
+    recorder.says(f"recording run {name}")
+    commands.start("join", "--connect", endpoint, "--modules=0-2")
+    assert run.end()[0] == 0
+    assert recorder.end()[0] == 0
+    assert read_recording(tmp_path / "out.mcap").parameters["attached"] == "1"
+
+
+@pytest.mark.thorough
+def test_a_run_that_is_killed_is_gone_without_a_word(commands: Commands, tmp_path: Path) -> None:
+    """What came until then is whole, and a line says that how it ended is not known."""
+    run = commands.start(*RANDOM)
+    endpoint, name = run.says(r"endpoint (\S+), run (\S+)").groups()
+    log = tmp_path / "out.mcap"
+    recorder = commands.start("record", "--connect", endpoint, "-o", str(log), "--json")
+    recorder.says("recording run")
+    soon(lambda: log.exists() and log.stat().st_size > 20_000)
+    run.signal(signal.SIGKILL)
+    code, answer, said = recorder.end()
+    assert (code, json.loads(answer)["ended"]) == (0, "run gone")
+    assert said[-1] == f"cubepath: run {name} is gone, and has not said how it ended"
+    recording = read_recording(log)
+    assert recording.problems == ()
+    assert verify(recording).ok
+
+
+@pytest.mark.thorough
+def test_a_snapshot_that_does_not_fit_leaves_no_other_file(
+    commands: Commands, tmp_path: Path
+) -> None:
+    """One line says why, and the exit code is 1."""
+    inside = tmp_path / "in.mcap"
+    run = commands.start(*RANDOM, f"--log={inside}")
+    endpoint = run.says(r"endpoint (\S+), run")[1]
+    script = "import resource, sys; resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000));"
+    script += "from cubepath.coordinator.commands.main import main; sys.exit(main(sys.argv[1:]))"
+    line = ["record", f"--connect={endpoint}", "-o", "last.mcap", "--snapshot=60"]
+    with Command([sys.executable, "-c", script, *line], name="record", cwd=tmp_path) as recorder:
+        recorder.says("recording run")
+        before = inside.stat().st_size
+        soon(lambda: inside.stat().st_size > before + 200_000)
+        recorder.signal(signal.SIGUSR1)
+        recorder.says(r"last-000\.mcap: recording stopped after .*: File too large")
+        assert recorder.wait(20) == 1
+    assert not (tmp_path / "last.mcap").exists()
