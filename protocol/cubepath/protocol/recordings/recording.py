@@ -158,11 +158,6 @@ class _StoredRecords(Sequence[Record]):
 
     __hash__ = None  # type: ignore[assignment]  # as a list
 
-    @property
-    def topics(self) -> frozenset[str]:
-        """Return the topics that the file names."""
-        return frozenset(self._topics.values())
-
     @cached_property
     def _blocks(self) -> list[Block]:
         """The chunks with their rounds, for which all are read if log times are the wall clock."""
@@ -362,17 +357,6 @@ class Recording:
         if isinstance(self.records, _StoredRecords):
             return self.records.blocks()
         return iter([(self.records, inf)])
-
-    def topics(self) -> frozenset[str]:
-        """Return the topics of the messages, KIND/SENDER.
-
-        >>> sorted(read_recording("logs/golden/hex-5.mcap").topics())[:2]
-        ['claim/module_0', 'claim/module_1']
-        """
-        records = self.records
-        if isinstance(records, _StoredRecords) and not self.problems:
-            return records.topics
-        return frozenset(record.topic for record in records)
 
     def chunks(self) -> Sequence[RecordChunk]:
         """Return the chunks of the file in order; the messages of one are read when asked for.
