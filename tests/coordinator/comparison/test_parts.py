@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from command_line import GOLDEN
 from cubepath.coordinator.comparison.comparing import diff
@@ -13,7 +15,7 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from free_runs import free_recorded
-from recordings import recorded, with_records
+from recordings import new_path, recorded, with_records
 from twin_runs import everything, first_choices, twin
 
 HEX = GOLDEN / "hex-5.mcap"
@@ -214,3 +216,28 @@ def test_two_systems_of_one_family_are_compared() -> None:
     assert found.choice is not None
     assert any("knows from birth differs as well" in line for line in found.choice.why)
     assert found.choice.causes != ("record",)
+
+
+@pytest.mark.parametrize("name", ["hex-5", "hex-free-5"])
+@given(st.floats(0, 1), st.integers(0, 7), st.booleans())
+@settings(max_examples=12)
+def test_a_damaged_copy_never_chooses_otherwise(
+    name: str, at: float, bit: int, truncated: bool
+) -> None:
+    """Whatever is lost: that it is damaged is said, and nothing is said to differ."""
+    whole = GOLDEN / f"{name}.mcap"
+    data = bytearray(whole.read_bytes())
+    place = min(int(len(data) * at), len(data) - 1)
+    if truncated:
+        del data[place:]
+    else:
+        data[place] ^= 1 << bit
+    damaged = new_path()
+    damaged.write_bytes(data)
+    try:
+        found = diff(whole, damaged)
+    except InputError as error:
+        assert str(damaged) in str(error)  # noqa: PT017 - a file may have lost all
+        return
+    assert (found.choice, found.message, found.move, found.outcome) == (None, None, None, None)
+    assert any(note.startswith("b is damaged: ") for note in found.notes)

@@ -18,7 +18,8 @@ from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.tables import ROWS_MAX, table
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.wire.messages import Claim, Report
-from recordings import all_edited, parts, recorded
+from free_runs import free_recorded
+from recordings import all_edited, parts, recorded, with_records
 
 pytestmark = pytest.mark.slow
 
@@ -109,6 +110,15 @@ def test_runs_that_differ_are_shown_where_they_first_do() -> None:
     assert "why: it sensed and was told the same in both, in this round and all before" in text
     assert "why: seed is 0 in a, and 1 in b" in text
     fails(lambda: one.assert_same_run(other, homotopic=True), r"^not homotopic: ")
+
+
+def test_runs_that_have_nothing_in_common_on_record() -> None:
+    """Why it is not told where they part, in a line."""
+    recording = free_recorded("agv:graph=grid3x3,n=4", seed=4, moves=12)
+    kept = [each for each in recording.records if each.kind not in ("moved", "tail", "summary")]
+    one, other = Log(recording), Log(with_records(recording, kept))
+    text = fails(lambda: one.assert_same_run(other), r"^not the same run: ")
+    assert "nothing to compare, as its first commits are not on record" in text
 
 
 def test_rounds_that_commute_may_be_swapped() -> None:

@@ -82,8 +82,10 @@ def _whole_rounds(reading: Reading, asked: Asked) -> str:
     first, last = reading.first, reading.transcript.complete_rounds
     if last < first:
         beyond = asked.last is not None and first > asked.last
-        why = "" if reading.cut is None else f": {reading.cut}"
-        return f"rounds from {first} on" if beyond else f"no round that all modules report{why}"
+        why = [] if reading.cut is None else [reading.cut]
+        why += [f"damaged: {problem}" for problem in reading.recording.problems[:1]]
+        none = ": ".join(["no round that all modules report", *why])
+        return f"rounds from {first} on" if beyond else none
     if asked.last is not None and last >= asked.last:
         return f"rounds from {first} on"
     return f"round {first} alone" if first == last else f"rounds {first} to {last}"

@@ -187,8 +187,11 @@ def _surroundings(
     now = a.moment.round
     if other is None:
         before = max(begins, *(next(iter(trail.inputs)) for trail in trails))
-        when = "all before" if before == 1 else f"those before from round {before} on"
-        which = "in this round" if before == now else f"in this round and {when}"
+        which = "in this round"
+        if before == 1:
+            which += " and all before"
+        elif before < now:
+            which += f" and those before from round {before} on"
         yield f"it sensed and was told the same in both, {which}"
         return
     if a.inputs[now] == b.inputs[now]:

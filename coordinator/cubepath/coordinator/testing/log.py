@@ -288,15 +288,7 @@ class Log:
             (at for at in sorted({*mine, *theirs}) if mine.get(at) != theirs.get(at)), None
         )
         lines = [f"not {word}: {short(found)}"]
-        parted = diff(self.recording, other.recording)
-        if not parted.same:
-            lines.append(short(parted.answer))
-        if parted.choice is not None:
-            lines += [
-                f"first: {short(parted.choice.a.chose)}",
-                f"second: {short(parted.choice.b.chose)}",
-                *(f"why: {short(line)}" for line in parted.choice.why[:_REASONS_MAX]),
-            ]
+        lines += _parting(self.recording, other.recording)
         if first is not None:
             for name, moves in (("first", mine), ("second", theirs)):
                 told = ", ".join(moves.get(first, ())) or "none"
@@ -428,6 +420,22 @@ def _came_of(attempt: Attempt, decision: Decision | None) -> Claimed:
         why = decision.why
     name = attempt.generator or ""
     return Claimed(level, attempt.module, name, attempt.at, result, why)
+
+
+def _parting(a: Recording, b: Recording) -> list[str]:
+    """Return in lines where two runs part, and why."""
+    try:
+        parted = diff(a, b)
+    except InputError as error:  # nothing that both have on record
+        return [short(str(error))]
+    lines = [] if parted.same else [short(parted.answer)]
+    if parted.choice is not None:
+        lines += [
+            f"first: {short(parted.choice.a.chose)}",
+            f"second: {short(parted.choice.b.chose)}",
+            *(f"why: {short(line)}" for line in parted.choice.why[:_REASONS_MAX]),
+        ]
+    return lines
 
 
 def _by_round(moves: Sequence[Executed]) -> dict[int, list[str]]:
