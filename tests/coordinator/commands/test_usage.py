@@ -9,7 +9,10 @@ import pytest
 from cubepath.coordinator.commands.main import main
 
 Capture = pytest.CaptureFixture[str]
-A_DAY = "about a round a day"
+RATE = (
+    "rounds or levels a second such as 10, times as fast as it was such as 2x, both at least"
+    " 0.00001, or max"
+)
 SECONDS = "a number of seconds, 0 or more"
 
 
@@ -70,7 +73,7 @@ def test_words_that_are_not_known(line: str, message: str, capsys: Capture) -> N
         *(
             (
                 f"replay a --rate={rate}",
-                f"--rate: expected a number of at least 0.00001 ({A_DAY}), found '{rate}'",
+                f"--rate: expected {RATE}, found '{rate}'",
             )
             for rate in ("inf", "nan", "0", "-1", "1e999", "fast", "1e-300", "1e-12")
         ),
