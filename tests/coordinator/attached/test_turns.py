@@ -94,12 +94,26 @@ def test_what_waits_for_something_lost_comes_after_a_second(recording: Recording
             found += turns.put(item(record))
             found += turns.due()
             now[0] += 0.3
-    found += turns.rest()
+    assert not [*turns.rest()]  # nothing waits any more for what is over
     came = Counter(each.data for each in recording.records if each is not lost)
     assert Counter(each.heard.data for each in found) == came
     first, *others = wrong(recording, found)
     assert f"process_{told_of(lost)} has not answered phase sense of round 2" in first
     assert all("round 2" in other for other in others)
+
+
+def test_after_something_was_lost_nothing_waits_for_it_again(recording: Recording) -> None:
+    """What was answered while it was waited for counts: the next phase begins at once."""
+    now = [0.0]
+    turns = Turns(3, from_start=True, clock=lambda: now[0])
+    lost = next(each for each in recording.records if each.kind == "ready" and each.round == 2)
+    for record in recording.records:
+        if record.round < 3 and record is not lost:
+            _ = [*turns.put(item(record))]
+    now[0] = 2.0
+    assert [*turns.due()]
+    later = [item(each) for each in recording.records if each.round >= 3]
+    assert [each for one in later for each in turns.put(one)] == later
 
 
 def test_in_the_middle_of_a_run_messages_pass(recording: Recording) -> None:

@@ -104,6 +104,9 @@ class Turns:
         for _, item in held:
             if item.topic.startswith("go/"):
                 self._begin(item)
+        for _, item in held:  # what was answered in the phase that was begun last counts
+            kind = item.topic.partition("/")[0]
+            self._note(kind, _stage(kind, item.head), item)
             yield item
 
     def _go_on(self) -> Iterator[Item]:

@@ -108,20 +108,23 @@ def _record(options: argparse.Namespace) -> int:
         if options.snapshot is not None and given is not None:
             raise InputError(f"--snapshot: each snapshot is one file, expected no --split-{name}")
     interrupted = False
-    with record(
-        options.connect,
-        options.output,
-        run=options.run,
-        topics=options.topics,
-        exclude=options.exclude,
-        split_megabytes=options.split_size,
-        split_seconds=options.split_duration,
-        snapshot_seconds=options.snapshot,
-        memory_megabytes=options.max_cache,
-        secure=options.secure,
-        patience_s=options.patience,
-        say=complain,
-    ) as recorder:
+    with (
+        _signalled(lambda *_: complain("no run yet: there is nothing to write")),
+        record(
+            options.connect,
+            options.output,
+            run=options.run,
+            topics=options.topics,
+            exclude=options.exclude,
+            split_megabytes=options.split_size,
+            split_seconds=options.split_duration,
+            snapshot_seconds=options.snapshot,
+            memory_megabytes=options.max_cache,
+            secure=options.secure,
+            patience_s=options.patience,
+            say=complain,
+        ) as recorder,
+    ):
         complain(f"recording run {recorder.run}")
         try:
             with _asking(recorder, snapshots=options.snapshot is not None) as look:
@@ -156,8 +159,6 @@ def _asking(recorder: Recorder, *, snapshots: bool) -> Generator[Callable[[], No
     def ask(_number: int, _frame: FrameType | None) -> None:
         recorder.request_snapshot()
 
-    # Without snapshots the signal would end the command by itself, before the file is closed.
-    before = signal.signal(signal.SIGUSR1, ask)
     typed = snapshots and sys.stdin is not None and sys.stdin.isatty()
 
     def look() -> None:
@@ -166,8 +167,16 @@ def _asking(recorder: Recorder, *, snapshots: bool) -> Generator[Callable[[], No
                 os.read(0, 1 << 10)
             recorder.request_snapshot()
 
-    try:
+    with _signalled(ask):
         yield look
+
+
+@contextmanager
+def _signalled(handler: Callable[[int, FrameType | None], object]) -> Generator[None]:
+    """Handle SIGUSR1, which would end the command by itself, before its file is closed."""
+    before = signal.signal(signal.SIGUSR1, handler)
+    try:
+        yield
     finally:
         signal.signal(signal.SIGUSR1, before)
 
