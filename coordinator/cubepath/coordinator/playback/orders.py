@@ -120,6 +120,7 @@ class Position(msgspec.Struct, frozen=True, tag_field="kind", tag="position"):
     >>> with Player("logs/golden/hex-5.mcap", topics=["report"], run="shown") as player:
     ...     with open_client(player.endpoint) as session:
     ...         jumps = session.declare_subscriber("cubepath/shown/player/position")
+    ...         _ = list(session.get("cubepath/shown/player/status"))  # so it is heard by now
     ...         _ = player.step(), player.seek("12"), player.step()
     ...         jump = json.loads(jumps.recv().payload.to_bytes())
     >>> jump["why"], jump["round"], jump["after"], jump["modules"][0]
