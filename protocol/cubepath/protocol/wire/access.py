@@ -30,7 +30,7 @@ _KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")
 """Of a keeper, in runs without rounds."""
 _SUBSCRIBERS = "@/*/router/subscriber/**"
 """Where a router tells who listens to what; ``**`` alone does not match such keys."""
-_ASKABLE = ("state", "about", "player/*")
+_ASKABLE = ("state", "about", "path", "player/*")
 """What everyone may ask."""
 _LISTENING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 _ASKED = ("query", "reply", "declare_queryable")
