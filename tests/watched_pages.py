@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from cubepath.agents.environments.rollout import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
@@ -13,6 +15,8 @@ from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.scenes.specs import scene_from_spec
 
+Open: TypeAlias = Callable[..., Any]
+"""Opens a page of a browser."""
 OWN = """format = "cubepath-system-1"
 name = "</script><b>crawl"
 start = [[0, 1], [2, 1]]
@@ -74,3 +78,13 @@ def watched(spec: str, folder: Path, rounds: int = 12) -> Watched:
 def followed(scene: Scene, steps: Steps) -> list[list[str]]:
     """Return the names of the sites of the modules at the start, and after each step."""
     return [[site_text(site) for site in each.sites] for each in snapshots(scene, steps)]
+
+
+def until(page: Any, condition: str) -> None:
+    """Wait until something holds in a page, whose policy lets nobody compile code in it."""
+    for _ in range(2000):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(5)
+    live = page.query_selector("#live")
+    raise AssertionError(f"never held: {condition}; {live and live.inner_text()}")

@@ -33,6 +33,8 @@ class Follower:
             case "steps":
                 self._steps(told)
             case "schedule":
+                if "states" in told:
+                    self.document["complex"]["paths"][1] = told.pop("states")
                 self.normal |= told.pop("normal")
                 self.path |= told
             case "end":
@@ -46,6 +48,9 @@ class Follower:
             for key, values in news.pop(part, {}).items():
                 self.world[part][key] += values
         self.world |= news
+        if "states" in told:
+            states = self.document["complex"]["paths"][0]
+            states[told["from"] + 1 :] = told["states"]
         del self.path["ends"][told["from"] :]
         del self.path["rows"][self.path["ends"][-1] if self.path["ends"] else 0 :]
         for rows in told["rows"]:
@@ -95,7 +100,9 @@ def test_events_lead_to_the_page_of_the_whole_run(spec: str, tmp_path: Path) -> 
         feed.end({"ended": "max-rounds", "error": None})
         follow(feed, follower)
     assert follower.ended == {"ended": "max-rounds", "error": None}
-    for key in ("paths", "worlds", "names", "title", "beside", "format"):
+    for key in ("claims", "heard"):
+        assert not any(follower.path.pop(key).values())  # nobody has said anything
+    for key in ("paths", "worlds", "names", "title", "beside", "format", "complex"):
         assert same(follower.document[key], expected[key]), key
 
 

@@ -167,6 +167,9 @@ def test_garbage_and_silence_hold_nobody_up(
 ) -> None:
     """Who sends no request is cut off, who is one too many is told so, and others are served."""
     server, _ = served
+    with socket.create_connection((HOST, server.server_port), timeout=10) as client:
+        client.sendall(b"<script>\r\n\r\n")
+        assert client.recv(1 << 16) == b"400 Bad Request\n"
     for garbage in (b"\x16\x03\x01\x00", b"GET\r\n\r\n", b"GET / HTTP/9.9\r\n\r\n", b"a" * 70_000):
         address = HOST, server.server_port
         with socket.create_connection(address, timeout=10) as client, suppress(ConnectionError):
@@ -213,8 +216,10 @@ def test_who_reads_nothing_holds_nobody_up(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_a_port_that_is_taken_is_told(served: tuple[Server, Pace]) -> None:
-    """In a line that names it; as is one that there is not."""
+    """In a line that names it and says why, without numbers of errors; as is one that is none."""
     server, _ = served
+    with pytest.raises(InputError, match=r": Address already in use$"):
+        Server("page", server.feed, None, port=server.server_port)
     for port in (server.server_port, 70_000):
         with pytest.raises(InputError, match=f"cannot listen at 127.0.0.1:{port}"):
             Server("page", server.feed, None, port=port)

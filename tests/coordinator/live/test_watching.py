@@ -15,7 +15,7 @@ import urllib.request
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 from urllib.parse import urlsplit
 
 import pytest
@@ -36,6 +36,8 @@ from elsewhere import soon
 pytestmark = pytest.mark.slow
 
 SPEC = "hex:n=4"
+Said: TypeAlias = tuple[list[tuple[int, tuple[str, str], int]], list[tuple[str, int, int]]]
+"""Of a step its claims, each with 1 if it was granted, and its deliveries."""
 
 
 class Client:
@@ -46,6 +48,8 @@ class Client:
         self.moves: list[tuple[str, str]] = []
         self.states: list[dict[str, Any]] = []
         self.ended: dict[str, Any] | None = None
+        self._said: dict[str, dict[int, list[int]]] = {"claims": {}, "heard": {}}
+        self._kinds: list[str] = []
         self._generators: list[str] = []
         self._stream = urllib.request.urlopen(f"{address}events", timeout=20)  # noqa: S310
         self._thread = threading.Thread(target=self._read)
@@ -63,19 +67,42 @@ class Client:
     def _take(self, kind: str, told: dict[str, Any]) -> None:
         match kind:
             case "steps":
-                rows = (told["world"] or {}).get("rows")
-                if rows is not None:
-                    self._generators += rows["generators"]
-                    names = [self._generators[number] for number in rows["generator"]]
-                    self.moves += zip(names, rows["at"], strict=True)
+                self._grow(told)
                 del self.rows[told["from"] :]
                 self.rows += told["rows"]
+            case "said":
+                self._grow(told)
+                self._kinds = told.get("kinds", [])
+                for key, steps in self._said.items():
+                    steps.update(told.get(key, []))
             case "state":
                 self.states.append(told)
             case "end":
                 self.ended = told
             case _:
                 pass
+
+    def _grow(self, told: dict[str, Any]) -> None:
+        rows = (told["world"] or {}).get("rows")
+        if rows is not None:
+            self._generators += rows["generators"]
+            names = [self._generators[number] for number in rows["generator"]]
+            self.moves += zip(names, rows["at"], strict=True)
+
+    @property
+    def said(self) -> list[Said]:
+        """Return the claims and the deliveries of each step."""
+        claims, heard = (
+            [batched(self._said[key].get(step, [])) for step in range(1, len(self.rows) + 1)]
+            for key in ("claims", "heard")
+        )
+        return [
+            (
+                sorted((module, self.moves[row], won) for module, row, won in one),
+                sorted((self._kinds[kind], sender, module) for kind, sender, module in other),
+            )
+            for one, other in zip(claims, heard, strict=True)
+        ]
 
     def join(self) -> Client:
         self._thread.join(20)
@@ -94,6 +121,29 @@ def recorded(log: Path) -> list[list[tuple[str, str]]]:
         [(each.generator, json.dumps(each.at, separators=(",", ":"))) for each in step.executed]
         for step in gathered(read_recording(log)).steps
     ]
+
+
+def said(log: Path, begin: int) -> list[Said]:
+    """Return the claims and the deliveries of the rounds of a recording after some."""
+    recording = read_recording(log)
+    rounds = len(gathered(recording).steps)
+    found: list[Said] = [([], []) for _ in range(rounds)]
+    columns = recording.claims()
+    for number, module, generator, at, outcome in zip(
+        *(columns[name].tolist() for name in ("round", "module", "generator", "at", "outcome")),
+        strict=True,
+    ):
+        move = generator, json.dumps(at, separators=(",", ":"))
+        found[number - 1][0].append((module, move, int(outcome == "granted")))
+    for logged in recording.messages("report"):
+        for kind, sender, _ in logged.message.deliveries():
+            found[logged.round - 1][1].append((kind, sender, logged.message.module))
+    return [(sorted(claims), sorted(heard)) for claims, heard in found[begin:]]
+
+
+def batched(flat: list[int]) -> list[list[int]]:
+    """Return the entries of a list that has three numbers for each."""
+    return [flat[place : place + 3] for place in range(0, len(flat), 3)]
 
 
 def order(address: str, order: str, value: object = None) -> None:
@@ -152,6 +202,7 @@ def test_who_watches_has_the_run_as_it_is_recorded(tmp_path: Path) -> None:
     for client in (first, second):
         assert client.join().path == recorded(log)
         assert client.ended == {"ended": "goal", "error": None}
+        assert client.said == said(log, 0)
     assert unused(address)
     assert nothing_left()
     assert verify(log).ok
@@ -239,6 +290,11 @@ def test_a_run_without_rounds_can_be_watched_alone(tmp_path: Path) -> None:
         assert running.play().goal_reached
     assert client.join().path == recorded(log)
     assert client.states == []
+    rows = [[(move, won) for _, move, won in claims] for claims, _ in client.said]
+    made = [
+        [move for claims in rows[: level + 1] for move, _ in claims] for level in range(len(rows))
+    ]
+    assert all(move in made[level] for level, step in enumerate(client.path) for move in step)
     with pytest.raises(InputError, match="can be watched, not paced"):
         Live(Running(plan(tmp_path / "no.mcap", clock="free")), paused=True)
 
@@ -259,8 +315,30 @@ def test_a_run_elsewhere_is_watched_from_where_it_stands(tmp_path: Path) -> None
         assert client.ended == {"ended": "goal", "error": None}
     assert unused(address)
     assert nothing_left()
+    assert client.said == said(log, 4)
     with pytest.raises(CheckError, match="no run"):
         elsewhere_run(tmp_path)
+
+
+@pytest.mark.thorough
+def test_a_run_without_rounds_is_watched_from_elsewhere(tmp_path: Path) -> None:
+    """All its levels, however late one comes; at the end they are those of the recording."""
+    log = tmp_path / "free.mcap"
+    with start("hex:n=6", clock="free", processes=2, keepers=2, seed=3, log=log) as running:
+        running.step(4)
+        with watch_run(running.endpoint) as watched:
+            client = Client(watched.address)
+            while len(client.rows) < 2:
+                assert not watched.wait(0.1)
+            outcome = running.play()
+            assert watched.wait(20)
+            assert (watched.begins, watched.round) == (0, outcome.rounds)
+            with pytest.raises(urllib.error.HTTPError, match="409"):
+                order(watched.address, "pause")
+        assert client.join().path == recorded(log)
+    assert client.ended == {"ended": "goal", "error": None}
+    assert {won for step in client.said for _, _, won in step[0]} >= {1}
+    assert nothing_left()
 
 
 def elsewhere_run(folder: Path) -> None:

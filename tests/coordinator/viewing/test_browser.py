@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.viewing.pages import run_page
 from cubepath.coordinator.viewing.shown import Shown
 from cubepath.protocol.scenes.specs import scene_from_spec
-from watched_pages import KINDS, Watched, watched
+from watched_pages import KINDS, Open, Watched, until, watched
 
 pytestmark = pytest.mark.browser
 
@@ -33,7 +33,6 @@ FLAGS = (
     "--disable-sync",
 )
 GOLDEN = Path(__file__).parents[3] / "logs" / "golden"
-Open = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
@@ -91,15 +90,6 @@ def settled(page: Any) -> Any:
     """Wait until a page has drawn what has changed; return it."""
     page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
     return page
-
-
-def until(page: Any, condition: str) -> None:
-    """Wait until something holds in a page, whose policy lets nobody compile code in it."""
-    for _ in range(2000):
-        if page.evaluate(condition):
-            return
-        page.wait_for_timeout(5)
-    raise AssertionError(f"never held: {condition}")
 
 
 def position(page: Any) -> float:
@@ -406,3 +396,50 @@ def test_a_page_can_be_fed(tmp_path: Path, opened: Open) -> None:
     assert whole == fed
     assert [each["site"] for each in fed[0]] == found.sites[0][-1]
     assert page.evaluate("Array.from(cubepath.view.paths[0].data.chain)") == fed[1]
+
+
+def test_who_is_smaller_than_a_pixel_is_seen(tmp_path: Path, opened: Open) -> None:
+    """Of a line of a thousand modules the modules, and the goal far off, have pixels."""
+    scene = scene_from_spec("hex:n=1000")
+    run_page(Shown(scene, [()], ()), tmp_path / "run.html")
+    page = opened(tmp_path / "run.html")
+    seen = settled(page).evaluate(
+        """() => {
+          const { canvas } = cubepath.view.stages[0], found = { robot: 0, goal: 0 };
+          const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+          for (let each = 0; each < data.length; each += 4) {
+            const [red, green, blue, alpha] = data.subarray(each, each + 4);
+            if (alpha < 60) continue;
+            if (red > 180 && green < 140 && blue < 190) found.goal += 1;
+            else if (Math.min(red, green, blue) < 200) found.robot += 1;
+          }
+          return found;
+        }"""
+    )
+    assert seen["robot"] > 200
+    assert seen["goal"] > 200
+
+
+@pytest.mark.parametrize("spec", ["hex:n=5", "agv-labelled:graph=grid3x3,n=3"])
+def test_charts_say_what_their_axes_are(spec: str, tmp_path: Path, opened: Open) -> None:
+    """Sites or modules, and steps; none of the words is cut off at the side."""
+    run_page(watched(spec, tmp_path).shown, tmp_path / "run.html")
+    page = opened(tmp_path / "run.html")
+    page.evaluate(
+        """() => {
+          const write = CanvasRenderingContext2D.prototype.fillText;
+          globalThis.written = [];
+          CanvasRenderingContext2D.prototype.fillText = function (word, x, y) {
+            const wide = this.measureText(word).width;
+            if (this.textAlign === "right") globalThis.written.push([word, x - wide]);
+            else globalThis.written.push([word, 0]);
+            write.call(this, word, x, y);
+          };
+        }"""
+    )
+    for tab, words in (("heap", {"site", "cube"}), ("schedule", {"module", "step"})):
+        page.evaluate("globalThis.written.length = 0")
+        page.click(f"#tab-{tab}")
+        written = settled(page).evaluate("globalThis.written")
+        assert words <= {word for word, _ in written}
+        assert all(left >= 0 for _, left in written)

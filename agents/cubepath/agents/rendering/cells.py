@@ -95,8 +95,12 @@ def _free_cells(pen: PlacePen, cells: Iterable[tuple[int, int]]) -> list[tuple[i
 def _lattice_ground(rows: _Rows, pen: PlacePen) -> None:
     """Draw free cells pale, and the obstacles of either kind."""
     system = pen.system
-    cells = rows.cells(system, pen.box)
-    _free_cells(pen, cells)
+    cells = [cell_of(site) for site in system.empty | system.filled]
+    left, right, low, high = pen.box
+    # Too many to be drawn would take long only to be found.
+    if system.bounded or (right - left) * (high - low) / rows.stretch <= FREE_MAX + len(cells):
+        cells = rows.cells(system, pen.box)
+        _free_cells(pen, cells)
     pen.draw("module", [cell for cell in cells if cell in system.empty], facecolors=LINE)
     pen.draw("module", [cell for cell in cells if cell in system.filled], facecolors=WALL)
 

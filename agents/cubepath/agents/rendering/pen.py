@@ -31,6 +31,10 @@ _HUES = (
 "vibrant")."""
 
 
+_ON_PALE, _ON_DARK = f"{INK}ff", "#ffffffff"
+"""Of words on a colour. They are no roles of a theme: the colour is the same on dark ground."""
+
+
 def palette(count: int) -> list[Colour]:
     """Return a colour for each module by number, independent of how many there are.
 
@@ -100,7 +104,7 @@ class Pen:
         if on is None:
             colour = self.theme.of(INK)
         else:
-            colour = INK if 0.3 * on[0] + 0.59 * on[1] + 0.11 * on[2] > 0.5 else "white"
+            colour = _ON_PALE if 0.3 * on[0] + 0.59 * on[1] + 0.11 * on[2] > 0.5 else _ON_DARK
         self.canvas.write(at, word, colour, size)
 
 

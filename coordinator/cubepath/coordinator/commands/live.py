@@ -102,7 +102,7 @@ def watch_elsewhere(options: argparse.Namespace) -> int:
     """Follow a run elsewhere on a page, until it ends or this is interrupted."""
     from cubepath.coordinator.live.elsewhere import watch_run  # noqa: PLC0415
 
-    for name in ("input", "other", "output", "system", "format", "fps"):
+    for name in ("input", "other", "output", "system", "of", "format", "fps"):
         if getattr(options, name):
             raise InputError(f"connect: follows a run that goes on, expected no {name}")
     interrupted = False

@@ -26,6 +26,8 @@ class Drawn(NamedTuple):
     schedule: Callable[[], tuple[Sequence[Sequence[Action]], NormalForm]]
     unsolved: str | None = None
     recording: Recording | None = None
+    chain: Sequence[int] | None = None
+    """Of a certificate, whose schedule it then is: the chain that proves it, by places in it."""
 
 
 def write_page(drawn: Sequence[Drawn], path: Path) -> None:
@@ -57,6 +59,7 @@ def _shown(drawn: Drawn, name: str) -> Shown:
         name,
         drawn.recording,
         _facts(drawn, cubes),
+        drawn.chain,
     )
 
 
@@ -70,6 +73,10 @@ def _facts(drawn: Drawn, cubes: Sequence[Sequence[Action]]) -> tuple[tuple[str, 
     after = f"{_counted(len(cubes), 'cube')}, {_counted(left, 'move')}"
     largest = max(map(len, cubes), default=0)
     facts.append(("", f"{before} \N{RIGHTWARDS ARROW} {after}, largest cube {largest}"))
+    if drawn.chain is not None:
+        facts.append(
+            ("", f"proved: no schedule in the class has fewer than {_counted(len(cubes), 'cube')}")
+        )
     return tuple(facts)
 
 

@@ -42,7 +42,11 @@ def add_view_command(command: AddCommand) -> None:
     """Add the command and its options."""
     view = command("view", _view, "draw a run or another path: some states, and its schedule")
     view.add_argument(
-        "input", type=input_path, nargs="?", metavar="INPUT", help=f"{INPUT_HELP}; or cubes"
+        "input",
+        type=input_path,
+        nargs="?",
+        metavar="INPUT",
+        help=f"{INPUT_HELP}; or cubes, or a certificate with --of",
     )
     view.add_argument(
         "other",
@@ -61,6 +65,12 @@ def add_view_command(command: AddCommand) -> None:
     )
     view.add_argument(
         "--system", metavar="SYSTEM", help="the system that the moves or cubes of a file are of"
+    )
+    view.add_argument(
+        "--of",
+        type=input_path,
+        metavar="INPUT",
+        help="the path that a certificate is of: it names moves by their numbers there",
     )
     add_plan_options(view)
     view.add_argument(
@@ -161,7 +171,7 @@ def _view(options: argparse.Namespace) -> int:
     path: Path = options.output or options.input.with_suffix(".png")
     film, page = path.suffix.lower() in FILM_SUFFIXES, path.suffix.lower() in PAGE_SUFFIXES
     suffixes = (*PICTURE_SUFFIXES, *FILM_SUFFIXES, *PAGE_SUFFIXES)
-    check_files(options, [options.input, options.other], Output(path, suffixes))
+    check_files(options, [options.input, options.other, options.of], Output(path, suffixes))
     if options.fps is not None and not film:
         what = "a page" if page else "a picture"
         raise InputError(f"{path}: {what}, expected --fps with a film (.gif) alone")
@@ -175,9 +185,9 @@ def _view(options: argparse.Namespace) -> int:
     sheet = _sheet(options, path, "a film" if film else "a page" if page else None)
     if options.other is not None and not page:
         raise InputError(f"{path}: shows one run, expected a page (.html) for two")
-    drawn = _read(options, options.input)
+    both = _inputs(options)
+    drawn = both[0]
     if page:
-        both = [drawn] if options.other is None else [drawn, _read(options, options.other)]
         write_page(both, path)
         return _written(options, both, path, "page")
     if film:
@@ -196,6 +206,13 @@ def _view(options: argparse.Namespace) -> int:
                 sheet=sheet,
             )
     return _written(options, [drawn], path, "picture")
+
+
+def _inputs(options: argparse.Namespace) -> list[Drawn]:
+    found = [_read(options, each) for each in (options.input, options.other) if each is not None]
+    if options.of is not None and all(each.chain is None for each in found):
+        raise InputError(f"{found[0].source}: no certificate, expected no --of")
+    return found
 
 
 def _written(options: argparse.Namespace, drawn: Sequence[Drawn], path: Path, kind: str) -> int:
@@ -283,10 +300,22 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
 
 
 def _from_file(options: argparse.Namespace, file: InputFile) -> Drawn:
-    from cubepath.coordinator.shortening.path_steps import read_steps  # noqa: PLC0415
+    from cubepath.coordinator.shortening.path_steps import (  # noqa: PLC0415
+        certified_steps,
+        is_certificate,
+        read_steps,
+    )
 
     with progress_bar(None, "view", " moves") as bar:
-        found = read_steps(file, options.system, hints(options), bar.update)
+        if is_certificate(file):
+            if options.of is None:
+                raise InputError(
+                    f"{file.path}: a certificate, which has the numbers of moves alone: expected"
+                    " --of INPUT"
+                )
+            found = certified_steps(file, options.of, options.system, hints(options), bar.update)
+        else:
+            found = read_steps(file, options.system, hints(options), bar.update)
     return Drawn(
         file.path,
         found.scene,
@@ -294,4 +323,5 @@ def _from_file(options: argparse.Namespace, file: InputFile) -> Drawn:
         found.steps,
         lambda: (found.cubes, found.normal_form),
         found.unsolved,
+        chain=found.chain,
     )

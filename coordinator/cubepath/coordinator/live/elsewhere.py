@@ -9,6 +9,7 @@ import dataclasses
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -17,18 +18,22 @@ import zenoh
 
 from cubepath.coordinator.attached.guests import guest_at
 from cubepath.coordinator.live.feed import Feed
+from cubepath.coordinator.live.hearing import HEARD, Words
+from cubepath.coordinator.live.levels import Levels
 from cubepath.coordinator.live.server import Server
 from cubepath.coordinator.runs.about import About, about_key, find_run
-from cubepath.coordinator.runs.asking import ask
+from cubepath.coordinator.runs.asking import MOVES_MAX, ask, ask_path
+from cubepath.coordinator.runs.commits import Released
 from cubepath.coordinator.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.description import FREE_FORMAT
 from cubepath.protocol.scenes.toml import scene_from_toml
 from cubepath.protocol.wire.credentials import Credentials
+from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.keys import topic_key
 from cubepath.protocol.wire.messages import Edges, Message, Summary, decode
 from cubepath.protocol.wire.sessions import (
@@ -38,6 +43,14 @@ from cubepath.protocol.wire.sessions import (
     watch,
 )
 
+_RESULTS = ("edges", "summary")
+_SAID = ("to", "reports")
+_SAID_FREE = ("ask", "pass", "tell", "moved", "tail")
+"""The keys of what modules say, with rounds and without, and of what keepers answer."""
+_ASK_S = 0.1
+_ASKED_S_MAX = 2.0
+_SHARE = 10
+"""At least so many times as long as asking took, nothing is asked again."""
 _QUIET_S = 1.0
 """A run whose token has gone, and of which nothing more comes for so long, has ended."""
 _WAITING_MAX = 100_000
@@ -61,22 +74,41 @@ class Watched:
         """How the run has ended, or why it is watched no more; None while it goes on."""
         self.error: str | None = None
         """What went wrong, in a line, if anything did."""
+        self.run: str
+        """Its name in keys."""
+        self.scene: Scene
+        """Where the page begins."""
+        self.round: int
+        """The last round, or the greatest level, that the page shows."""
+        self.begins: int
+        """How many rounds were over before: the page has none of these."""
         self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
+        self._said: deque[Words] = deque(maxlen=_WAITING_MAX)
+        self._known = 0  # moves of a run without rounds that were told
+        self._again_s = 0.0
         self._news = threading.Event()
         self._gone_s: float | None = None
         self._session = open_client(endpoint, patience_s, credentials=credentials)
         try:
-            about = self._about = find_run(self._session, endpoint, run, patience_s)
+            about = find_run(self._session, endpoint, run, patience_s)
             self.run = about.run
+            self._free = about.format == FREE_FORMAT
             self._listen(about)
-            status = ask(endpoint, about.run, credentials=credentials, timeout_s=patience_s)
-            self.round = status.round
-            """The last round that the page shows."""
-            self.begins = status.round
-            """How many rounds were over before: the page has none of these."""
             told = scene_from_toml(about.scene, f"run {about.run}")
-            self.scene: Scene = dataclasses.replace(told, start=status.sites)
-            self._feed = Feed(self.scene, facts=self._facts(about), before=self.begins)
+            self._levels = Levels(told.system)
+            self.round = self.begins = 0
+            if not self._free:
+                # Without rounds a run tells all its moves; with them it says where it stands.
+                status = ask(endpoint, about.run, credentials=credentials, timeout_s=patience_s)
+                self.round = self.begins = status.round
+                told = dataclasses.replace(told, start=status.sites)
+            self.scene = told
+            self._feed = Feed(
+                self.scene,
+                step_name="level" if self._free else "round",
+                facts=self._facts(about),
+                before=self.begins,
+            )
         except BaseException:
             self._session.close()
             raise
@@ -92,14 +124,11 @@ class Watched:
         """Where the page is."""
 
     def _listen(self, about: About) -> None:
-        if about.format == FREE_FORMAT:
-            raise InputError(
-                f"run {about.run}: has no rounds (clock=free), expected one with rounds to watch"
-            )
         session = self._session
+        said = _SAID_FREE if self._free else _SAID
         self._subscribers = [
-            subscribe(session, topic_key(about.run, kind), self._hear)
-            for kind in ("edges", "summary")
+            *(subscribe(session, topic_key(self.run, kind), self._hear) for kind in _RESULTS),
+            *(subscribe(session, topic_key(self.run, kind), self._listen_in) for kind in said),
         ]
         self._token = watch(session, about_key(about.run), self._tell_alive)
 
@@ -123,6 +152,15 @@ class Watched:
         self._waiting.append(message)
         self._news.set()
 
+    def _listen_in(self, sample: zenoh.Sample) -> None:
+        data = sample.payload.to_bytes()
+        try:
+            message = decode_free(data) if self._free else decode(data)
+        except CubepathError:
+            return
+        parts: Iterable[Words] = getattr(message, "parts", (message,))
+        self._said += (part for part in parts if part.__struct_config__.tag in HEARD)
+
     def _tell_alive(self, _key: str, alive: bool) -> None:  # noqa: FBT001 - as `watch` tells it
         self._gone_s = None if alive else time.monotonic()
         self._news.set()
@@ -134,24 +172,56 @@ class Watched:
         until = time.monotonic() + timeout_s
         while self.ended is None:
             self._news.clear()
+            self._hand_over()
             while self._waiting and self.ended is None:
                 self._take(self._waiting.popleft())
+            if self.ended is None and self._free:
+                self._ask_on()
             if self.ended is None:
                 self._look()
             left = until - time.monotonic()
             if self.ended is not None or left <= 0:
                 break
-            self._news.wait(min(left, _QUIET_S / 4))
+            self._news.wait(min(left, _ASK_S if self._free else _QUIET_S / 4))
         return self.ended is not None
+
+    def _hand_over(self) -> None:
+        while self._said:
+            self._feed.hear(self._said.popleft())
+
+    def _ask_on(self) -> None:
+        """Ask for the moves since the last, unless that was a short while ago."""
+        begun = time.monotonic()
+        if begun < self._again_s:
+            return
+        more = True
+        while more:
+            moves = ask_path(self._session, self.run, self._known, _ASKED_S_MAX)
+            self._known += len(moves)
+            self._levels.add(moves)
+            more = len(moves) == MOVES_MAX
+        self._give_levels()
+        self._again_s = time.monotonic() + max(_ASK_S, _SHARE * (time.monotonic() - begun))
+
+    def _give_levels(self) -> None:
+        changed = self._levels.changed()
+        if changed is not None:
+            self._feed.give(*changed)
+        self.round = len(self._levels)
 
     def _take(self, message: Message) -> None:
         match message:
+            case Edges(round=number) if self._free:  # all of them, before the summary
+                moves = (Released(number, each.generator, each.at) for each in message.moves)
+                self._levels.put(number, moves)
             case Edges(round=number) if number == self.round + 1:
                 self.round = number
                 self._feed.give(number - 1 - self.begins, [self._actions(message)])
             case Edges(round=number) if number > self.round + 1:
                 self._end("missed", f"round {self.round + 1} was not heard, but {number}")
             case Summary(ended=ended, error=error):
+                if self._free:
+                    self._give_levels()
                 self._end(ended, error)
             case _:
                 pass
@@ -201,11 +271,11 @@ def watch_run(
     """Attach to a run elsewhere, and serve a page that follows it, as ``view --connect`` does.
 
     `endpoint` is where the run can be listened to (`Running.endpoint`), `run` its name where there
-    are several. The page begins where the run stands. It has an `address`, and is fed by `wait`.
-    `secure` is a folder with the certificate of `guest`.
+    are several. The page begins where the run stands; of a run without rounds it has all levels. It
+    has an `address`, and is fed by `wait`. `secure` is a folder with the certificate of `guest`.
 
-    InputError for a run without rounds, CheckError if no run answers within `patience_s` seconds,
-    CubepathError if there is no router at the endpoint.
+    CheckError if no run answers within `patience_s` seconds, CubepathError if there is no router at
+    the endpoint.
 
     >>> with start("hex:n=4", processes=1, log="logs/far.mcap") as running:
     ...     running.step(2)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,14 +18,17 @@ import msgspec
 import numpy as np
 
 from cubepath.coordinator.live.growing import Growing
+from cubepath.coordinator.live.hearing import Hearing, Words
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.viewing.shown import FORMAT, title_of
+from cubepath.coordinator.viewing.state_spaces import state_space
 from cubepath.coordinator.viewing.waits import waits_of
 from cubepath.coordinator.viewing.worlds import path_document
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 
 Steps = Sequence[tuple[Action, ...]]
+SAID_MAX = 1_000_000
 _EVENT_S = 0.05
 _SHARE = 10
 """At least so many times as long as it took to make something, nothing is made again."""
@@ -56,6 +60,9 @@ class Feed:
     ) -> None:
         """Begin at the start of the scene, where so many rounds lay before it already."""
         self._world = Growing(scene)
+        self._hearing = Hearing(self._world.world, free=step_name == "level", before=before)
+        space = self._space = state_space(scene)
+        self._states = [] if space is None else space.along([])
         empty = np.zeros(0, np.int64)
         path = path_document(self._world.world, 0, [], title="as executed", step_name=step_name)
         normal = path_document(self._world.world, 0, [], title="normal cube path", step_name="cube")
@@ -65,13 +72,18 @@ class Feed:
             "facts": [[list(fact) for fact in facts]],
             "names": [""],
             "worlds": [self._world.begin()],
-            "paths": [path | {"level": empty, "partner": empty}, normal],
+            "paths": [
+                path | {"level": empty, "partner": empty} | self._hearing.begin(),
+                normal,
+            ],
             "beside": [0, 1],
-            "complex": None,
+            "complex": None if space is None else space.document([self._states] * 2),
         }
         self._before = before
         self._news = threading.Condition()
         self._given: list[tuple[int, Steps]] = []
+        self._said: deque[Words] = deque()
+        self._dropped = 0
         self._steps: list[tuple[Action, ...]] = []
         self._events: list[bytes] = []
         self._schedule: tuple[int, bytes] = 0, b""
@@ -90,6 +102,17 @@ class Feed:
         with self._news:
             self._given.append((place, steps))
             self._news.notify_all()
+
+    def hear(self, message: Words) -> None:
+        """Hand over what a module has said; it is told with the step that it belongs to.
+
+        Nobody waits for that: of more than `SAID_MAX` messages the oldest are dropped, and counted.
+        """
+        with self._news:
+            self._said.append(message)
+            if len(self._said) > SAID_MAX:
+                self._said.popleft()
+                self._dropped += 1
 
     def tell(self, state: dict[str, Any]) -> None:
         """Tell how the run is paced, from now on."""
@@ -166,11 +189,13 @@ class Feed:
                 if self._closed:
                     return
                 given, self._given = self._given, []
+                said, self._said = self._said, deque()
                 ending = self._end
             begun = time.monotonic()
             for place, steps in _joined(given):
                 shown = min(shown, place)
                 self._take(place, steps)
+            self._listen(said)
             took_s = time.monotonic() - begun
             now = time.monotonic()
             if shown < len(self._steps) and (now >= again or ending is not None):
@@ -195,8 +220,22 @@ class Feed:
             del self._steps[place:]
             self._world.go_back(self._steps)
         self._steps += steps
-        rows = [self._world.follow(actions) for actions in steps]
-        self._put({"from": place, "before": self._before, "rows": rows})
+        told: dict[str, Any] = {"from": place, "before": self._before, "rows": []}
+        del self._states[place + 1 :]
+        for actions in steps:
+            told["rows"].append(self._world.follow(actions))
+            if self._space is not None:
+                self._states.append(self._space.number(self._world.state))
+        if self._space is not None:
+            told["states"] = self._states[place + 1 :]
+        self._put("steps", told)
+
+    def _listen(self, said: Iterable[Words]) -> None:
+        for message in said:
+            self._hearing.take(message)
+        told = self._hearing.told(len(self._steps))
+        if told is not None:
+            self._put("said", told | {"dropped": self._dropped})
 
     def _find_schedule(self) -> None:
         path = [action for actions in self._steps for action in actions]
@@ -206,7 +245,8 @@ class Feed:
         waits = waits_of(path)
         normal = path_document(self._world.world, 0, cubes, title="", step_name="cube")
         if self._world.has_grown():
-            self._put({"from": len(self._steps), "before": self._before, "rows": []})
+            self._put("steps", {"from": len(self._steps), "before": self._before, "rows": []})
+        states = {} if self._space is None else {"states": self._space.along(cubes)}
         event = _event(
             "schedule",
             {
@@ -218,15 +258,16 @@ class Feed:
                 "normal": {
                     key: normal[key].tolist() for key in ("ends", "rows", "below", "depth", "chain")
                 },
+                **states,
             },
         )
         with self._news:
             self._schedule = self._schedule[0] + 1, event
             self._news.notify_all()
 
-    def _put(self, told: dict[str, Any]) -> None:
+    def _put(self, name: str, told: dict[str, Any]) -> None:
         number = b"id: %d\n" % (len(self._events) + 1)
-        event = number + _event("steps", told | {"world": self._world.grown()})
+        event = number + _event(name, told | {"world": self._world.grown()})
         with self._news:
             self._events.append(event)
             self._news.notify_all()

@@ -6,6 +6,7 @@ Room: coordinator.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from collections.abc import Set as AbstractSet
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy as np
 from cubepath.coordinator.viewing.worlds import World
 from cubepath.protocol.core.actions import Action, apply_in_place, end_at, why_inadmissible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 
 _SITE = {"name": 1, "shape": 1, "at": 2, "to": 2, "colour": 1, "word": 1}
@@ -34,6 +36,11 @@ class Growing:
         """Return the whole world; what is new is so from here on."""
         self._told = self.world.document()
         return self._told
+
+    @property
+    def state(self) -> AbstractSet[Site]:
+        """The sites that are on where the path stands."""
+        return self._state
 
     def follow(self, actions: Iterable[Action]) -> list[int]:
         """Return the rows of a step's moves; InputError if one is not admissible."""

@@ -60,7 +60,7 @@ class Server(ThreadingHTTPServer):
         try:
             super().__init__((HOST, port), _Handler)
         except (OSError, OverflowError) as error:
-            raise InputError(f"live: cannot listen at {HOST}:{port}: {error}") from None
+            raise InputError(f"live: cannot listen at {HOST}:{port}: {_reason(error)}") from None
         self.hosts = {f"{name}:{self.server_port}" for name in (HOST, "localhost")}
         self._thread = threading.Thread(
             target=self.serve_forever, args=(_LOOK_S,), name="cubepath-live", daemon=True
@@ -288,11 +288,17 @@ class _Handler(BaseHTTPRequestHandler):
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:  # noqa: ARG002 - as http.server calls it
         """Answer in one line; what a request says is not repeated."""
         status = HTTPStatus(code)
+        if not self.command:  # what http.server says of garbage has the garbage in it
+            message = None
         line = f"{status.value} {status.phrase}" + (f": {message}" if message else "")
         self._answer(status, line.encode("ascii", "replace") + b"\n", "text/plain; charset=utf-8")
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002
         """Log nothing: the address has the token."""
+
+
+def _reason(error: OSError | OverflowError) -> str:
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 
 def policy_of(page: str) -> str:

@@ -10,10 +10,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from cubepath.coordinator.live.feed import Feed
+from cubepath.coordinator.live.hearing import HEARD
 from cubepath.coordinator.live.pacing import Pace
 from cubepath.coordinator.live.server import Server
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.running import Running
+from cubepath.coordinator.runs.tap import Overheard
 from cubepath.coordinator.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -72,6 +74,7 @@ class Live:
             raise
         self._serving = feed, server
         run.attend(self._watched)
+        run.listen(self._hear)
         if pace is not None:
             pace.changed = self._tell
             run.pace = pace.left
@@ -104,6 +107,10 @@ class Live:
     def _tell(self) -> None:
         if self._serving is not None and self._pace is not None:
             self._serving[0].tell(self._pace.state)
+
+    def _hear(self, heard: Overheard) -> None:
+        if self._serving is not None and heard.kind in HEARD:
+            self._serving[0].hear(heard.message)
 
     def _watched(self, gathered: Gathered) -> None:
         """Hand over what is new; in the thread of the run."""

@@ -12,7 +12,13 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.runs.about import About, about_key, find_run, offer
-    from cubepath.coordinator.runs.asking import Status, ask
+    from cubepath.coordinator.runs.asking import (
+        MOVES_MAX,
+        Status,
+        ask,
+        ask_path,
+    )
+    from cubepath.coordinator.runs.commits import Released
     from cubepath.coordinator.runs.conductor import Conductor, Ending
     from cubepath.coordinator.runs.contents import info, render
     from cubepath.coordinator.runs.continuing import what_if
@@ -34,8 +40,9 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
+            "commits": "Released",
             "about": "About about_key find_run offer",
-            "asking": "Status ask",
+            "asking": "MOVES_MAX Status ask ask_path",
             "conductor": "Conductor Ending",
             "contents": "info render",
             "continuing": "what_if",
@@ -59,6 +66,7 @@ else:
 __all__ = [
     "FILM_SUFFIXES",
     "FRAMES_PER_SECOND",
+    "MOVES_MAX",
     "PICTURE_SUFFIXES",
     "About",
     "Conductor",
@@ -72,6 +80,7 @@ __all__ = [
     "Overheard",
     "PathDigest",
     "Plan",
+    "Released",
     "Running",
     "Sheet",
     "State",
@@ -81,6 +90,7 @@ __all__ = [
     "animate",
     "animate_beside",
     "ask",
+    "ask_path",
     "find_run",
     "gathered",
     "info",

@@ -2,16 +2,23 @@
 
 Room: coordinator. A run answers queries on ``cubepath/RUN/state`` with its `Status` as JSON. It is
 the status after the last complete round, so it is answered at once whatever the run is doing. On
-``cubepath/RUN/about`` it says what it is.
+``cubepath/RUN/about`` it says what it is. A run without rounds also answers on
+``cubepath/RUN/path?from=N`` with its moves from the N-th on, counted from 0, in an order in which
+they could have been made.
 """
 
 from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import msgspec
 import zenoh
 from msgspec.structs import replace
 
 from cubepath.coordinator.runs.about import About, offer
+from cubepath.coordinator.runs.commits import Released
 from cubepath.protocol.core.errors import CheckError, CubepathError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.names import Json
@@ -20,6 +27,7 @@ from cubepath.protocol.wire.credentials import GUEST, Credentials
 from cubepath.protocol.wire.sessions import open_client
 
 _CONNECT_S_MAX = 10.0
+_FROM = re.compile(r"from=([0-9]{1,15})")
 
 
 class Status(msgspec.Struct, frozen=True):
@@ -37,6 +45,12 @@ class Status(msgspec.Struct, frozen=True):
     """How the run has ended, None if it goes on."""
 
 
+Release: TypeAlias = Callable[[int, int], Sequence[Released]]
+"""Returns the moves from a place on, so many at most; called in any thread."""
+MOVES_MAX = 10_000
+"""So many moves are answered at one time at most."""
+
+
 class _Answer(msgspec.Struct, frozen=True):
     run: str
     round: int
@@ -51,21 +65,36 @@ def state_key(run: str) -> str:
     return f"cubepath/{run}/state"
 
 
+def path_key(run: str) -> str:
+    """Return the key on which a run without rounds answers with its moves."""
+    return f"cubepath/{run}/path"
+
+
 class Answers:
     """What a run answers, until it is closed."""
 
     def __init__(
-        self, endpoint: str, credentials: Credentials, status: Status, about: About
+        self,
+        endpoint: str,
+        credentials: Credentials,
+        status: Status,
+        about: About,
+        release: Release | None = None,
     ) -> None:
         """Open a session as the coordinator, and answer from now on."""
         run = self._run = about.run
         self._about = about
         self._status = status
+        self._release = release
         self._session = open_client(endpoint, _CONNECT_S_MAX, credentials=credentials)
         try:
             self._queryable = self._session.declare_queryable(
                 state_key(run), zenoh.handlers.Callback(self._answer, indirect=False)
             )
+            if release is not None:
+                self._queryable_path = self._session.declare_queryable(
+                    path_key(run), zenoh.handlers.Callback(self._answer_path, indirect=False)
+                )
             self._offered = offer(self._session, self._tell)
         except BaseException as error:
             self._session.close()
@@ -83,6 +112,14 @@ class Answers:
         sites = [to_json(site) for site in now.sites]
         answer = _Answer(self._run, now.round, sites, now.moves, now.cubes, now.goal_reached)
         query.reply(state_key(self._run), msgspec.json.encode(answer))
+
+    def _answer_path(self, query: zenoh.Query) -> None:
+        asked = _FROM.fullmatch(str(query.parameters))
+        if self._release is None or asked is None:
+            query.reply_err(b"expected from=N")
+            return
+        found = self._release(int(asked[1]), MOVES_MAX)
+        query.reply(path_key(self._run), msgspec.json.encode(found))
 
     def _tell(self) -> About:
         return replace(self._about, round=self._status.round)
@@ -136,3 +173,17 @@ def _read(sample: zenoh.Sample) -> _Answer | None:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, CubepathError):
         return None
     return found if str(sample.key_expr) == state_key(found.run) else None
+
+
+def ask_path(session: zenoh.Session, run: str, begin: int, timeout_s: float) -> list[Released]:
+    """Return the moves of a run without rounds from a place on, `MOVES_MAX` at most.
+
+    None are returned where nobody answers in time, or with anything else.
+    """
+    for each in session.get(f"{path_key(run)}?from={begin}", timeout=timeout_s):
+        if each.ok is not None and str(each.ok.key_expr) == path_key(run):
+            try:
+                return msgspec.json.decode(each.ok.payload.to_bytes(), type=list[Released])
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+                return []
+    return []

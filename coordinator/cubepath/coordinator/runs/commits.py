@@ -11,6 +11,7 @@ from hashlib import blake2b
 import msgspec
 
 from cubepath.protocol.core.errors import CheckError
+from cubepath.protocol.core.names import Json
 from cubepath.protocol.wire.free_messages import Moved
 
 _encode = msgspec.json.Encoder().encode
@@ -55,3 +56,11 @@ class Commits:
     def gap(self) -> bool:
         """Return whether one is missing that is known to be there."""
         return self.told > len(self.in_order)
+
+
+class Released(msgspec.Struct, frozen=True, array_like=True):
+    """A move of a run without rounds, with its level."""
+
+    level: int
+    generator: str
+    at: Json

@@ -18,7 +18,7 @@ import numpy as np
 
 from cubepath.agents.keepers.attempts import support_units
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
-from cubepath.coordinator.runs.commits import Commits, named
+from cubepath.coordinator.runs.commits import Commits, Released, named
 from cubepath.coordinator.runs.edge_path import EdgePath, Gathered, PathDigest
 from cubepath.protocol.core.actions import apply_in_place
 from cubepath.protocol.core.catalogue import Move
@@ -128,6 +128,19 @@ class FreeGatherer(Gathered):
     def moves(self) -> int:
         """Return the number of moves released so far."""
         return len(self._levels)
+
+    def released(self, begin: int, count: int) -> list[Released]:
+        """Return the moves from a place on in the order of their release, so many at most.
+
+        In any thread: what was released stays as it is.
+        """
+        levels, raw = self._levels, self._raw
+        end = min(begin + count, len(levels), len(raw.names))
+        placed = (raw.placed[raw.names[place]] for place in range(begin, end))
+        return [
+            Released(levels[place], each.generator, each.at)
+            for place, each in enumerate(placed, begin)
+        ]
 
     @property
     def failed(self) -> str | None:

@@ -23,6 +23,7 @@ from cubepath.coordinator.runs.about import About
 from cubepath.coordinator.runs.asking import Answers, Status
 from cubepath.coordinator.runs.conductor import Ending
 from cubepath.coordinator.runs.edge_path import Gathered
+from cubepath.coordinator.runs.free_gatherer import FreeGatherer
 from cubepath.coordinator.runs.free_launch import FreeRun
 from cubepath.coordinator.runs.interrupts import Interrupted, interrupts
 from cubepath.coordinator.runs.lockstep_launch import LockstepRun
@@ -225,7 +226,9 @@ class Running(Standing):
         about = About(
             self.run, format_of(parameters), parameters, scene_to_toml(self.scene), schedule
         )
-        self._answers = Answers(self.endpoint, fleet.credentials(), self.status, about)
+        gathered = self.gathered
+        release = gathered.released if isinstance(gathered, FreeGatherer) else None
+        self._answers = Answers(self.endpoint, fleet.credentials(), self.status, about, release)
 
     def check_files(self, more: int = 0) -> None:
         """Check that this process may open as many files as the run takes, and so many more.

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from cubepath.coordinator.shortening.normal_path import Shortened, shorten
     from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, task_of
     from cubepath.coordinator.shortening.path_input import PathInput, read_input
-    from cubepath.coordinator.shortening.path_steps import read_steps
+    from cubepath.coordinator.shortening.path_steps import (
+        certified_steps,
+        is_certificate,
+        read_steps,
+    )
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -32,7 +36,7 @@ else:
             "normal_path": "Shortened shorten",
             "optimality": "Beyond Task beyond task_of",
             "path_input": "PathInput read_input",
-            "path_steps": "read_steps",
+            "path_steps": "certified_steps is_certificate read_steps",
         },
     )
 
@@ -46,8 +50,10 @@ __all__ = [
     "beyond",
     "certificate_in_words",
     "certified_path",
+    "certified_steps",
     "convert",
     "difference_of",
+    "is_certificate",
     "read_input",
     "read_steps",
     "shorten",

@@ -66,7 +66,8 @@ class PathInput:
     the number of rounds that the planner itself counts, None if the plan does not say. With
     `labelled_goals` the vehicles of a plan have no labels, but each must end where the plan takes
     it. `unsolved` is one line on how the end of a plan differs from what its instance asks for, or
-    None. `seconds` is how long reading took.
+    None. `seconds` is how long reading took. `step_name` says what its steps are, and `step_sizes`
+    how many moves each step of a recording has; of other files each move is a step.
 
     >>> given = shorten("logs/golden/hex-5.mcap").given
     >>> given.form, len(given.moves)
@@ -82,6 +83,8 @@ class PathInput:
     planner_rounds: int | None = None
     labelled_goals: bool = False
     unsolved: str | None = None
+    step_name: Literal["move", "round", "level"] = "move"
+    step_sizes: tuple[int, ...] | None = None
 
     @cached_property
     def scene(self) -> Scene | None:
@@ -215,7 +218,16 @@ class _Reading:
         if gatherer.unfinished is not None:
             raise InputError(f"{path}: {gatherer.unfinished}")
         numbered = number_moves(_recorded(path, gatherer), self._progress)
-        return PathInput(path, "recording", numbered, self._seconds, recording.scene)
+        sizes = tuple(len(step.actions) for step in gatherer.steps)
+        return PathInput(
+            path,
+            "recording",
+            numbered,
+            self._seconds,
+            recording.scene,
+            step_name="level" if recording.clock == "free" else "round",
+            step_sizes=sizes,
+        )
 
     def _binary(self, scene: Scene | None) -> NumberedPath:
         found = read_moves_npz(self._file)

@@ -8,23 +8,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Literal
 
 import msgspec
+import numpy as np
 
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.shortening.normal_path import shortened
 from cubepath.coordinator.shortening.path_input import PathInput, read_input
+from cubepath.coordinator.verification.certificate import check_numbered
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.catalogue import Move
-from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.input_files import InputFile
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.input_files import InputFile, Source
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order, site_from_json, site_text
 from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.path_files.certificates import Certificate, read_certificate
 from cubepath.protocol.path_files.moves import CubeName, read_cubes
 from cubepath.protocol.path_files.npz import holds_cubes, is_npz, read_cubes_npz
 from cubepath.protocol.path_files.numbered import Progress
@@ -32,21 +36,27 @@ from cubepath.protocol.plans.formats import NO_HINTS, PlanHints
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.listed import TabledSystem
 
+_HEAD_BYTES = 1 << 16
+_FORMAT = str(Certificate.__struct_config__.tag)
+
 
 @dataclass(frozen=True, eq=False)
 class PathSteps:
-    """A path in admissible steps from the start of a scene, and its normal cube path.
+    """A path in admissible steps from the start of a scene, and its schedule.
 
-    `step_name` says what a step is. `normal_form` says what becomes of each move, in order.
-    `unsolved` is one line on how a plan's end differs from what its instance asks for, or None.
+    `step_name` says what a step is. `cubes` is the normal cube path, or the schedule of a
+    certificate, of which `chain` has the moves that prove it: places in the cubes one after
+    another, from 0. `normal_form` says what becomes of each move, in order. `unsolved` is one line
+    on how a plan's end differs from what its instance asks for, or None.
     """
 
     scene: Scene
-    step_name: Literal["move", "cube"]
+    step_name: Literal["move", "cube", "round", "level"]
     steps: Sequence[Sequence[Action]]
     cubes: Sequence[Sequence[Action]]
     normal_form: NormalForm
     unsolved: str | None = None
+    chain: Sequence[int] | None = None
 
 
 def read_steps(
@@ -69,6 +79,62 @@ def read_steps(
     scene = given.scene or _own_scene(given)
     steps = [(action,) for action in given.actions]
     return PathSteps(scene, "move", steps, found.cube_path, found.normal_form, given.unsolved)
+
+
+def is_certificate(file: InputFile) -> bool:
+    """Return whether a file is a certificate: one JSON document, which says so itself."""
+    # A moves file may be too large to be looked through for that.
+    if file.path.suffix.lower() != ".json" and _FORMAT.encode() not in file.head(_HEAD_BYTES):
+        return False
+    try:
+        found = msgspec.json.decode(file.whole())
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return False
+    return isinstance(found, dict) and found.get("format") == _FORMAT
+
+
+def certified_steps(
+    proof: InputFile,
+    of: Source,
+    system: str | None = None,
+    hints: PlanHints = NO_HINTS,
+    progress: Progress | None = None,
+) -> PathSteps:
+    """Read a certificate and its path; its schedule stands where the normal cube path does.
+
+    InputError if a file cannot be read or drawn, as for `read_steps`; CheckError if the certificate
+    does not prove what it says.
+    """
+    certificate = read_certificate(proof)
+    given = read_input(of, system, hints, progress)
+    checks = check_numbered(certificate, given.numbered, given.start)
+    wrong = next(((name, why) for name, why in checks.items() if why is not None), None)
+    if wrong is not None:
+        raise CheckError(f"{proof.path}: check {wrong[0]!r} failed: {wrong[1]}")
+    actions = given.actions
+    sizes = (1,) * len(actions) if given.step_sizes is None else given.step_sizes
+    ends = np.cumsum((0, *sizes)).tolist()
+    order = {move: place for place, move in enumerate(chain.from_iterable(certificate.cubes))}
+    return PathSteps(
+        given.scene or _own_scene(given),
+        given.step_name,
+        [actions[one:other] for one, other in pairwise(ends)],
+        [[actions[move - 1] for move in cube] for cube in certificate.cubes],
+        _fates(certificate),
+        given.unsolved,
+        [order[move] for move in certificate.chain],
+    )
+
+
+def _fates(certificate: Certificate) -> NormalForm:
+    """Return the cube of each move, or the move that it cancels with."""
+    levels = np.zeros(certificate.moves, np.int32)
+    partners = np.full(certificate.moves, -1, np.int32)
+    for number, cube in enumerate(certificate.cubes, 1):
+        levels[np.array(cube) - 1] = number
+    for earlier, later in certificate.cancelled:
+        partners[earlier - 1], partners[later - 1] = later - 1, earlier - 1
+    return NormalForm(levels, partners)
 
 
 def _cubes_in(file: InputFile) -> Iterable[tuple[CubeName, ...]] | None:

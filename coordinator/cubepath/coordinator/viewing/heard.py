@@ -5,18 +5,39 @@ Room: coordinator. It reads recordings.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.viewing.worlds import World
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.wire.messages import Report
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 DELIVERIES_MAX = 1_000_000
 """With more deliveries than this a page has none, and says so: it would not open any more."""
 _OUTCOMES = {"lost": 0, "granted": 1, "": 2}
+Entry: TypeAlias = tuple[int, int, int]
+
+
+def claim_entry(
+    world: World, module: int, generator: str, at: Site, site: Site, *, outcome: str
+) -> Entry | None:
+    """Return a claim as (module, row, won); None if no module at the site could propose it.
+
+    The outcome is "lost", "granted", or "" where that is not known.
+    """
+    row = world.proposed(generator, at, site)
+    return None if row is None else (module, row, _OUTCOMES[outcome])
+
+
+def delivery_entries(report: Report, kinds: dict[str, int]) -> Iterable[Entry]:
+    """Yield what a module was delivered as (kind, sender, receiver); new kinds get numbers."""
+    for kind, sender, _ in report.deliveries():
+        yield kinds.setdefault(kind, len(kinds)), sender, report.module
 
 
 def claims_document(world: World, recording: Recording, steps: int) -> dict[str, Any]:
@@ -28,16 +49,16 @@ def claims_document(world: World, recording: Recording, steps: int) -> dict[str,
     """
     found = recording.claims()
     rounds = _levels(recording, found) if recording.clock == "free" else found["round"]
-    listed: list[list[tuple[int, int, int]]] = [[] for _ in range(steps)]
+    listed: list[list[Entry]] = [[] for _ in range(steps)]
     for number, module, generator, at, site, outcome in zip(
         rounds.tolist(),
         *(found[name].tolist() for name in ("module", "generator", "at", "site", "outcome")),
         strict=True,
     ):
         if 1 <= number <= steps:  # a round that is not complete has no step
-            row = world.proposed(generator, at, site)
-            if row is not None:
-                listed[number - 1].append((module, row, _OUTCOMES[outcome]))
+            entry = claim_entry(world, module, generator, at, site, outcome=outcome)
+            if entry is not None:
+                listed[number - 1].append(entry)
     flat = [each for one in listed for each in one]
     modules, rows, won = np.array(flat, np.int64).reshape(-1, 3).T
     return {
@@ -66,17 +87,16 @@ def heard_document(recording: Recording, rounds: int) -> dict[str, Any]:
     number.
     """
     kinds: dict[str, int] = {}
-    found: list[list[tuple[int, int, int]]] = [[] for _ in range(rounds)]
+    found: list[list[Entry]] = [[] for _ in range(rounds)]
     total = 0
     for logged in recording.messages("report"):
         report = logged.message
         if not 1 <= report.round <= rounds:
             continue
-        for kind, sender, _ in report.deliveries():
-            total += 1
-            if total <= DELIVERIES_MAX:
-                number = kinds.setdefault(kind, len(kinds))
-                found[report.round - 1].append((number, sender, report.module))
+        entries = list(delivery_entries(report, kinds))
+        total += len(entries)
+        if total <= DELIVERIES_MAX:
+            found[report.round - 1] += entries
     if total > DELIVERIES_MAX:
         return {"left_out": total}
     flat = [each for one in found for each in sorted(one)]

@@ -6,27 +6,22 @@ Room: coordinator. `docs/viewing.md` has the document's fields.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from cubepath.coordinator.complexes.exploration import explore
-from cubepath.coordinator.complexes.state_complexes import state_complex
-from cubepath.coordinator.complexes.vertex_layout import corners_of_squares, laid_out
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
 from cubepath.coordinator.viewing.heard import claims_document, heard_document
+from cubepath.coordinator.viewing.state_spaces import state_space
 from cubepath.coordinator.viewing.worlds import World, path_document
-from cubepath.protocol.core.actions import Action, apply_in_place
-from cubepath.protocol.core.sites import Site
+from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.recording import Recording
 
 FORMAT = 1
-STATES_MAX = 260
-"""A state complex is shown if it has at most this many states."""
 Progress = Callable[[str], None]
 
 
@@ -37,7 +32,8 @@ class Shown:
     `steps` holds the actions of each round, level, move or cube as it was executed or given, those
     without a move too; `cubes` is the normal cube path of the same moves. `found` says what becomes
     of each move, if that is known already. `recording` gives the claims and the messages, if there
-    is one, and `facts` are pairs of texts for the head of the page.
+    is one, and `facts` are pairs of texts for the head of the page. With a `chain`, places from 0
+    in the cubes one after another, they are the schedule of a certificate, which the chain proves.
     """
 
     scene: Scene
@@ -48,6 +44,7 @@ class Shown:
     name: str = ""
     recording: Recording | None = None
     facts: tuple[tuple[str, str], ...] = ()
+    chain: Sequence[int] | None = None
 
 
 def document_of(shown: Sequence[Shown], progress: Progress | None = None) -> dict[str, Any]:
@@ -110,10 +107,11 @@ def _paths(each: Shown, world: World, number: int, tell: Progress) -> list[dict[
         tell("messages")
         path["heard"] = heard_document(each.recording, len(each.steps))
     tell("schedule")
-    normal = path_document(
-        world, number, each.cubes, title=f"{prefix}normal cube path", step_name="cube"
-    )
-    return [path, normal]
+    title = "normal cube path" if each.chain is None else "certified schedule"
+    cubes = path_document(world, number, each.cubes, title=prefix + title, step_name="cube")
+    if each.chain is not None:
+        cubes["chain"] = np.array(each.chain, np.int64)
+    return [path, cubes]
 
 
 def _complex(shown: Sequence[Shown], tell: Progress) -> dict[str, Any] | None:
@@ -122,36 +120,9 @@ def _complex(shown: Sequence[Shown], tell: Progress) -> dict[str, Any] | None:
     if not all(_same(each.scene, scene) for each in shown):
         return None
     tell("complex")
-    explored = explore(scene, max_states=STATES_MAX)
-    if not explored.complete or len(explored.states) > STATES_MAX:
+    space = state_space(scene)
+    if space is None:
         return None
-    built = state_complex(explored).complex
-    number = {explored.state(place): place for place in range(len(explored.states))}
-    if len(number) < 2:
-        return None
-    axes = 2 if built.dimension < 2 else 3
-    points = np.zeros((len(number), 3))
-    points[:, :axes] = laid_out(built, axes)
-    points /= np.abs(points).max()
-    paths = [
-        np.array([number[state] for state in _states(scene, steps)])
-        for each in shown
-        for steps in (each.steps, each.cubes)
-    ]
-    return {
-        "counts": list(built.f_vector),
-        "flat": axes == 2,
-        "points": points.ravel(),
-        "edges": built.faces[1][:, 0].ravel(),
-        "squares": corners_of_squares(built).ravel(),
-        "paths": paths,
-    }
-
-
-def _states(scene: Scene, steps: Iterable[Iterable[Action]]) -> Iterable[frozenset[Site]]:
-    state = set(scene.start_state)
-    yield frozenset(state)
-    for actions in steps:
-        for action in actions:
-            apply_in_place(action, state)
-        yield frozenset(state)
+    return space.document(
+        [space.along(steps) for each in shown for steps in (each.steps, each.cubes)]
+    )

@@ -28,7 +28,7 @@ _OWN_KEYS = ("to/*", "ask/*")
 """Of a module process: what it says to a region, and what it asks of a keeper."""
 _KEEPER_KEYS = ("pass/*", "tell/*", "shows/*", "moved", "tail")
 """Of a keeper, in runs without rounds."""
-_ASKABLE = ("state", "about", "player/*")
+_ASKABLE = ("state", "about", "path", "player/*")
 """What everyone may ask."""
 _LISTENING = ("declare_subscriber", "declare_liveliness_subscriber", "liveliness_query")
 _ASKED = ("query", "reply", "declare_queryable")

@@ -30,12 +30,14 @@
         context.fill();
       }
       context.globalAlpha = 1;
-      context.strokeStyle = cubepath.colour("line");
+      context.strokeStyle = cubepath.colour("quiet");
+      context.globalAlpha = 0.5;
       context.lineWidth = 1;
       for (let each = 0; each < edges.length; each += 2) {
         line(edges[each], edges[each + 1]);
         context.stroke();
       }
+      context.globalAlpha = 1;
       context.fillStyle = cubepath.colour("quiet");
       for (const [x, y] of spots) {
         context.beginPath();
@@ -111,8 +113,8 @@
 
     legend() {
       const [one, other] = this.view.stages.map((stage) => stage.path.title);
-      const names = ["vertices", "edges", "squares"];
-      const counts = this.data.counts.map((count, k) => `${count} ${names[k] ?? `${k}-cubes`}`).join(", ");
+      const names = [["vertex", "vertices"], ["edge", "edges"], ["square", "squares"]];
+      const counts = Array.from(this.data.counts, (count, k) => `${count} ${(names[k] ?? [`${k}-cube`, `${k}-cubes`])[count === 1 ? 0 : 1]}`).join(", ");
       return [
         ["", "", "", counts],
         ["stroke", "", cubepath.colour("goal"), one],

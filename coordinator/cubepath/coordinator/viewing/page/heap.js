@@ -52,7 +52,7 @@
       this.kept = cubepath.spare(this.canvas);
       const context = this.kept.getContext("2d");
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
-      this.lanes.ground(context, (lane) => order.length ? path.world.sites.name[order[lane]].replaceAll(" ", "") : "");
+      this.lanes.ground(context, (lane) => order.length ? path.world.sites.name[order[lane]].replaceAll(" ", "") : "", { lane: "site", step: path.name === "cube" ? "cube" : "depth" });
       for (let move = 0; move < path.rows.length; move++) this._piece(context, move);
       this._chain(context);
     }

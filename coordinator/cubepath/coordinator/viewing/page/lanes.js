@@ -2,7 +2,7 @@
 (function (cubepath) {
   "use strict";
 
-  const LEFT = 34, RIGHT = 12, TOP = 4, BOTTOM = 20;
+  const LEFT = 68, RIGHT = 12, TOP = 4, BOTTOM = 20;
   document.documentElement.style.setProperty("--left", `${LEFT}px`);
   document.documentElement.style.setProperty("--right", `${RIGHT}px`);
 
@@ -42,8 +42,8 @@
       return { t, lane };
     }
 
-    /** Draw bands, ticks and the names of the lanes. */
-    ground(context, names) {
+    /** Draw bands, ticks, the names of the lanes, and what both axes are. */
+    ground(context, names, what) {
       const bottom = this.y(this.count);
       context.fillStyle = cubepath.colour("band");
       if (this.lane >= 4) {
@@ -58,13 +58,22 @@
       for (const lane of ticks(0, this.count - 1, this.tall / 15)) {
         // A name that is too long would be unreadable if it were squeezed, and hide others if not.
         const name = names(lane);
-        if (context.measureText(name).width <= LEFT - 8) context.fillText(name, LEFT - 7, this.y(lane + 0.5));
+        if (context.measureText(name).width <= LEFT - 22) context.fillText(name, LEFT - 7, Math.max(6, this.y(lane + 0.5)));
       }
       context.textAlign = "center";
       context.textBaseline = "top";
       for (const step of ticks(1, this.steps, this.wide / 60)) {
         context.fillText(String(step), this.x(step - 0.5), bottom + 5);
       }
+      context.textAlign = "right";
+      context.fillText(what.step, LEFT - 7, bottom + 5);
+      context.save();
+      context.translate(6, TOP + (bottom - TOP) / 2);
+      context.rotate(-Math.PI / 2);
+      context.textAlign = "center";
+      context.textBaseline = "middle";
+      context.fillText(what.lane, 0, 0);
+      context.restore();
     }
 
     /** Draw where the clock is, and the part that is repeated. */

@@ -45,7 +45,8 @@
     const face = cubepath.colour(op.face), edge = cubepath.colour(op.edge);
     context.save();
     context.globalAlpha = op.alpha;
-    context.lineWidth = Math.min(op.width, 4 / scale);
+    // Of a goal that is a long way off something is to be seen.
+    context.lineWidth = Math.max(Math.min(op.width, 4 / scale), 0.5 / scale);
     context.lineJoin = "round";
     if (face) context.fillStyle = face;
     if (edge) context.strokeStyle = edge;

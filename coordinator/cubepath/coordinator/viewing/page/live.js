@@ -32,6 +32,8 @@
       this.data = data;
       for (const path of view.paths) path.goesOn = true;
       this.waiting = [];
+      this.said = { claims: [], heard: [] }; // what was said in each step, three numbers an entry
+      this.stale = Infinity; // the first step of which something was said anew
       this.state = null;
       this.ending = null;
       this.before = 0;
@@ -41,7 +43,7 @@
       // It comes back by itself when the connection is lost, and goes on behind the last step.
       const source = new EventSource("events");
       this.connected = true;
-      for (const kind of ["steps", "schedule", "state", "end"]) {
+      for (const kind of ["steps", "said", "schedule", "state", "end"]) {
         source.addEventListener(kind, (event) => this._heard(kind, JSON.parse(event.data)));
       }
       source.addEventListener("open", () => {
@@ -59,7 +61,7 @@
 
     _bar() {
       const button = (id, text, title) => cubepath.element("button", { type: "button", id, title }, text);
-      this.said = cubepath.element("p", { id: "live-said", role: "status", "aria-live": "polite" });
+      this.line = cubepath.element("p", { id: "live-said", role: "status", "aria-live": "polite" });
       this.newest = button("live-newest", "newest", "Show the newest step, and follow the run (N)");
       this.pause = button("live-pause", "pause run", "Let the run wait before its next round (P)");
       this.step = button("live-step", "step run", "Let the run play one round, and wait (S)");
@@ -68,7 +70,7 @@
           cubepath.element("option", { value: rate }, rate ? `${rate} rounds/s` : "full speed")));
       this.keep = button("live-save", "save", "Save this page with all steps so far, to be opened without a network");
       const group = cubepath.element("div", { class: "group" }, this.newest, this.pause, this.step, this.rate, this.keep);
-      byId("player").append(cubepath.element("div", { class: "row", id: "live" }, group, this.said));
+      byId("player").append(cubepath.element("div", { class: "row", id: "live" }, group, this.line));
       this.newest.addEventListener("click", () => this.goToNewest());
       this.pause.addEventListener("click", () => this.order(this.state?.paused ? "resume" : "pause"));
       this.step.addEventListener("click", () => this.order("step"));
@@ -130,10 +132,13 @@
       this.waiting = [];
       for (const { kind, told } of waiting) {
         if (kind === "steps") this._steps(told);
+        else if (kind === "said") this._said(told);
         else if (kind === "schedule") this._schedule(told);
         else if (kind === "state") this._paced(told);
         else this._end(told);
       }
+      this._arrange();
+      view.inspector.said = "";
       view.fit();
       const left = path.steps - clock.t;
       if (follows && left > 0 && !clock.looping) {
@@ -148,10 +153,12 @@
       this._say();
     }
 
-    _steps({ from, before, world, rows }) {
+    _steps({ from, before, world, rows, states }) {
       this.before = before;
       if (world) grow(this.path.world, world);
       if (from < this.path.steps) truncate(this.path, from);
+      this.stale = Math.min(this.stale, from + 1);
+      if (states) this.data.complex.paths[0].splice(from + 1, Infinity, ...states);
       const { path } = this;
       for (const step of rows) {
         // What they wait for, and cancel with, is known when the schedule of these moves comes.
@@ -161,8 +168,36 @@
       }
     }
 
-    _schedule({ normal, chain, ...told }) {
+    _said({ world, claims, heard, kinds, left_out, dropped }) {
+      if (world) grow(this.path.world, world);
+      const { said, path } = this;
+      for (const [all, some] of [[said.claims, claims], [said.heard, heard ?? []]]) {
+        for (const [step, entries] of some) {
+          all[step] = entries;
+          this.stale = Math.min(this.stale, step);
+        }
+      }
+      this.dropped = dropped;
+      if (kinds) path.data.heard.kinds = kinds;
+      if (left_out) {
+        path.data.heard = { left_out };
+        said.heard = [];
+        this.view.messages = false;
+        this.view._options();
+      }
+    }
+
+    /** Put what was said in each step into the tables of the path, from the first on that is new. */
+    _arrange() {
+      const { claims, heard } = this.path.data;
+      put(claims, ["module", "row", "won"], this.said.claims, this.stale, this.path.steps);
+      if (heard?.ends) put(heard, ["kind", "from", "to"], this.said.heard, this.stale, this.path.steps);
+      this.stale = Infinity;
+    }
+
+    _schedule({ normal, chain, states, ...told }) {
       const { path, view } = this;
+      if (states) this.data.complex.paths[1] = states;
       for (const [of, key] of listsOf(path)) {
         told[key].slice(0, path.rows.length).forEach((value, move) => { of[key][move] = value; });
       }
@@ -209,8 +244,9 @@
       if (ending) said = `ended in ${round}: ${ending.error ?? how[ending.ended] ?? ending.ended}`;
       else if (!this.connected) said = `${round}: waiting for whoever feeds this page`;
       else if (state?.paused && !state.steps) said = `${round}: paused`;
+      if (this.dropped) said += ` (${this.dropped} messages were too many to be shown)`;
       if (this.refused) said += ` (${this.refused})`;
-      if (this.said.textContent !== said) this.said.textContent = said;
+      if (this.line.textContent !== said) this.line.textContent = said;
       const controlled = Boolean(state) && !ending;
       for (const each of [this.pause, this.step, this.rate]) {
         each.hidden = !state;
@@ -253,6 +289,18 @@
     const corner = rows.corner.map((value) => value ?? NaN);
     world.extend({ sites, rows: { ...rows, corner } });
     Object.assign(world, frame);
+  }
+
+  /** Fill the columns of a table from a step on, up to the last. */
+  function put(table, names, steps, from, last) {
+    if (from > last) return;
+    table.ends.length = Math.min(table.ends.length, from - 1);
+    for (const name of names) table[name].length = table.ends.at(-1) ?? 0;
+    for (let step = table.ends.length + 1; step <= last; step++) {
+      const entries = steps[step] ?? [];
+      for (let each = 0; each < entries.length; each++) table[names[each % names.length]].push(entries[each]);
+      table.ends.push(table[names[0]].length);
+    }
   }
 
   /** The lists of a path that have an entry for each move, by whose they are. */

@@ -73,6 +73,7 @@
       this.largest = 0;
       this.below = Array.from(data.below);
       this.depth = Array.from(data.depth);
+      this._chain = data.chain.length ? Array.from(data.chain) : undefined;
       let begin = 0;
       for (const end of data.ends) {
         this._append(data.rows.subarray?.(begin, end) ?? data.rows.slice(begin, end));

@@ -38,7 +38,8 @@
       this.kept = cubepath.spare(this.canvas);
       const context = this.kept.getContext("2d");
       context.setTransform(ratio, 0, 0, ratio, 0, 0);
-      this.lanes.ground(context, (lane) => paths[0].world.modules.word[lane] ?? String(lane));
+      const steps = paths.every((path) => path.name === paths[0].name) ? paths[0].name : "step";
+      this.lanes.ground(context, (lane) => paths[0].world.modules.word[lane] ?? String(lane), { lane: "module", step: steps });
       paths.forEach((path, half) => this._path(context, path, half));
       paths.forEach((path, half) => this._end(context, path, half));
     }

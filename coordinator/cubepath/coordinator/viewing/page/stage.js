@@ -3,6 +3,7 @@
   "use strict";
 
   const READABLE = 15; // pixels of a cell in which a number can be read
+  const TINY = 3; // pixels of a cell below which it has no outline, and is a spot that can be seen
   const MANY = 150; // modules from which on each look of a module is drawn once, and then copied
 
   class Stage {
@@ -51,12 +52,19 @@
       const now = part > 0 ? step + 1 : step;
       this._granted(context, now);
       this._traces(context, last);
-      this._modules(context, moving, last, cubepath.eased(part));
+      // A goal is seen on who stands in it, and does not cross out the number of who goes by.
+      const passes = moving.some(({ source }) => this.world.sites.shape[source] === cubepath.CELL);
+      const before = () => {
+        context.save();
+        context.setTransform(1, 0, 0, 1, 0, 0);
+        context.drawImage(this.layers[1], 0, 0);
+        context.restore();
+      };
+      this._modules(context, moving, last, cubepath.eased(part), passes ? before : () => {});
       this._lost(context, now);
       if (this.view.messages) this._messages(context, now);
       this._chosen(context);
-      context.setTransform(1, 0, 0, 1, 0, 0);
-      context.drawImage(this.layers[1], 0, 0);
+      if (!passes) before();
     }
 
     _prepare(width, height, ratio) {
@@ -103,7 +111,7 @@
       context.restore();
     }
 
-    _modules(context, moving, last, part) {
+    _modules(context, moving, last, part, before) {
       const stirred = new Set(last.map((each) => each.module));
       const words = this.scale >= READABLE;
       const drawn = new Set();
@@ -111,6 +119,7 @@
         if (stirred.has(module)) return;
         this._module(context, module, cubepath.poseAt(this.world, site), { words });
       });
+      before();
       for (const { module, source, target, place } of moving) {
         const pose = cubepath.poseBetween(this.world, source, target, place, part);
         this._module(context, module, pose, { words, stirred: true });
@@ -131,6 +140,12 @@
     _module(context, module, pose, { words, stirred }) {
       if (pose.shape === cubepath.NONE || !pose.alpha) return;
       const colour = this._colour(module, pose.site);
+      if (pose.shape === cubepath.CELL && this.scale < TINY) {
+        const side = Math.max(0.9, (stirred ? 2.5 : 1.5) / this.scale);
+        context.fillStyle = stirred ? cubepath.colour("ink") : colour;
+        context.fillRect(pose.x - side / 2, pose.y - side / 2, side, side);
+        return;
+      }
       if (pose.shape === cubepath.CELL && !pose.turn && this.path.sites.length >= MANY) {
         this._stamp(context, pose, colour, words ? this.world.modules.word[module] : "", stirred);
         return;
