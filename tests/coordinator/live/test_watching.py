@@ -24,6 +24,7 @@ from cubepath.agents.processes.joining import Joining, join
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.live.elsewhere import watch_run
 from cubepath.coordinator.live.watching import Live
+from cubepath.coordinator.playback.player import Player
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.runs.launch import run, start
 from cubepath.coordinator.runs.plan import Plan
@@ -318,6 +319,15 @@ def test_a_run_elsewhere_is_watched_from_where_it_stands(tmp_path: Path) -> None
     assert client.said == said(log, 4)
     with pytest.raises(CheckError, match="no run"):
         elsewhere_run(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_replay_is_not_watched() -> None:
+    """It goes back and forth; one line says how a recording is seen."""
+    path = Path(__file__).parents[3] / "logs" / "golden" / "hex-5.mcap"
+    said = "a replay, expected a run; .* cubepath view LOG"
+    with Player(path) as player, pytest.raises(InputError, match=said):
+        watch_run(player.endpoint)
 
 
 @pytest.mark.thorough

@@ -26,7 +26,7 @@ from cubepath.coordinator.runs.asking import MOVES_MAX, ask, ask_path
 from cubepath.coordinator.runs.commits import Released
 from cubepath.coordinator.viewing.pages import page_text
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.errors import CubepathError
+from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.given import seconds
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.core.system import Scene
@@ -90,7 +90,7 @@ class Watched:
         self._gone_s: float | None = None
         self._session = open_client(endpoint, patience_s, credentials=credentials)
         try:
-            about = find_run(self._session, endpoint, run, patience_s)
+            about = _run_at(self._session, endpoint, run, patience_s)
             self.run = about.run
             self._free = about.format == FREE_FORMAT
             self._listen(about)
@@ -260,6 +260,16 @@ class Watched:
             self._feed.close()
 
 
+def _run_at(session: zenoh.Session, endpoint: str, run: str | None, patience_s: float) -> About:
+    about = find_run(session, endpoint, run, patience_s)
+    if about.is_replay:
+        raise InputError(
+            f"{about.run} at {endpoint}: a replay, expected a run; the page of a recording is made"
+            " by cubepath view LOG -o PAGE.html"
+        )
+    return about
+
+
 def watch_run(
     endpoint: str,
     run: str | None = None,
@@ -274,8 +284,8 @@ def watch_run(
     are several. The page begins where the run stands; of a run without rounds it has all levels. It
     has an `address`, and is fed by `wait`. `secure` is a folder with the certificate of `guest`.
 
-    CheckError if no run answers within `patience_s` seconds, CubepathError if there is no router at
-    the endpoint.
+    InputError for a replay, CheckError if no run answers within `patience_s` seconds, CubepathError
+    if there is no router at the endpoint.
 
     >>> with start("hex:n=4", processes=1, log="logs/far.mcap") as running:
     ...     running.step(2)

@@ -176,7 +176,7 @@ class Playing:
             recording = self.reel.recording
             parameters = {**recording.parameters, LEFT_OUT[0]: "a replay"}
             scene = scene_to_toml(recording.scene)
-            about = About(self.run, recording.format, parameters, scene)
+            about = About(self.run, recording.format, parameters, scene, is_replay=True)
             self._offered = offer(self._mouth, lambda: about)
             if not self._wait_for_subscribers:
                 opening.callback(self._listen())

@@ -34,6 +34,8 @@ class About(msgspec.Struct, frozen=True):
     """The schedule that is carried out, as JSON Lines."""
     round: int = 0
     """The last complete round, or the greatest level, when it was asked."""
+    is_replay: bool = False
+    """Whether it is a recording that is played, back and forth, and not a run that goes on."""
 
 
 def about_key(run: str) -> str:
