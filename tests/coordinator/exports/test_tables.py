@@ -23,6 +23,7 @@ from cubepath.coordinator.exports.rows import Wanted, table_of
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import read_recording
 from cubepath.protocol.recordings.writing import RecordingWriter
 from recordings import new_path
@@ -229,6 +230,19 @@ def test_levels_are_not_made_of_the_wall_clock() -> None:
     walled = replace(recording, parameters={**recording.parameters, "log_time": "wall"})
     with pytest.raises(InputError, match="its log time is the wall clock"):
         list(table_of(walled, Wanted("rounds")).batches)
+    for table in ("claims", "messages"):
+        assert any(table_of(walled, Wanted(table)).batches)
+        with pytest.raises(InputError, match="so only its moves have levels: expected no range"):
+            table_of(walled, Wanted(table, Selection(until=3)))
+    assert any(table_of(walled, Wanted("moves", Selection(until=3))).batches)
+
+
+@pytest.mark.parametrize(("table", "kind"), [("moves", "report"), ("claims", "claim")])
+def test_what_was_left_out_makes_no_empty_table(table: str, kind: str) -> None:
+    """That there is nothing on record is told, and is not taken for that nothing happened."""
+    filter_recording(GOLDEN / "hex-5.mcap", path := new_path(), exclude=[kind])
+    with pytest.raises(InputError, match=rf"no {kind} on record, .* \(filtered without {kind}\)"):
+        export(path, new_path(".csv"), table=table)
 
 
 def test_parquet_says_what_it_takes(monkeypatch: pytest.MonkeyPatch) -> None:

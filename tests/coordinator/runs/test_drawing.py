@@ -340,3 +340,17 @@ def test_all_words_lie_on_the_page(
     for one, other in combinations(boxes, 2):
         assert not one.overlaps(other)
     assert len(figure.axes) == {"both": 5, "states": 4, "schedule": 1}[parts]
+
+
+def test_titles_and_captions_are_words(tmp_path: Path) -> None:
+    """Dollars make no formula, lines stay lines, and a letter that cannot be drawn is named."""
+    scene, rounds, _ = random_run("hex:n=3", 2)
+    run = list(snapshots(scene, rounds))
+    sheet = Sheet(title="cost\t$\\foo$", caption="between $5 and $6\nor more")
+    figure = pictures._figure(scene, run, run, "", set(), sheet=sheet)
+    found = {text.get_text() for text in figure.texts}
+    assert {"cost $\\foo$", "between $5 and $6\nor more"} <= found
+    run_picture(scene, rounds, rounds, tmp_path / "run.svg", sheet=sheet)
+    with pytest.raises(InputError, match=r"^caption: .* is not in the font DejaVu Sans"):
+        run_picture(scene, rounds, rounds, tmp_path / "b.svg", sheet=Sheet(caption="\u65e5"))
+    assert [path.name for path in tmp_path.iterdir()] == ["run.svg"]

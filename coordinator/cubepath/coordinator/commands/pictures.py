@@ -275,7 +275,7 @@ def _is_recording(file: InputFile) -> bool:
 
 
 def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
-    from cubepath.coordinator.runs.gathering import gathered  # noqa: PLC0415
+    from cubepath.coordinator.runs.gathering import gathered_in_full  # noqa: PLC0415
     from cubepath.protocol.recordings.recording import read_recording  # noqa: PLC0415
 
     if options.system is not None or options.format is not None or options.companions:
@@ -287,7 +287,9 @@ def _recorded(options: argparse.Namespace, file: InputFile) -> Drawn:
         recording = read_recording(file)
     for problem in recording.problems:
         complain(f"{file.path}: {problem}; drawing what could be read")
-    gatherer = gathered(recording)
+    gatherer = gathered_in_full(recording)
+    if recording.problems and gatherer.unfinished is not None:
+        complain(f"{file.path}: {gatherer.unfinished}; nothing is drawn from there on")
     steps = [step.actions for step in gatherer.steps]
     return Drawn(
         file.path,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cubepath.coordinator.exports.forms import WRITERS
 from cubepath.coordinator.exports.rerun_file import write_rerun
-from cubepath.coordinator.exports.rows import Wanted, table_of
+from cubepath.coordinator.exports.rows import Wanted, check_levels, table_of
 from cubepath.coordinator.exports.times import LogTime, Times, times_of
 from cubepath.coordinator.exports.viewer_mcap import write_viewer_mcap
 from cubepath.coordinator.shortening.conversion import convert
@@ -135,6 +135,8 @@ def _viewed(
             f"{out}: a file for viewers has no tables and no kinds, expected a choice by rounds"
             + ("" if form == "rrd" else " and topics")
         )
+    if form != "rrd":
+        check_levels(recording, selection)
     with written_whole(out) as stream:
         if form == "rrd":
             rounds = write_rerun(stream, recording, times=times, selection=selection)

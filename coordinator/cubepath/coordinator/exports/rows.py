@@ -15,7 +15,8 @@ from typing import Any, TypeAlias
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.suggestions import did_you_mean
-from cubepath.protocol.recordings.cuts import Selection
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, Selection, left_out
+from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.recordings.whole_rounds import rounds_in_turn
 
@@ -28,6 +29,14 @@ DOCUMENTS = ("message",)
 TEXTS = (*SITES, *DOCUMENTS, "generator", "outcome", "kind", "sender")
 """Columns of texts; all others hold whole numbers of at most 64 bits."""
 TABLES = ("moves", "claims", "messages", "rounds")
+
+_MADE_OF = {
+    ("moves", "lockstep"): ("report",),
+    ("moves", "free"): ("moved", "tail", "turns"),
+    ("claims", "lockstep"): ("claim",),
+}
+"""The kinds of messages that a table is made of."""
+_WHY = (*LEFT_OUT, FILTERED, SPLIT)
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +64,8 @@ def table_of(recording: Recording, wanted: Wanted) -> Table:
     """Return a table of a recording; its rows are read while they are asked for.
 
     InputError if there is no such table or kind, if topics are asked of another table than that of
-    messages, and, while rows are read, where a message cannot be decoded.
+    messages, if what the table is made of was left out of the recording, if levels are asked of
+    messages that have none, and, while rows are read, where a message cannot be decoded.
 
     >>> found = table_of(read_recording("logs/golden/hex-5.mcap"), Wanted("rounds"))
     >>> found.columns[:3], next(found.batches)[1][:3]
@@ -69,12 +79,38 @@ def table_of(recording: Recording, wanted: Wanted) -> Table:
         raise InputError(f"table {name} has no topics and kinds, expected table messages")
     if wanted.kinds:
         recording.messages(wanted.kinds)  # refuses unknown kinds
+    if name in {"claims", "messages"}:
+        check_levels(recording, selection)
+    _check_there(recording, name)
     if name == "messages":
         return Table(_MESSAGES, _messages(recording, wanted))
     if name == "rounds":
         return Table(_ROUNDS, _within(_rounds(recording), selection))
     columns = _columns(recording.moves if name == "moves" else recording.claims, recording)
     return Table(columns, _within(_derived(recording, name), selection))
+
+
+def check_levels(recording: Recording, selection: Selection) -> None:
+    """Raise InputError if a range of levels is asked of messages that have wall clock times."""
+    asked = selection.first is not None or selection.until is not None
+    if asked and recording.clock == "free" and recording.parameters.get("log_time") == "wall":
+        raise InputError(
+            f"{recording.path}: its log time is the wall clock, so only its moves have levels:"
+            " expected no range"
+        )
+
+
+def _check_there(recording: Recording, name: str) -> None:
+    """Raise InputError if a table would be empty for want of what was left out."""
+    kinds = _MADE_OF.get((name, recording.clock))
+    left = left_out(recording) or any(key in recording.parameters for key in LEFT_OUT)
+    if kinds is None or not left or next(recording.of_kind(*kinds), None) is not None:
+        return
+    why = [f"{key} {told}" for key, told in recording.parameters.items() if key in _WHY]
+    raise InputError(
+        f"{recording.path}: no {' or '.join(kinds)} on record, expected some for table {name}"
+        f" ({'; '.join(why)})"
+    )
 
 
 def _columns(made: Callable[[], Mapping[str, Any]], recording: Recording) -> tuple[str, ...]:

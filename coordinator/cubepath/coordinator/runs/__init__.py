@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.runs.films import FILM_SUFFIXES, FRAMES_PER_SECOND, animate
     from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
     from cubepath.coordinator.runs.gatherer import Gatherer
-    from cubepath.coordinator.runs.gathering import gathered
+    from cubepath.coordinator.runs.gathering import gathered, gathered_in_full
     from cubepath.coordinator.runs.launch import run, start
     from cubepath.coordinator.runs.live import Divergence, LiveReplay, replay_live
     from cubepath.coordinator.runs.outcome import Outcome
@@ -51,7 +51,7 @@ else:
             "films": "FILM_SUFFIXES FRAMES_PER_SECOND animate",
             "free_gatherer": "FreeGatherer keepers_in",
             "gatherer": "Gatherer",
-            "gathering": "gathered",
+            "gathering": "gathered gathered_in_full",
             "launch": "run start",
             "live": "Divergence LiveReplay replay_live",
             "outcome": "Outcome",
@@ -93,6 +93,7 @@ __all__ = [
     "ask_path",
     "find_run",
     "gathered",
+    "gathered_in_full",
     "info",
     "keepers_in",
     "offer",

@@ -108,7 +108,8 @@ def run_picture(
 
     `sheet` says which states are shown, and what else is as its reader wants it.
 
-    InputError if the suffix is unknown, a state is asked for that there is not, a move is not
+    InputError if the suffix is unknown, the font has not all letters of the title or caption, a
+    state is asked for that there is not, a move is not
     admissible or the file cannot be written.
 
     >>> played = play("hex:n=4")
@@ -189,7 +190,8 @@ def _figure(
     lanes = min(max(0.2 * len(scene.start), 0.5), 5.5) if sheet.parts != "states" else 0.0
     shots = [(states[number].sites, states[number].moved) for number in shown]
     legend = legend_of(scene, shots, boxes[0], width - 2 * _EDGE, theme)
-    caption = textwrap.wrap(sheet.caption or "", int((width - 2 * _EDGE) / _LETTER))
+    _check_letters(sheet)
+    caption = _wrapped(sheet.caption or "", int((width - 2 * _EDGE) / _LETTER))
     legend_top = _TITLE
     if sheet.parts != "schedule":
         legend_top += ceil(len(shown) / columns) * (_CAPTION + tall + _GAP)
@@ -197,7 +199,7 @@ def _figure(
     caption_top = chart_top + lanes + 0.55 if lanes else legend_top + legend.height + 0.2
     high = caption_top + (_LINE * len(caption) + 0.2 if caption else 0)
     page = _Page(Figure(facecolor=theme.of(PAPER)), width, high, theme)
-    title = _title(scene.spec) if sheet.title is None else sheet.title
+    title = _title(scene.spec) if sheet.title is None else " ".join(sheet.title.split())
     page.write(title, _EDGE, 0.2, fontsize=12.5, fontweight="bold")
     framed = "" if boxes[0] == box else ";  each state is framed around its modules"
     page.write(counts + framed, _EDGE, 0.47, fontsize=10)
@@ -215,12 +217,28 @@ def _figure(
         legend.put(page.figure, _EDGE, legend_top)
     if lanes:
         chart = page.axes(_EDGE + 0.3, chart_top, width - 2 * _EDGE - 0.3, lanes)
-        as_given = f"{'as executed' if step_name == 'round' else 'as given'}, "
+        as_given = f"{'as executed' if step_name in {'round', 'level'} else 'as given'}, "
         as_given += plural(len(run) - 1, step_name)
         draw_schedule(chart, scene, run, shortest, cancelled, as_given=as_given, theme=theme)
     if caption:
         page.write("\n".join(caption), _EDGE, caption_top, fontsize=9, linespacing=1.3)
     return page.figure
+
+
+def _check_letters(sheet: Sheet) -> None:
+    """Raise InputError for a letter that the font of pictures does not have."""
+    from matplotlib.font_manager import FontProperties, findfont, get_font  # noqa: PLC0415
+
+    font = get_font(findfont(FontProperties()))
+    for name, words in (("title", sheet.title), ("caption", sheet.caption)):
+        for letter in words or "":
+            if not letter.isspace() and not font.get_char_index(ord(letter)):
+                raise InputError(f"{name}: {letter!r} is not in the font {font.family_name}")
+
+
+def _wrapped(words: str, width: int) -> list[str]:
+    """Return words in lines of at most so many letters, and a new line where they have one."""
+    return [line for each in words.splitlines() for line in textwrap.wrap(each, width) or [""]]
 
 
 def _shown(sheet: Sheet, count: int, name: str) -> list[int]:
@@ -320,9 +338,9 @@ class _Page:
         )
 
     def write(self, text: str, left: float, top: float, **style: Any) -> None:
-        self.figure.text(
-            left / self.wide, 1 - top / self.high, text, va="top", color=self._ink, **style
-        )
+        # Words, also where they have dollars: those would make them a formula.
+        style |= {"va": "top", "color": self._ink, "parse_math": False}
+        self.figure.text(left / self.wide, 1 - top / self.high, text, **style)
 
 
 def save_figure(figure: Figure, path: Path | str) -> None:

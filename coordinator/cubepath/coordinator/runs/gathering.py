@@ -12,6 +12,7 @@ from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.recordings.cuts import is_beginning, left_out
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
@@ -36,6 +37,32 @@ def gathered(recording: Recording) -> Gathered:
     """
     check_from_the_start(recording)
     return _free(recording) if recording.clock == "free" else _lockstep(recording)
+
+
+def gathered_in_full(recording: Recording) -> Gathered:
+    """Gather what was reported, of a recording that lacks none of it in between.
+
+    As `gathered`; InputError as well for what was cut from a longer recording if that left out
+    messages from which moves are gathered: its moves would be those of a shorter run.
+
+    >>> from pathlib import Path
+    >>> from cubepath.protocol import read_recording
+    >>> gathered_in_full(read_recording(Path("logs/golden/hex-5.mcap"))).rounds
+    29
+    """
+    found = gathered(recording)
+    if left_out(recording) and not is_beginning(recording):
+        kinds = _NEEDED[recording.clock]
+        why = found.unfinished
+        if why is None and next(recording.of_kind("report", *kinds), None) is None:
+            why = f"no {' or '.join(kinds)} on record"
+        if why is not None:
+            there = len(recording.records)
+            raise InputError(
+                f"{recording.path}: {why}; it holds {there} of the {there + left_out(recording)}"
+                " messages of a longer recording ('cubepath merge' puts parts together)"
+            )
+    return found
 
 
 def check_from_the_start(recording: Recording) -> None:

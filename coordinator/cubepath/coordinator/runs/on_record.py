@@ -14,7 +14,7 @@ from cubepath.agents.processes.orders import OUTSIDE
 from cubepath.agents.rules.recorded import RECORDED, RecordedChoice
 from cubepath.agents.rules.schedule import SCHEDULE
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.verification.holes import hole_in
 from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
 from cubepath.coordinator.verification.stages import Stage, spans, stages_in
@@ -71,7 +71,7 @@ def on_record(recording: Recording) -> OnRecord:
     not fit together; CheckError as for `gathered`.
     """
     _check_kind(recording)
-    found = gathered(recording)
+    found = gathered_in_full(recording)
     words: list[Words] = [{} for _ in range(found.rounds + 1)]
     own: set[str] = set()
     own_modules: set[int] = set()

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from cubepath.coordinator.normal_form.definitions import is_cube
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
@@ -67,7 +67,7 @@ def read_schedule(path: Path) -> Schedule:
         if not is_recording(file):
             return Schedule(file.path, _cubes(file))
         recording = read_undamaged(file)
-    gatherer = gathered(recording)
+    gatherer = gathered_in_full(recording)
     return Schedule(recording.path, gatherer.schedule(), recording.scene, tuple(gatherer.sites))
 
 

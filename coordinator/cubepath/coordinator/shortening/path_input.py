@@ -15,7 +15,7 @@ from typing import Literal, Protocol, runtime_checkable
 
 from cubepath.coordinator.normal_form.admissibility import InadmissibleMove, carried_out
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.protocol.core.actions import Action, apply_in_place, why_inadmissible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, check_not_empty, opened
@@ -213,7 +213,7 @@ class _Reading:
 
     def _of_recording(self) -> PathInput:
         recording = read_undamaged(self._file)
-        gatherer = gathered(recording)
+        gatherer = gathered_in_full(recording)
         path = self._file.path
         if gatherer.unfinished is not None:
             raise InputError(f"{path}: {gatherer.unfinished}")

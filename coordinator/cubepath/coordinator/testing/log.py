@@ -16,7 +16,7 @@ from typing import Any, Literal, NoReturn, TypeAlias, get_args
 from cubepath.coordinator.auditing.recording import audit
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.coordinator.runs.edge_path import Gathered
-from cubepath.coordinator.runs.gathering import gathered
+from cubepath.coordinator.runs.gathering import gathered_in_full
 from cubepath.coordinator.testing.checks import check_name, check_whole
 from cubepath.coordinator.testing.rules import Pattern
 from cubepath.coordinator.testing.seen import RESULTS, Seen
@@ -92,7 +92,7 @@ class Log:
     @cached_property
     def gathered(self) -> Gathered:
         """The edge path of the run, gathered again."""
-        return gathered(self.recording)
+        return gathered_in_full(self.recording)
 
     @property
     def free(self) -> bool:

@@ -94,14 +94,16 @@ class Selection:
 
 
 def check_topics(recording: Recording, selection: Selection) -> None:
-    """Raise InputError if a pattern of topics to take matches no topic of the recording."""
-    topics = recording.topics() if selection.topics else ()
+    """Raise InputError if a pattern of topics matches no topic of the recording."""
+    asked = [*(("topics", each) for each in selection.topics)]
+    asked += [("exclude", each) for each in selection.exclude]
+    topics = recording.topics() if asked else ()
     kinds = sorted({topic.partition("/")[0] for topic in topics})
-    for pattern in selection.topics:
+    for name, pattern in asked:
         if not any(_matches(topic, pattern) for topic in topics):
             near = did_you_mean(pattern, kinds)
             raise InputError(
-                f"{recording.path}: topics {pattern}: nothing on record matches{near}, expected"
+                f"{recording.path}: {name} {pattern}: nothing on record matches{near}, expected"
                 f" topics of {', '.join(kinds) or 'a recording with messages'}"
             )
 

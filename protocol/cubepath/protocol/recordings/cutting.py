@@ -146,7 +146,8 @@ def _beginnings(
             raise InputError(
                 f"{recording.path}: its log time is the wall clock, expected seconds, not rounds"
             )
-        return _Span(rounds, lambda record: record.round)
+        # What comes before the first round belongs to it.
+        return _Span(rounds, lambda record: max(record.round, 1))
     if seconds is not None:
         return _Span(max(1, int(seconds * _NS)), lambda record: record.wall_ns)
     return lambda writer, record: _is_full(recording, writer, record, size or 0)
