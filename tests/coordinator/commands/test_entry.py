@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from types import ModuleType
 
 import pytest
@@ -59,6 +60,15 @@ class Signalling:
             self.went_on = True
 
 
+@pytest.fixture
+def no_collection() -> Iterator[None]:
+    """Collect no garbage: libraries of tests have callbacks there, which an interrupt may hit."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("no_collection")
 @pytest.mark.parametrize(
     ("module", "number"),
     [
