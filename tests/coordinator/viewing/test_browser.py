@@ -298,6 +298,10 @@ def test_light_dark_and_print(run: tuple[Path, Watched], opened: Open) -> None:
     assert paper == white
     assert lane > 200
     assert not dark.is_visible("#player")
+    # What was drawn for the screen is not stretched to the columns of the paper: a page holds it.
+    fits = "[...document.querySelectorAll('canvas')].map(each => getComputedStyle(each).objectFit)"
+    assert set(dark.evaluate(fits)) == {"contain"}
+    assert b"/Count 1" in dark.pdf(format="A4")
     dark.emulate_media(media="screen")
     settled(dark)
     assert dark.evaluate(look)[0] == black
