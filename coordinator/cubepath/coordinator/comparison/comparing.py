@@ -285,6 +285,11 @@ def _notes(side_by_side: SideBySide) -> Iterator[str]:
             yield f"{name} has no {', '.join(none)}: these were not compared"
         if some:
             yield f"{name} has not every {', '.join(some)}: those that it lacks were not compared"
+    for side, number in sorted(parting.silent):
+        yield (
+            f"{NAMES[side]}: in round {number} nobody says what was noted before, as another rule"
+            " begins in it, with other notes"
+        )
     for side, more in enumerate(parting.only):
         if more:
             left = "" if parting.followed else "; they were not compared"

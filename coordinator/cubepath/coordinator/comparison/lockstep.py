@@ -20,9 +20,11 @@ from cubepath.coordinator.comparison.results import (
     MoveDifference,
 )
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
+from cubepath.coordinator.verification.stages import stages_in
 from cubepath.coordinator.verification.transcript import Round, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report
 
 _KINDS = ("here", "note", "claim", "verdict", "report", "edges")
@@ -77,6 +79,9 @@ class Parting:
     """Kinds of messages that are missing in a run which has not all, and so were not compared."""
     present: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
     """Kinds of messages of rounds that each run has."""
+    silent: set[tuple[int, int]] = field(default_factory=set)
+    """The runs, 0 or 1, with the rounds in which another rule begins and nobody says what was noted
+    before, if the other run has notes in such a round."""
     followed: bool = True
     """Whether the rounds that one run alone has count as what it did after the other ended."""
 
@@ -97,6 +102,7 @@ class SideBySide:
         self._asked = asked
         self._rounds = self._from_begin(a), self._from_begin(b)
         self._since = self._due = 0
+        self._silent = _silent(a.recording), _silent(b.recording)
         self._states = States(a.recording.scene.start, b.recording.scene.start)
 
     def go(self) -> Parting:
@@ -221,7 +227,10 @@ class SideBySide:
         for kind, module in different:
             # The place from which a note is said follows from moves; what it says was chosen.
             noted = kind == "note" and note_of(a, module) != note_of(b, module)
-            if noted and number > max(self._since, self._asked.first):
+            silent = {(side, number) for side in (0, 1) if number in self._silent[side]}
+            if noted and silent:
+                found.silent |= silent
+            elif noted and number > max(self._since, self._asked.first):
                 found.choices.setdefault(module, number - 1)
         if not ignored.isdisjoint(("claim", "report")):
             return
@@ -316,6 +325,11 @@ class States:
         elif not self._balance and self._begin is not None:
             self._apart.append(Apart(self._begin, number))
             self._begin = None
+
+
+def _silent(recording: Recording) -> set[int]:
+    """Return the rounds in which another rule begins, and does not hear what was noted before."""
+    return {stage.begins for stage in stages_in(recording)[1:] if not stage.heard}
 
 
 _Numbered = tuple[int, Round]
