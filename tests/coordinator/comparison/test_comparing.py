@@ -15,6 +15,7 @@ from command_line import GOLDEN, in_shell, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.protocol.recordings.recording import Recording
+from free_runs import free_recorded
 from recordings import new_path, recorded
 from twin_runs import twin
 
@@ -63,6 +64,14 @@ def test_moves_are_compared_with_a_recording(capsys: pytest.CaptureFixture[str])
     told = capsys.readouterr().out
     assert "first move      move 28: " in told
     assert "none in b" in told
+
+
+def test_moves_alone_are_told_as_beside_messages() -> None:
+    """A move has one notation, whatever is compared: that of the sites in messages."""
+    spec = "agv:graph=grid3x3,n=4"
+    found = diff(recorded(spec, seed=1), free_recorded(spec, seed=4, moves=12))
+    assert found.move is not None
+    assert re.fullmatch(r"edge at \[\[\d,\d\],\[\d,\d\]\]", found.move.a or "")
 
 
 def test_a_free_run_and_one_with_rounds_are_compared_by_their_moves() -> None:
