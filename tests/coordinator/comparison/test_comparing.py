@@ -15,6 +15,7 @@ from command_line import GOLDEN, in_shell, refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.protocol.recordings.recording import Recording
+from free_runs import free_recorded
 from recordings import new_path, recorded
 from twin_runs import twin
 
@@ -63,6 +64,14 @@ def test_moves_are_compared_with_a_recording(capsys: pytest.CaptureFixture[str])
     told = capsys.readouterr().out
     assert "first move      move 28: " in told
     assert "none in b" in told
+
+
+def test_moves_alone_are_told_as_beside_messages() -> None:
+    """A move has one notation, whatever is compared: that of the sites in messages."""
+    spec = "agv:graph=grid3x3,n=4"
+    found = diff(recorded(spec, seed=1), free_recorded(spec, seed=4, moves=12))
+    assert found.move is not None
+    assert re.fullmatch(r"edge at \[\[\d,\d\],\[\d,\d\]\]", found.move.a or "")
 
 
 def test_a_free_run_and_one_with_rounds_are_compared_by_their_moves() -> None:
@@ -161,12 +170,13 @@ def test_a_chunk_in_the_middle_that_is_lost(tmp_path: Path) -> None:
     damaged.write_bytes(data)
     found = diff(whole, damaged)
     assert any(note.startswith("b is damaged: corrupt at byte") for note in found.notes)
-    assert any(note.endswith("they were not compared") for note in found.notes)
+    assert any(note.endswith("as a whole: not compared") for note in found.notes)
     assert found.beginning is None
     assert found.answer == f"no difference in {found.compared}; the notes say more"
     assert found.states == ()
-    assert found.paths is not None
-    assert found.paths.identical
+    assert found.paths is None
+    assert "rounds 1 to" in found.compared
+    assert found.compared.endswith(" to 20")
 
 
 SELF_CONTAINED = {

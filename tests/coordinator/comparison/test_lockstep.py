@@ -291,6 +291,19 @@ def test_what_is_ignored_is_no_difference() -> None:
     assert found.parameters == {}
 
 
+def test_other_moves_differ_whatever_is_ignored() -> None:
+    """A run is not the beginning of another, nor the same, if modules did something else."""
+    a, b = twin("hex:n=5", seed=1), twin("hex:n=5", seed=2, rounds=5)
+    kinds = ["here", "note", "claim", "verdict", "report", "edges", "cube", "summary"]
+    for found in (diff(a, b, ignore=kinds), diff(a, b, ignore=kinds, rounds=(1, 5))):
+        assert found.move is not None
+        assert found.message is None
+        assert not found.same
+        assert found.beginning is None
+        where = f"round {found.move.round}, with a move of module_{found.move.module}"
+        assert found.answer == f"they part in {where}"
+
+
 def test_messages_around_the_first_are_told() -> None:
     """As many as are asked for, of both runs."""
     a, b = twin("hex:n=5", seed=1), twin("hex:n=5", seed=2)

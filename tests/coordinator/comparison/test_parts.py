@@ -42,7 +42,7 @@ def test_a_run_from_a_later_round_on(tmp_path: Path) -> None:
     same = diff(HEX, late, rounds=(5, None))
     assert same.same
     assert same.answer == "the same in rounds 5 to 29"
-    with pytest.raises(InputError, match="has rounds from 5 on"):
+    with pytest.raises(InputError, match="has rounds 5 to 29"):
         diff(HEX, late, rounds=(1, 4))
 
 
@@ -80,12 +80,90 @@ def test_parts_that_have_no_round_in_common_are_refused(tmp_path: Path) -> None:
         diff(HEX, claims)
 
 
+def without_rounds(recording: Recording, *lost: int) -> Recording:
+    """Return a recording in which no message of some rounds is left."""
+    return with_records(recording, [each for each in recording.records if each.round not in lost])
+
+
+def test_rounds_behind_a_gap_are_compared() -> None:
+    """Wherever the gap is; what differs behind it is found as if these rounds were asked for."""
+    runs = [recorded("hex:n=5", "chain", seed=s, hesitate=0.3, rounds=20) for s in (1, 2)]
+    a, b = (without_rounds(each, 2) for each in runs)
+    late = diff(*runs, rounds=(3, None))
+    assert late.choice is not None
+    for found in (diff(a, b), diff(a, runs[1]), diff(runs[0], b)):
+        assert found.compared == "rounds 1, 3 to 20"
+        assert found.choice is not None
+        assert (found.choice.round, found.choice.module) == (late.choice.round, late.choice.module)
+        assert found.choice.causes == ("unknown",)
+        assert "rounds before 3 are not on record" in " ".join(found.choice.why)
+        assert found.message == late.message
+        assert found.move == late.move
+        assert found.states == late.states
+        assert found.rounds == late.rounds
+        assert found.paths is None
+        assert not found.same
+
+
+def test_runs_with_the_same_gap_are_not_said_to_be_the_same() -> None:
+    """Nor is one the beginning of the other; rounds on either side of the gap can be the same."""
+    whole = recorded("hex:n=5", "chain", seed=1, hesitate=0.3, rounds=20)
+    one, other = without_rounds(whole, 4, 5), without_rounds(whole, 4, 5, 9)
+    for a, b in ((one, one), (one, whole), (whole, one)):
+        found = diff(a, b)
+        assert not found.same
+        assert found.answer == "no difference in rounds 1 to 3, 6 to 20; the notes say more"
+    note = "does not have rounds 4 to 5, 9 as a whole: not compared"
+    assert f"b {note}" in diff(one, other).notes
+    short = without_rounds(whole, 4, *range(12, 30))
+    assert diff(short, whole).beginning is None
+    assert diff(one, whole, rounds=(6, 20)).same
+    assert not diff(one, whole, rounds=(5, 20)).same
+
+
+def test_copies_that_lost_one_chunk_are_compared_behind_it(tmp_path: Path) -> None:
+    """Two runs differ behind it; one file beside itself has the same bytes."""
+    paths: list[Path] = []
+    for seed in (1, 2):
+        run = recorded("hex:n=5", "chain", seed=seed, hesitate=0.3, rounds=20)
+        data = bytearray(run.path.read_bytes())
+        data[8905] ^= 0xFF
+        paths.append(tmp_path / f"{seed}.mcap")
+        paths[-1].write_bytes(data)
+    found = diff(*paths)
+    assert found.compared == "rounds 1, 3 to 20"
+    assert found.choice is not None
+    assert found.choice.round == 4
+    for path in paths:
+        assert diff(path, path).answer == "the same bytes"
+    cut_off = tmp_path / "cut.mcap"
+    cut_off.write_bytes(paths[0].read_bytes()[:16000])
+    back = diff(paths[0], cut_off)
+    assert not back.same
+    assert back.answer.startswith("no difference in rounds 1, 3 to ")
+
+
+def test_runs_that_are_cut_off_alike_are_the_same_as_far_as_they_go(tmp_path: Path) -> None:
+    """What came after nobody knows."""
+    early = [cut(HEX, tmp_path / f"{number}.mcap", until=9) for number in (1, 2)]
+    later = recorded("hex:n=5", "chain", seed=1, hesitate=0.3)
+    parts = [with_records(later, [r for r in later.records if r.round <= 6]) for _ in "ab"]
+    assert diff(*parts).answer == "the same in rounds 1 to 6"
+    assert diff(*early).answer == "the same in rounds 1 to 9"
+
+
 def test_kinds_of_messages_that_were_left_out_are_no_difference(tmp_path: Path) -> None:
     """They are named; what reports tell is compared, and differs where it does."""
     reports = cut(HEX, tmp_path / "reports.mcap", topics=("report*",))
     found = diff(HEX, reports)
     assert (found.message, found.choice) == (None, None)
-    assert any(note.startswith("b has not every here, claim") for note in found.notes)
+    line = "has no here, claim, edges, cube, summary: these were not compared"
+    assert f"b {line}" in found.notes
+    assert f"a {line}" in diff(reports, HEX).notes
+    assert not diff(HEX, reports, rounds=(1, 29)).same
+    left = ("here", "claim", "edges", "cube", "summary")
+    assert diff(HEX, reports, rounds=(1, 29), ignore=left).same
+    assert diff(HEX, reports, ignore=left).answer == "the same in rounds 1 to 29"
     other = recorded("hex:n=5", "chain", seed=1, hesitate=0.3)
     whole, part = diff(HEX, other), diff(reports, other)
     assert whole.move == part.move

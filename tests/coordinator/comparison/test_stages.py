@@ -114,6 +114,20 @@ def test_rules_that_talk_hear_what_was_noted_before(modules: int) -> None:
     assert any(each.choice is not None for each in found)
 
 
+def test_notes_that_are_dropped_are_no_choice_of_the_round_before() -> None:
+    """The new rule has no notes, so that those of the round before are not said."""
+    spec = "agv:graph=grid4x4,n=6"
+    parent, other = origin(spec), child("random", parent=spec)
+    for found, name in ((diff(parent, other), "b"), (diff(other, parent), "a")):
+        assert found.choice is not None
+        assert found.choice.round >= FROM
+        assert found.choice.causes in (("rule",), ("together",))
+        assert found.message is not None
+        assert (found.message.round, found.message.kind) == (FROM, "note")
+        note = f"{name}: in round 5 nobody says what was noted before, as another rule begins in it"
+        assert any(each.startswith(note) for each in found.notes)
+
+
 def test_ranks_follow_the_seed_of_the_stage() -> None:
     """A claim that came of otherwise is told with the seed from which ranks then followed."""
     parent = recorded("agv:graph=grid5x5,n=8", "tswap", seed=1, rounds=4)

@@ -5,8 +5,9 @@ Room: coordinator. What would be passed over is refused in one line.
 
 from __future__ import annotations
 
-from cubepath.coordinator.comparison.lockstep import Asked, Parting
+from cubepath.coordinator.comparison.lockstep import Asked, SideBySide
 from cubepath.coordinator.comparison.reading import Reading
+from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile
 from cubepath.protocol.recordings.recording import Recording
@@ -16,7 +17,7 @@ COMPARED_KINDS = ("here", "note", "claim", "verdict", "report", "edges", "cube",
 """The kinds of messages that are compared, in the order of a round and then of the end."""
 
 
-def rounds_text(asked: Asked) -> str:
+def _range(asked: Asked) -> str:
     """Return the rounds that are asked for, as on the command line."""
     return f"{asked.first}..{'' if asked.last is None else asked.last}"
 
@@ -26,7 +27,7 @@ def check_asked(asked: Asked) -> None:
     if asked.context < 0:
         raise InputError(f"context={asked.context}: expected 0 or more")
     if asked.first < 1 or (asked.last is not None and asked.last < asked.first):
-        raise InputError(f"rounds={rounds_text(asked)}: expected 1 or more, up")
+        raise InputError(f"rounds={_range(asked)}: expected 1 or more, up")
 
 
 def check_use(
@@ -47,7 +48,7 @@ def check_use(
     elif free is not None:
         why = f"{free.path} is a run without rounds"
     if why is not None and asked.limited:
-        raise InputError(f"rounds={rounds_text(asked)}: {why}: expected no rounds")
+        raise InputError(f"rounds={_range(asked)}: {why}: expected no rounds")
     if why is not None and asked.context:
         raise InputError(f"context={asked.context}: {why}: expected no context")
     known = {"format", *(name for each in recordings for name in each.parameters)}
@@ -64,28 +65,25 @@ def check_use(
             )
 
 
-def check_compared(readings: tuple[Reading, Reading], parting: Parting, asked: Asked) -> None:
-    """Refuse two runs of which no round could be compared; InputError.
+def check_compared(side_by_side: SideBySide, asked: Asked) -> None:
+    """Refuse two runs of which no round could be compared; InputError, OutOfOrder as for `go`.
 
     A run that ended before its first round has nothing that could differ, and is compared.
     """
-    none = any(reading.ended and not reading.transcript.complete_rounds for reading in readings)
-    if parting.compared or (none and not asked.limited):
+    readings = side_by_side.readings
+    none = any(reading.ended and not reading.spans for reading in readings)
+    if side_by_side.found.compared or (none and not asked.limited):
         return
-    told = [f"{reading.recording.path} has {_whole_rounds(reading, asked)}" for reading in readings]
-    where = f"rounds={rounds_text(asked)}: " if asked.limited else ""
+    side_by_side.read_on()
+    told = [f"{reading.recording.path} has {_whole_rounds(reading)}" for reading in readings]
+    where = f"rounds={_range(asked)}: " if asked.limited else ""
     raise InputError(f"{where}nothing to compare: {'; '.join(told)}")
 
 
-def _whole_rounds(reading: Reading, asked: Asked) -> str:
-    """Return in words which rounds a run has, of those that were read."""
-    first, last = reading.first, reading.transcript.complete_rounds
-    if last < first:
-        beyond = asked.last is not None and first > asked.last
-        why = [] if reading.cut is None else [reading.cut]
-        why += [f"damaged: {problem}" for problem in reading.recording.problems[:1]]
-        none = ": ".join(["no round that all modules report", *why])
-        return f"rounds from {first} on" if beyond else none
-    if asked.last is not None and last >= asked.last:
-        return f"rounds from {first} on"
-    return f"round {first} alone" if first == last else f"rounds {first} to {last}"
+def _whole_rounds(reading: Reading) -> str:
+    """Return in words which rounds a run has."""
+    if reading.spans:
+        return rounds_text(reading.spans)
+    why = [] if reading.cut is None else [reading.cut]
+    why += [f"damaged: {problem}" for problem in reading.recording.problems[:1]]
+    return ": ".join(["no round that all modules report", *why])

@@ -39,7 +39,9 @@ from cubepath.coordinator.comparison.results import (
     Compared,
     MessageDifference,
     Paths,
+    counted,
 )
+from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.input_files import InputFile, Source, opened
 from cubepath.protocol.recordings.recording import Recording, is_recording, read_recording
@@ -103,9 +105,13 @@ def diff(
         if one.clock != two.clock:
             return replace(_moves_alone(one, two, system), parameters=parameters)
         found = compare_free(one, two) if one.clock == "free" else _with_rounds(one, two, asked)
+        # A recording that was read before may be another than the file now is.
+        as_files = not isinstance(a, Recording) and not isinstance(b, Recording)
+        identical = (found.same or as_files) and _identical(one.path, two.path)
         return replace(
             found,
-            identical=found.same and _identical(one.path, two.path),
+            same=found.same or identical,
+            identical=identical,
             parameters=parameters,
             scene=scene,
             notes=(*parent_notes(one, two), *found.notes),
@@ -178,8 +184,10 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
     readings = Reading(a, in_order=in_order), Reading(b, in_order=in_order)
     side_by_side = SideBySide(*readings, asked)
     parting = side_by_side.go()
-    check_compared(readings, parting, asked)
-    notes = list(_notes(readings, parting))
+    check_compared(side_by_side, asked)
+    if asked.last is None:
+        _lack_results(readings, parting, asked.ignored)
+    notes = list(_notes(side_by_side))
     paths = _paths(side_by_side, notes)
     message = parting.message
     ends = None
@@ -190,13 +198,17 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
         ends = _ends(readings)
     if message is None and not alone and not asked.limited:
         message = _results(readings, asked.ignored)
-    differs = message is not None or bool(parting.choices) or parting.outcome is not None
+    found = message, parting.outcome, parting.move
+    differs = bool(parting.choices) or any(each is not None for each in found)
+    # What is on record in one run and was not compared is no difference, and may have been one.
+    gaps = any(side_by_side.gaps(side) for side in (0, 1))
+    missing = gaps or any(parting.lacking)
     late = readings[0].first != readings[1].first and asked.first < side_by_side.begin
     return Compared(
         str(a.path),
         str(b.path),
         clock="lockstep",
-        same=not (differs or ends is not None or alone or odd or late),
+        same=not (differs or ends is not None or alone or odd or late or missing),
         identical=False,
         parameters={},
         scene=None,
@@ -211,8 +223,10 @@ def _lockstep(a: Recording, b: Recording, asked: Asked, *, in_order: bool) -> Co
         rounds=tuple(parting.rounds),
         ends=ends,
         paths=paths,
-        beginning=None if differs or odd or late else _beginning(readings, parting),
-        limited=asked.limited or side_by_side.begin > 1,
+        beginning=None if differs or odd or late or gaps else _beginning(readings, parting),
+        limited=asked.limited
+        or side_by_side.begin > 1
+        or not all(reading.ended for reading in readings),
     )
 
 
@@ -241,21 +255,46 @@ def _choice(
     return replace(found, also=tuple(sorted(others)))
 
 
-def _notes(readings: tuple[Reading, Reading], parting: Parting) -> Iterator[str]:
-    for name, reading, lacking in zip(NAMES, readings, parting.lacking, strict=True):
+def _lack_results(
+    readings: tuple[Reading, Reading], parting: Parting, ignored: Collection[str]
+) -> None:
+    """Take down which results were left out of one run, and the other has."""
+    for side, reading in enumerate(readings):
+        own, other = (each.transcript for each in (reading, readings[1 - side]))
+        if own.cubes:
+            parting.present[side].add("cube")
+        lacks = {"cube": len(own.cubes) < len(other.cubes)}
+        lacks["summary"] = own.summary is None and other.summary is not None
+        if reading.by_kind:
+            parting.lacking[side].update(
+                kind for kind, lost in lacks.items() if lost and kind not in ignored
+            )
+
+
+def _notes(side_by_side: SideBySide) -> Iterator[str]:
+    parting = side_by_side.found
+    for side, (name, reading) in enumerate(zip(NAMES, side_by_side.readings, strict=True)):
         yield from (f"{name} {what}" for what in _odd(reading))
-        kinds = [kind for kind in COMPARED_KINDS if kind in lacking]
-        if kinds:
-            yield f"{name} has not every {', '.join(kinds)}: those that it lacks were not compared"
+        gaps = side_by_side.gaps(side)
+        if gaps:
+            yield f"{name} does not have {rounds_text(gaps)} as a whole: not compared"
+        kinds = [kind for kind in COMPARED_KINDS if kind in parting.lacking[side]]
+        some = [kind for kind in kinds if kind in parting.present[side]]
+        none = [kind for kind in kinds if kind not in some]
+        if none:
+            yield f"{name} has no {', '.join(none)}: these were not compared"
+        if some:
+            yield f"{name} has not every {', '.join(some)}: those that it lacks were not compared"
+    for side, number in sorted(parting.silent):
+        yield (
+            f"{NAMES[side]}: in round {number} nobody says what was noted before, as another rule"
+            " begins in it, with other notes"
+        )
     for side, more in enumerate(parting.only):
         if more:
             left = "" if parting.followed else "; they were not compared"
-            rounds = f"{more} more {'round' if more == 1 else 'rounds'}"
+            rounds = counted(more, "more round")
             yield f"{NAMES[side]} goes on for {rounds}, which {NAMES[1 - side]} has not{left}"
-    if parting.unsaid is not None:
-        number, side = parting.unsaid
-        if "edges" not in parting.lacking[side]:
-            yield f"{NAMES[side]} has no edges of round {number}: these were not compared"
 
 
 def _odd(reading: Reading) -> Iterator[str]:
@@ -283,15 +322,18 @@ def _beginning(readings: tuple[Reading, Reading], parting: Parting) -> str | Non
 
 
 def _compared(asked: Asked, side_by_side: SideBySide) -> str:
-    first, last = max(asked.first, side_by_side.begin), side_by_side.found.compared
-    if not last:
+    spans = side_by_side.found.compared
+    if not spans:
         return NO_ROUNDS
-    both = " (the first that both have)" if first > asked.first else ""
-    return f"round {first}{both}" if first == last else f"rounds {first} to {last}{both}"
+    both = " (the first that both have)" if side_by_side.begin > asked.first else ""
+    return f"{rounds_text(spans)}{both}"
 
 
 def _paths(side_by_side: SideBySide, notes: list[str]) -> Paths | None:
     one, two = side_by_side.paths
+    if side_by_side.broken:
+        notes.append("rounds are missing in between: the paths are not compared as a whole")
+        return None
     for name, path in zip(NAMES, (one, two), strict=True):
         if path.wrong is not None:
             notes.append(f"{name}: {path.wrong}: the paths are not compared as a whole")

@@ -49,16 +49,16 @@ def compare_free(a: Recording, b: Recording) -> Compared:
         others = {each.id[0] for each in also if each is not None}
         choice = explain_commit(runs, pairs[0], others)
     ends = _ends(runs)
+    lost = any(run.missing or run.loose for run in runs)
     beginning = None
-    if not pairs and any(more) and not any(run.loose or run.missing for run in runs):
+    if not pairs and any(more) and not lost:
         beginning = "b" if not more[1] else "a" if not more[0] else None
     whole = bool(pairs) or not any(more)
-    odd = [(run.odd, run.missing, run.loose) for run in runs]
     return Compared(
         str(a.path),
         str(b.path),
         clock="free",
-        same=not pairs and not any(more) and ends is None and odd[0] == odd[1],
+        same=whole and not (pairs or lost or ends) and runs[0].odd == runs[1].odd,
         identical=False,
         parameters={},
         scene=None,
@@ -73,6 +73,7 @@ def compare_free(a: Recording, b: Recording) -> Compared:
         ends=ends,
         paths=_paths(runs) if whole else _paths_of(runs, same),
         beginning=beginning,
+        limited=any(run.partial for run in runs),
     )
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from itertools import zip_longest
 from typing import Any
 
 import msgspec
@@ -20,9 +19,12 @@ from cubepath.coordinator.comparison.results import (
     MessageDifference,
     MoveDifference,
 )
+from cubepath.coordinator.verification.round_spans import Span, add_to_spans, gaps_between
+from cubepath.coordinator.verification.stages import stages_in
 from cubepath.coordinator.verification.transcript import Round, site_in
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site
+from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Claim, Note, Report
 
 _KINDS = ("here", "note", "claim", "verdict", "report", "edges")
@@ -69,14 +71,17 @@ class Parting:
     rounds: list[tuple[int, int, int, int]] = field(default_factory=list)
     moved_apart: dict[int, int] = field(default_factory=dict)
     """By module that stood elsewhere in the other run when choices first differed, since when."""
-    compared: int = 0
-    """The last round that was compared."""
+    compared: list[Span] = field(default_factory=list)
+    """The rounds that were compared."""
     only: tuple[int, int] = (0, 0)
-    """How many rounds each run has on record that the other does not have."""
-    unsaid: tuple[int, int] | None = None
-    """The first round of which one run alone (0 or 1) has no edges, and which."""
+    """How many rounds each run has on record after the last that the other has."""
     lacking: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
     """Kinds of messages that are missing in a run which has not all, and so were not compared."""
+    present: tuple[set[str], set[str]] = field(default_factory=lambda: (set(), set()))
+    """Kinds of messages of rounds that each run has."""
+    silent: set[tuple[int, int]] = field(default_factory=set)
+    """The runs, 0 or 1, with the rounds in which another rule begins and nobody says what was noted
+    before, if the other run has notes in such a round."""
     followed: bool = True
     """Whether the rounds that one run alone has count as what it did after the other ended."""
 
@@ -92,25 +97,46 @@ class SideBySide:
         self.begin = max(a.first, b.first)
         self.starts: tuple[frozenset[Site], frozenset[Site]] | None = None
         """What was on before the first round that is compared; None if there is none."""
+        self.broken = False
+        """Whether rounds are missing between those whose moves were taken."""
         self._asked = asked
-        self._states = States(a.recording.scene.start, b.recording.scene.start, self.begin - 1)
+        self._rounds = self._from_begin(a), self._from_begin(b)
+        self._since = self._due = 0
+        self._silent = _silent(a.recording), _silent(b.recording)
+        self._states = States(a.recording.scene.start, b.recording.scene.start)
 
     def go(self) -> Parting:
         """Compare all rounds; OutOfOrder as for `Reading.rounds`."""
         only = [0, 0]
-        for one, two in zip_longest(*map(self._rounds, self.readings)):
-            known = one or two
-            if known is None or (self._asked.last is not None and known[0] > self._asked.last):
+        one, two = (next(each, None) for each in self._rounds)
+        while one is not None or two is not None:
+            number = min(each[0] for each in (one, two) if each is not None)
+            if self._asked.last is not None and number > self._asked.last:
                 break  # every round that is to be compared was
             if one is not None and two is not None:
-                self._round(known[0], one[1], two[1])
+                if one[0] == two[0]:
+                    self._round(number, one[1], two[1])
             else:
-                side = 0 if two is None else 1
-                only[side] += 1
-                self._alone(side, known[1], known[0])
+                only[one is None] += 1
+                self._alone(one, two)
+            # Of a round that is missing in one run the other waits for the next.
+            here = [each is not None and each[0] == number for each in (one, two)]
+            one = next(self._rounds[0], None) if here[0] else one
+            two = next(self._rounds[1], None) if here[1] else two
         self.found.only = (only[0], only[1])
         self.found.states = self._states.ended()
         return self.found
+
+    def read_on(self) -> None:
+        """Read both to the end, so that it is known which rounds they have."""
+        for rounds in self._rounds:
+            for _ in rounds:
+                pass
+
+    def gaps(self, side: int) -> list[Span]:
+        """Return the rounds that are to be compared and are missing between others of a run."""
+        first = max(self._asked.first, self.begin)
+        return gaps_between(self.readings[side].spans, first, self._asked.last)
 
     def ends(self) -> tuple[frozenset[Site], frozenset[Site]]:
         """Return what was on at the end of each run, by the word of its modules."""
@@ -120,32 +146,45 @@ class SideBySide:
         )
         return one, two
 
-    def _rounds(self, reading: Reading) -> Iterator[tuple[int, Round]]:
+    def _from_begin(self, reading: Reading) -> Iterator[_Numbered]:
         return (each for each in reading.rounds() if each[0] >= self.begin)
 
-    def _alone(self, side: int, said: Round, number: int) -> None:
+    def _alone(self, one: _Numbered | None, two: _Numbered | None) -> None:
         """Take the moves of a round that the other run does not have, if that had ended."""
+        side = int(one is None)
+        number, said = one or two or (0, Round())
         self.found.followed = self.readings[1 - side].ended
         if not self.found.followed or number < self._asked.first:
             return
+        self.broken = self.broken or bool(self._due and number != self._due)
+        self._due = number + 1
         for report in said.reports.values():
             self.paths[side].add(number, report)
         self._states.move(number, *(said.reports if n == side else {} for n in (0, 1)))
 
     def _round(self, number: int, a: Round, b: Round) -> None:
-        if number == self.begin:
+        if number != self._due:
+            self._since = number
             one, two = (
                 start_of(reading, number, said)
                 for reading, said in zip(self.readings, (a, b), strict=True)
             )
-            self._states = States(one, two, number - 1)
+            self._states.place(one, two, number - 1)
+        self._due = number + 1
         if number < self._asked.first:
             self._states.move(number, a.reports, b.reports)
             return
         if self.starts is None:
             self.starts = self.ends()
             self._states.note(number - 1)
-        self.found.compared = number
+        elif number == self._since:
+            self.broken = True
+            self._states.note(number - 1)
+        add_to_spans(self.found.compared, number)
+        for reading, present, said in zip(self.readings, self.found.present, (a, b), strict=True):
+            if reading.partial:
+                present.update(kind for kind, _ in said.said)
+                present.update(("report",) if said.edges is None else ("report", "edges"))
         if a.said != b.said or a.reports != b.reports or a.edges != b.edges:
             self._differ(number, a, b)
         for side, said in enumerate((a, b)):
@@ -158,10 +197,6 @@ class SideBySide:
         """Take down what differs in a round in which something does."""
         found = self.found
         lists = _said(a), _said(b)
-        if (a.edges is None) != (b.edges is None):
-            for each in lists:
-                each.pop(("edges", -1), None)
-            found.unsaid = found.unsaid or (number, int(b.edges is None))
         different = [
             key
             for key in sorted({*lists[0], *lists[1]}, key=_place)
@@ -180,7 +215,8 @@ class SideBySide:
     def _is_lacking(self, number: int, key: tuple[str, int], lists: tuple[_Said, _Said]) -> bool:
         """Return whether a message is missing in a run that has not all that was said."""
         for reading, said, lacking in zip(self.readings, lists, self.found.lacking, strict=True):
-            if key not in said and reading.lacks(number):
+            # The edges come after the round, which may have been the last one.
+            if key not in said and (key[0] == "edges" or reading.lacks(number)):
                 lacking.add(key[0])
                 return True
         return False
@@ -191,7 +227,10 @@ class SideBySide:
         for kind, module in different:
             # The place from which a note is said follows from moves; what it says was chosen.
             noted = kind == "note" and note_of(a, module) != note_of(b, module)
-            if noted and number > max(1, self._asked.first):
+            silent = {(side, number) for side in (0, 1) if number in self._silent[side]}
+            if noted and silent:
+                found.silent |= silent
+            elif noted and number > max(self._since, self._asked.first):
                 found.choices.setdefault(module, number - 1)
         if not ignored.isdisjoint(("claim", "report")):
             return
@@ -225,19 +264,25 @@ class SideBySide:
 class States:
     """Where modules stand in both runs by their own word, and whether the same sites are on."""
 
-    def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...], since: int) -> None:
-        """Begin where modules stand at the end of round `since`, 0 for the start."""
+    def __init__(self, a: tuple[Site, ...], b: tuple[Site, ...]) -> None:
+        """Begin where modules stand at the start."""
         self.moved_apart: dict[int, int] = {}
-        self.sites: tuple[list[Site], list[Site]] = list(a), list(b)
-        self._balance: dict[Site, int] = {}
         self._apart: list[Apart] = []
         self._begin: int | None = None
+        self.place(a, b, 0)
+
+    def place(self, a: tuple[Site, ...], b: tuple[Site, ...], since: int) -> None:
+        """Go on from where modules stand at the end of round `since`, 0 for the start."""
+        self.sites: tuple[list[Site], list[Site]] = list(a), list(b)
+        self._balance: dict[Site, int] = {}
         for side, sites in enumerate((a, b)):
             for site in sites:
                 self._count(site, 1 - 2 * side)
         for module in range(max(len(a), len(b))):
-            if a[module : module + 1] != b[module : module + 1]:
-                self.moved_apart[module] = since
+            if a[module : module + 1] == b[module : module + 1]:
+                self.moved_apart.pop(module, None)
+            else:
+                self.moved_apart.setdefault(module, since)
 
     def move(self, number: int, a: dict[int, Report], b: dict[int, Report]) -> None:
         """Take the reports at the end of a round."""
@@ -282,6 +327,12 @@ class States:
             self._begin = None
 
 
+def _silent(recording: Recording) -> set[int]:
+    """Return the rounds in which another rule begins, and does not hear what was noted before."""
+    return {stage.begins for stage in stages_in(recording)[1:] if not stage.heard}
+
+
+_Numbered = tuple[int, Round]
 _Said = dict[tuple[str, int], Any]
 
 

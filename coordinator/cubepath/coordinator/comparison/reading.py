@@ -11,6 +11,7 @@ from math import inf
 from typing import Any
 
 from cubepath.coordinator.verification.choices import Moment
+from cubepath.coordinator.verification.round_spans import Span, add_to_spans
 from cubepath.coordinator.verification.transcript import (
     RECOVERED,
     Round,
@@ -53,12 +54,19 @@ class Reading:
         )
         """Whether rounds, or messages, can be missing that the run had."""
         self.first = _first_whole(recording, self.partial) if first is None else first
+        self.spans: list[Span] = []
+        """The whole rounds, as far as it was read."""
+        told = recording.parameters
+        self.by_kind = any(word in told.get(FILTERED, "") for word in ("topics", "without")) or any(
+            key in told for key in LEFT_OUT
+        )
+        """Whether messages of some kinds were left out."""
         self.odd: list[str] = []
         """What is odd, without anything being derived: the first lines."""
         self.cut_off: str | None = None
         """Why the end of the run is not on record, None if it is."""
         self._in_order = in_order
-        self._sorting = Sorting(recording, self._fail, first=self.first)
+        self._sorting = Sorting(recording, self._fail, first=self.first, gaps=True)
 
     @property
     def transcript(self) -> Transcript:
@@ -74,29 +82,29 @@ class Reading:
             self.odd.append(why)
 
     def rounds(self) -> Iterator[tuple[int, Round]]:
-        """Yield the rounds that all modules have reported, from the first whole one on.
+        """Yield the rounds that all modules have reported, in order; others are gaps between them.
 
         OutOfOrder if a message stands where its round is over, and rounds are not kept.
         """
         blocks = self.recording.blocks() if self._in_order else [(self.recording.records, inf)]
         for records, least in blocks:
             self._sorting.take(records)
-            yield from self._sorting.close(least)
+            for number, said in self._sorting.close(least):
+                add_to_spans(self.spans, number)
+                yield number, said
         self._sorting.end()
 
     def lacks(self, number: int) -> bool:
         """Return whether messages of a whole round can be missing though they were said."""
-        told = self.recording.parameters
-        by_topic = any(word in told.get(FILTERED, "") for word in ("topics", "without"))
-        by_topic = by_topic or any(key in told for key in LEFT_OUT)
-        if by_topic or self.recording.problems or RECOVERED in told:
+        damaged = bool(self.recording.problems) or RECOVERED in self.recording.parameters
+        if self.by_kind or damaged:
             return True
         # What was cut by rounds or in between has all of the others.
         return self.partial and number == self.first
 
     @property
     def ended(self) -> bool:
-        """Whether the rounds that were read are all that the run had."""
+        """Whether the last round that was read is the last that the run had."""
         found = self.transcript
         return found.summary is not None and found.summary.rounds == found.complete_rounds
 
@@ -143,16 +151,18 @@ def _first_whole(recording: Recording, partial: bool) -> int:  # noqa: FBT001 - 
 
 
 def moments(reading: Reading) -> Iterator[Moment]:
-    """Yield each round as derived from the moves before it, from the first whole round on.
+    """Yield each whole round as derived from the moves before it, back to the last gap.
 
     Contradiction where a move on record is none from where its module stands, or a module says that
     it stands elsewhere.
     """
     scene = reading.recording.scene
     sites = list(scene.start)
+    due = 0
     for number, said in reading.rounds():
-        if number == reading.first:
+        if number != due:
             sites = list(start_of(reading, number, said))
+        due = number + 1
         where = f"round {number}, module_"
         motion: dict[Site, Site] = {}
         for module, report in said.reports.items():

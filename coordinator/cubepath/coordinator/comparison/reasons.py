@@ -125,6 +125,9 @@ def _causes(
             if played[side] is None:
                 lines.append(f"{NAMES[side]}: what it drew is not known: {refused or 'not asked'}")
         # A cause is told only where nothing else can be it.
+        firsts = [next(iter(trail.inputs)) for trail in trails]
+        if any(first > way.begins for first, way in zip(firsts, ways, strict=True)):
+            everything.append("memory")
         return only_cause(everything), tuple(lines)
     forged = [
         name

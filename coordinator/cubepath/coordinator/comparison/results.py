@@ -166,7 +166,8 @@ class Compared:
     clock: str
     """"lockstep", "free", or "moves" if only the moves can be compared."""
     same: bool
-    """Whether nothing differs that modules said and did."""
+    """Whether nothing differs that modules said and did, and nothing is missing in one alone or
+    between rounds that were compared."""
     identical: bool
     """Whether both files have the same bytes."""
     parameters: dict[str, tuple[str | None, str | None]]
@@ -189,7 +190,8 @@ class Compared:
     beginning: str | None = None
     """The run, "a" or "b", that is the beginning of the other: that goes on where it ends."""
     limited: bool = False
-    """Whether rounds were left out: as others were asked for, or as both runs begin later."""
+    """Whether this is a part of the runs: rounds were asked for, or both begin later, or the end of
+    one is not on record."""
     ends: tuple[str, str] | None = None
     """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
     paths: Paths | None = None

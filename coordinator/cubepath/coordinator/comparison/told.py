@@ -104,18 +104,25 @@ def _no_choice(found: Compared) -> str:
     """Return the answer for runs in which nobody chose otherwise, as far as that is known."""
     if found.clock == "moves" and found.paths is not None:
         text = "no difference in what was done" if found.same else "they differ"
+    elif found.move is not None and (
+        found.message is None or found.move.round < found.message.round
+    ):
+        text = f"they part in round {found.move.round}, with a move of module_{found.move.module}"
     elif found.message is not None:
         text = f"they differ in round {found.message.round}"
     elif found.same:
-        text = f"the same in {found.compared}" if found.limited else "the same run"
+        text = f"the same in {_both(found)}" if found.limited else "the same run"
     elif found.beginning is not None:
         text = _beginning(found, found.beginning)
     elif found.paths is None and found.scene is not None:
         text = found.scene
     else:
-        what = "the commits that both have" if found.clock == "free" else found.compared
-        text = f"no difference in {what}; the notes say more"
+        text = f"no difference in {_both(found)}; the notes say more"
     return text
+
+
+def _both(found: Compared) -> str:
+    return "the commits that both have" if found.clock == "free" else found.compared
 
 
 def _beginning(found: Compared, name: str) -> str:

@@ -55,11 +55,17 @@ def follow(reading: Reading, module: int, last: int, ways: Sequence[Way]) -> Tra
     """
     scene = reading.recording.scene
     observing, system = Observing(scene), scene.system
-    players: list[Player | None] = [None] * len(ways)
+    players: list[Player | None] = []
     inputs: dict[int, tuple[object, ...]] = {}
     steps = moments(reading)
+    since = 0
     for moment in steps:
         site = moment.sites[module]
+        if moment.round - 1 not in inputs:
+            # What the rule was given in a gap is not known, so that it has to be born anew.
+            since = moment.round
+            players[:] = [None] * len(ways)
+            inputs = {}
         for place, way in enumerate(ways):
             if moment.round == way.begins:
                 said = note_of(moment.said, module) if way.heard else None
@@ -80,27 +86,25 @@ def follow(reading: Reading, module: int, last: int, ways: Sequence[Way]) -> Tra
         if moment.round == last:
             sensed = sensed_at(system, site, moment.sites)
             refused = [
-                _unborn(reading, way) if player is None else player.why
+                _unborn(since, way) if player is None else player.why
                 for player, way in zip(players, ways, strict=True)
             ]
-            recorded = Recorded(*chosen(moment.said, module), _note_after(steps, module))
+            recorded = Recorded(*chosen(moment.said, module), _note_after(steps, module, last))
             return Trail(inputs, moment, site, recorded, sensed, told, played, refused)
     raise Contradiction(f"round {last} cannot be derived")
 
 
-def _unborn(reading: Reading, way: Way) -> str:
-    return (
-        f"its rule began in round {way.begins}, and rounds before {reading.first} are not on record"
-    )
+def _unborn(since: int, way: Way) -> str:
+    return f"its rule began in round {way.begins}, and rounds before {since} are not on record"
 
 
-def _note_after(steps: Iterator[Moment], module: int) -> tuple[int, ...] | None:
-    """Return the note that the module says in the next round, as chosen in this one."""
+def _note_after(steps: Iterator[Moment], module: int, last: int) -> tuple[int, ...] | None:
+    """Return the note that the module says in the round after `last`, as chosen in that."""
     try:
         after = next(steps, None)
     except Contradiction:  # what comes later does not matter here
         return None
-    return None if after is None else note_of(after.said, module)
+    return None if after is None or after.round != last + 1 else note_of(after.said, module)
 
 
 def sensed_at(system: System, site: Site, sites: Sequence[Site]) -> dict[str, str]:

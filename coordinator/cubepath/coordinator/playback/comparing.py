@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from cubepath.coordinator.playback.extent import Extent
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.verification.certificate import check_certificate
+from cubepath.coordinator.verification.round_spans import Span, add_to_spans, spans_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import site_from_json
@@ -115,15 +116,11 @@ def not_compared_of(
 
 def _spans(numbers: set[int], last: int) -> str:
     """Return the numbers from 1 to the last one that are missing: "1 to 3, 7", "" for none."""
-    missing = [number for number in range(1, last + 1) if number not in numbers]
-    found: list[tuple[int, int]] = []
-    for number in missing:
-        if found and found[-1][1] == number - 1:
-            found[-1] = found[-1][0], number
-        else:
-            found.append((number, number))
-    shown = [f"{low}" if low == high else f"{low} to {high}" for low, high in found[:4]]
-    return ", ".join(shown) + (", ..." if len(found) > 4 else "")
+    found: list[Span] = []
+    for number in range(1, last + 1):
+        if number not in numbers:
+            add_to_spans(found, number)
+    return spans_text(found)
 
 
 class Compared(NamedTuple):

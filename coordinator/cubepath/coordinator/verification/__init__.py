@@ -28,6 +28,13 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.partial import why_partial
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
+    from cubepath.coordinator.verification.round_spans import (
+        Span,
+        add_to_spans,
+        gaps_between,
+        rounds_text,
+        spans_text,
+    )
     from cubepath.coordinator.verification.rounds import rank
     from cubepath.coordinator.verification.stages import (
         RECORDED,
@@ -64,6 +71,7 @@ else:
             "partial": "why_partial",
             "proof": "check_proof",
             "recording": "Recovered recover verify",
+            "round_spans": "Span add_to_spans gaps_between rounds_text spans_text",
             "rounds": "rank",
             "stages": "RECORDED Stage spans stages_in stages_of stages_text",
             "told_scene": "with_told_scene",
@@ -87,15 +95,18 @@ __all__ = [
     "Round",
     "Seen",
     "Sorting",
+    "Span",
     "Stage",
     "Transcript",
     "Verification",
+    "add_to_spans",
     "changed_by",
     "check_certificate",
     "check_numbered",
     "check_proof",
     "compare_cubes",
     "difference",
+    "gaps_between",
     "held_by",
     "hesitation_in",
     "hole_in",
@@ -104,9 +115,11 @@ __all__ = [
     "max_rounds_in",
     "rank",
     "recover",
+    "rounds_text",
     "seed_in",
     "site_in",
     "spans",
+    "spans_text",
     "stages_in",
     "stages_of",
     "stages_text",

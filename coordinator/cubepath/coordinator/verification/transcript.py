@@ -109,7 +109,8 @@ class Transcript:
     complete_rounds: int = 0
     """The number of rounds, from the first on, that every module has reported.
 
-    Where the first that counts is a later one, it is the last of them.
+    Where the first that counts is a later one, or those behind a gap count too, it is the last of
+    them.
     """
     stray_edges: list[int] = field(default_factory=list)
     """The rounds of the coordinator's edges that not every module has reported."""
@@ -145,13 +146,16 @@ class Sorting:
         watch: Callable[[Message], object] | None = None,
         *,
         first: int = 1,
+        gaps: bool = False,
     ) -> None:
         """Begin before the first message; `watch` is given all that decode, as they stand.
 
-        `first` is the first round that counts: of those before it nothing is yielded.
+        `first` is the first round that counts: of those before it nothing is yielded. With `gaps`
+        the complete rounds behind one that is not complete count too.
         """
         self.found = Transcript(complete_rounds=first - 1)
         self._watch = watch
+        self._gaps = gaps
         self._in_batches = not recording.format.endswith("-1")
         self._fail = fail
         self._modules = len(recording.scene.start)
@@ -199,7 +203,7 @@ class Sorting:
             self._fail("batches", f"{_place(record)} is in no batch, as in format 1")
 
     def close(self, least: float) -> Iterator[tuple[int, Round]]:
-        """Yield the complete rounds from the first on, once each; none below `least` is to come."""
+        """Yield the rounds that count, once each, in order; none below `least` is to come."""
         self._closed = max(self._closed, least)
         found = self.found
         for number in sorted(number for number in self._rounds if number < least):
@@ -210,8 +214,10 @@ class Sorting:
             if self._scheduled and this.reports:
                 found.carried[number] = _carried(this.reports)
             after = found.complete_rounds + 1
-            if number == after and this.reports.keys() == self._everyone:
-                found.complete_rounds += 1
+            counts = number == after or (self._gaps and number > after)
+            if counts and this.reports.keys() == self._everyone:
+                found.complete_rounds = number
+                self._known = frozenset()
                 yield number, this
                 continue
             if number == after:

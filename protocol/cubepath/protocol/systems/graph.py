@@ -36,7 +36,7 @@ def along_edge(one: Site, other: Site) -> Action:
     """
     first, second = frozenset((one,)), frozenset((other,))
     both = first | second
-    return action_of_parts(both, both, (first, second), label=f"edge at {[one, other]}")
+    return action_of_parts(both, both, (first, second), label=f"edge at {site_text((one, other))}")
 
 
 class GraphSystem(System):
@@ -177,7 +177,7 @@ class GraphSystem(System):
         if label is None:
             return along_edge(one, other)
         first, second = (one, label), (other, label)
-        name = f"edge at {[one, other, label]}"
+        name = f"edge at {site_text((one, other, label))}"
         support = self._support(one, other)
         return Action(support, (first, second), (first,), (second,), label=name)
 
