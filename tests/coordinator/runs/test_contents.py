@@ -14,11 +14,12 @@ from mcap.writer import Writer
 from batched import singles
 from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
+from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import Record, Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Refused, encode
-from recordings import all_edited, first, recorded, with_records
+from recordings import all_edited, first, new_path, recorded, with_records
 
 
 def crowd() -> Recording:
@@ -82,6 +83,19 @@ def test_without_a_summary_what_can_be_counted_is_counted() -> None:
     assert document["ended"] is None
     assert document["cubes"] is None
     assert "its end is not on record" in render(document)
+
+
+def test_without_edges_moves_are_counted_from_what_was_reported() -> None:
+    """The same numbers from reports or commits; where nothing tells them they are not known."""
+    for name, kinds in (("hex-5", ["report"]), ("hex-free-5", ["moved", "tail"])):
+        path = GOLDEN / f"{name}.mcap"
+        filter_recording(path, out := new_path(), topics=kinds)
+        told, whole = info(out), info(path)
+        assert (told["rounds"], told["moves"]) == (whole["rounds"], whole["moves"])
+    filter_recording(GOLDEN / "hex-5.mcap", out := new_path(), topics=["here", "claim"])
+    told = info(out)
+    assert (told["rounds"], told["moves"]) == (None, None)
+    assert re.search(r"^moves +unknown$", render(told), re.MULTILINE)
 
 
 def test_the_table_is_for_people() -> None:

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 
 from cubepath.coordinator.verification.holes import lacks
+from cubepath.coordinator.verification.partial import moves_in, whole_rounds
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
@@ -33,6 +34,8 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "max_rounds": int,
     "keepers": int,
 }
+_GATHERED_FROM = ("reports", "report", "moved", "tail")
+"""The kinds of messages that tell of moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
     "max-rounds": "the rounds were over",
@@ -46,7 +49,8 @@ def info(recording: Recording | Source) -> dict[str, Any]:
     """Return the contents of a recording, or of its file, as JSON; what is not on record is None.
 
     The numbers are those of its summary. If it has none, rounds and moves are counted from the
-    coordinator's edges. Of a file that is whole only its end is read.
+    coordinator's edges, or without those from what modules or keepers reported. Of a file that is
+    whole only its end is read.
 
     >>> found = info("logs/golden/hex-5.mcap")
     >>> found["rounds"], found["moves"], found["ended"]
@@ -95,8 +99,8 @@ def _described(parameters: Mapping[str, str], key: str) -> object:
         return value
 
 
-def _result(recording: Recording) -> tuple[Summary | None, int, int]:
-    """Return the summary, and the numbers of rounds and moves."""
+def _result(recording: Recording) -> tuple[Summary | None, int | None, int | None]:
+    """Return the summary, and the numbers of rounds and moves, None if nothing tells them."""
     summary: Summary | None = None
     for message in _decoded(recording, "summary"):
         if isinstance(message, Summary):
@@ -107,7 +111,11 @@ def _result(recording: Recording) -> tuple[Summary | None, int, int]:
     for message in _decoded(recording, "edges"):
         if isinstance(message, Edges):
             edges[message.round] = len(message.moves)
-    return None, len(edges), sum(edges.values())
+    if edges:
+        return None, len(edges), sum(edges.values())
+    if any(recording.of_kind(*_GATHERED_FROM)):
+        return None, whole_rounds(recording), moves_in(recording)
+    return None, None, None
 
 
 def _decoded(recording: Recording, kind: str) -> Iterator[Message]:
@@ -172,6 +180,10 @@ def _moment(wall_ns: int | None) -> str | None:
         return None  # the recorded time was not a valid one
 
 
+def _known(count: int | None) -> object:
+    return "unknown" if count is None else count
+
+
 def render(document: Mapping[str, Any]) -> str:
     """Return the result of `info` as a readable table, with control characters shown."""
     ended = _ENDED[document["ended"]]
@@ -184,8 +196,8 @@ def render(document: Mapping[str, Any]) -> str:
         *([("keepers", document["keepers"])] if document["clock"] == "free" else []),
         ("ended", ended + (f": {document['error']}" if document["error"] else "")),
         ("complete", "yes" if document["complete"] else "no"),
-        ("levels" if document["clock"] == "free" else "rounds", document["rounds"]),
-        ("moves", document["moves"]),
+        ("levels" if document["clock"] == "free" else "rounds", _known(document["rounds"])),
+        ("moves", _known(document["moves"])),
     ]
     if document["ended"] is not None:
         rows += [
