@@ -8,8 +8,10 @@ import re
 from dataclasses import replace as with_fields
 from pathlib import Path
 
+import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from msgspec import structs
 
 from batched import singles
 from command_line import GOLDEN
@@ -96,6 +98,40 @@ def test_without_edges_moves_are_counted_from_what_was_reported() -> None:
     told = info(out)
     assert (told["rounds"], told["moves"]) == (None, None)
     assert re.search(r"^moves +unknown$", render(told), re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "why"),
+    [
+        ({"filtered": "until 4"}, "messages of the run were left out"),
+        ({"topics": "a replay"}, "messages of the run were left out"),
+        ({"split": "1 of 3"}, "this is a part of a recording"),
+        ({"recovered": "6 messages"}, "this was recovered from a damaged file"),
+        ({}, "the run was killed, or the file is damaged"),
+    ],
+)
+def test_a_missing_end_has_the_reason_that_the_recording_tells(
+    parameters: dict[str, str], why: str
+) -> None:
+    """A part is neither killed nor damaged."""
+    part = with_fields(all_edited(crowd(), "summary", lambda _: None), parameters=parameters)
+    assert f"its end is not on record: {why}" in render(info(part))
+
+
+def test_an_interrupt_is_told_once_and_versions_stand_under_their_name() -> None:
+    """Also where parameters that nobody knows come before them."""
+    ended = all_edited(
+        crowd(),
+        "summary",
+        lambda summary: structs.replace(summary, ended="interrupted", error="interrupted"),
+    )
+    ended = with_fields(ended, parameters={**ended.parameters, "recovered": "some"})
+    lines = render(info(ended)).splitlines()
+    assert [line for line in lines if "interrupted" in line] == [
+        "ended            it was interrupted"
+    ]
+    place = next(n for n, line in enumerate(lines) if line.startswith("  cubepath "))
+    assert lines[place - 1] == "versions"
 
 
 def test_the_table_is_for_people() -> None:

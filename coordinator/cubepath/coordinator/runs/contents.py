@@ -13,11 +13,13 @@ import msgspec
 
 from cubepath.coordinator.verification.holes import lacks
 from cubepath.coordinator.verification.partial import moves_in, whole_rounds
+from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.counts import Counts
-from cubepath.protocol.recordings.description import FORMATS
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
+from cubepath.protocol.recordings.description import ATTACHED, FORMATS, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import Certified, Edges, Message, Refused, Summary, decode
 
@@ -41,8 +43,17 @@ _ENDED = {
     "max-rounds": "the rounds were over",
     "failed": "it failed",
     "interrupted": "it was interrupted",
-    None: "its end is not on record: the run was killed, or the file is damaged",
 }
+_NO_END = "its end is not on record"
+_OF_A_PART = {
+    FILTERED: "messages of the run were left out",
+    SPLIT: "this is a part of a recording",
+    LEFT_OUT[0]: "messages of the run were left out",
+    LEFT_OUT[1]: "messages of the run were left out",
+    RECOVERED: "this was recovered from a damaged file",
+    ATTACHED: "the recorder may have left before the run ended",
+}
+"""Why the end may be missing, by the parameters that tell it."""
 
 
 def info(recording: Recording | Source) -> dict[str, Any]:
@@ -180,13 +191,21 @@ def _moment(wall_ns: int | None) -> str | None:
         return None  # the recorded time was not a valid one
 
 
+def _ended(document: Mapping[str, Any]) -> str:
+    ended, error = document["ended"], document["error"]
+    if ended is None:
+        told = document["parameters"]
+        part = (why for key, why in _OF_A_PART.items() if key in told)
+        return f"{_NO_END}: {next(part, 'the run was killed, or the file is damaged')}"
+    return _ENDED[ended] + (f": {error}" if error not in (None, ended) else "")
+
+
 def _known(count: int | None) -> object:
     return "unknown" if count is None else count
 
 
 def render(document: Mapping[str, Any]) -> str:
     """Return the result of `info` as a readable table, with control characters shown."""
-    ended = _ENDED[document["ended"]]
     rows: list[tuple[str, object]] = [
         ("log", document["log"]),
         ("format", document["format"]),
@@ -194,7 +213,7 @@ def render(document: Mapping[str, Any]) -> str:
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),
         *([("keepers", document["keepers"])] if document["clock"] == "free" else []),
-        ("ended", ended + (f": {document['error']}" if document["error"] else "")),
+        ("ended", _ended(document)),
         ("complete", "yes" if document["complete"] else "no"),
         ("levels" if document["clock"] == "free" else "rounds", _known(document["rounds"])),
         ("moves", _known(document["moves"])),
@@ -241,7 +260,9 @@ def render(document: Mapping[str, Any]) -> str:
         )
     )
     rows += document["parameters"].items()
+    if document["versions"]:
+        rows.append(("versions", ""))
     rows += [(f"  {name}", version) for name, version in document["versions"].items()]
     rows += [("problem", problem) for problem in document["problems"]] or [("problems", "none")]
     width = max(len(name) for name, _ in rows)
-    return "\n".join(visible(f"{name:<{width}}  {value}") for name, value in rows)
+    return "\n".join(visible(f"{name:<{width}}  {value}".rstrip()) for name, value in rows)
