@@ -91,6 +91,32 @@ def test_levels_are_compared_only_from_the_start_of_a_run(first: int | None) -> 
     assert replay(FREE).rounds_compared == 19
 
 
+@pytest.mark.parametrize("path", [HEX, FREE], ids=lambda path: path.stem)
+def test_who_begins_at_the_start_or_goes_back_there_has_all_compared(path: Path) -> None:
+    """By --from, and by a seek from the middle."""
+    found = replay(path, begin=0)
+    assert (found.same, found.not_compared, found.after) == (True, (), 0)
+    with Player(path) as player:
+        player.step("round", 3)
+        player.seek(0)
+        player.play()
+        again = player.wait(10)
+    assert (again.same, again.path_digest) == (True, found.path_digest)
+    assert again.messages > found.messages
+
+
+def test_the_numbers_of_a_part_say_from_where_on_they_count() -> None:
+    """After a jump; what was compared before it is counted by the rounds that were compared."""
+    with Player(HEX) as player:
+        player.step("round", 5)
+        player.seek(12)
+        player.play()
+        found = player.wait(10)
+    assert (found.after, found.rounds, found.rounds_compared) == (11, 18, 23)
+    late = replay(cut(HEX, first=5))
+    assert (late.after, late.rounds) == (4, 25)
+
+
 def test_all_rounds_are_counted_where_all_is_compared() -> None:
     """Of a whole recording too."""
     found = replay(HEX)
