@@ -7,6 +7,7 @@ from dataclasses import replace as with_fields
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from command_line import GOLDEN
 from cubepath.coordinator.commands.main import main
@@ -17,8 +18,10 @@ from cubepath.coordinator.playback.spots import Spot
 from cubepath.coordinator.playback.states import States
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.wire.messages import Report, decode, encode
 from recordings import new_path
 
 HEX = GOLDEN / "hex-5.mcap"
@@ -78,6 +81,24 @@ def test_what_was_left_out_by_topic_is_not_compared() -> None:
     no_reports = replay(cut(HEX, exclude=("report",)))
     assert no_reports.not_compared == ("rounds 1 to 29", "cubes", "summary")
     assert no_reports.agrees
+
+
+def test_reports_that_cannot_be_are_told_with_their_file_and_round() -> None:
+    """Of the run as it is numbered on record, also where it is gathered from a later round on."""
+    recording = read_recording(cut(HEX, first=5))
+    records = list(recording.records)
+    place, record = next(
+        each for each in enumerate(records) if each[1].kind == "report" and each[1].round == 7
+    )
+    report = decode(record.data)
+    assert isinstance(report, Report)
+    records[place] = with_fields(record, data=encode(structs.replace(report, site=[9, 9])))
+    why = (
+        rf"{recording.path}: round 7: report of module_{report.module}: it ends at \[9,9\], and the"
+        r" moves take it to \["
+    )
+    with pytest.raises(CheckError, match=why):
+        replay(with_fields(recording, records=records))
 
 
 @pytest.mark.parametrize("first", [None, 5])

@@ -18,7 +18,7 @@ from cubepath.coordinator.playback.states import StateAt
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
@@ -60,7 +60,15 @@ class Segments:
 
     def take(self, key: str, data: bytes) -> None:
         """Take a message that has arrived; CheckError if it contradicts another."""
-        topic = topic_in_key(key)
+        try:
+            self._take(topic_in_key(key), data)
+        except CheckError as error:
+            lockstep, where = self._lockstep, ""
+            if lockstep is not None:
+                where = f"round {self._base + lockstep.rounds + 1}: "
+            raise CheckError(f"{self._recording.path}: {where}{error}") from None
+
+    def _take(self, topic: str, data: bytes) -> None:
         if self._lockstep is not None:
             if topic.startswith(_REPORTS):
                 for part in parts_of(decode(data)):
