@@ -409,7 +409,7 @@ BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     "inadmissible": (
         [report(1, 0, [0, 0], [0, 1]), RUN[1]],
         CheckError,
-        "report of module_0: edge at [[0, 0], [0, 1]] is not admissible",
+        "report of module_0: edge at [[0,0],[0,1]] is not admissible",
     ),
 }
 

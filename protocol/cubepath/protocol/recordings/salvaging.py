@@ -319,7 +319,8 @@ class _Scan:
             what = f"corrupt: {more} bytes follow after the end"
         else:
             what = f"corrupt: the summary from byte {offset} on does not hold"
-        return f"{what}; all messages could be read"
+        lost = self.found.problems or self.found.gap is not None
+        return what if lost else f"{what}; all messages could be read"
 
     def _stop(self, offset: int) -> str:
         stored = self._stored
