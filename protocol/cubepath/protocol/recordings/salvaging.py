@@ -316,7 +316,8 @@ class _Scan:
             what = f"truncated at byte {size}: the closing magic is missing"
         elif offset + closing + len(MAGIC) < size:
             more = size - offset - closing - len(MAGIC)
-            what = f"corrupt: {more} bytes follow after the end"
+            follow = "byte follows" if more == 1 else "bytes follow"
+            what = f"corrupt: {more} {follow} after the end"
         else:
             what = f"corrupt: the summary from byte {offset} on does not hold"
         lost = self.found.problems or self.found.gap is not None
