@@ -34,6 +34,7 @@ if TYPE_CHECKING:
         Move,
     )
     from cubepath.protocol.core.control_characters import visible
+    from cubepath.protocol.core.counted import counted
     from cubepath.protocol.core.errors import (
         CheckError,
         CubepathError,
@@ -107,6 +108,7 @@ else:
                 "SQUARES"
             ),
             "control_characters": "visible",
+            "counted": "counted",
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "given": "function real_number seconds whole_number",
             "input_files": (
@@ -186,6 +188,7 @@ __all__ = [
     "check_output",
     "check_output_folder",
     "commute",
+    "counted",
     "did_you_mean",
     "end_at",
     "function",
