@@ -37,9 +37,9 @@ from cubepath.coordinator.commands.files import (
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
-from cubepath.protocol.core.counted import counted
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
+from cubepath.protocol.core.numbers_of_things import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.verification.findings import Check, Verification

@@ -13,8 +13,8 @@ from cubepath.coordinator.playback.extent import Extent
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.counted import counted
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.numbers_of_things import counted
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.description import Clock
 from cubepath.protocol.recordings.recording import Record, Recording

@@ -76,6 +76,7 @@ __all__ = [
     "PART",
     "SPLIT",
     "TOPICS_MAX",
+    "Clock",
     "Counts",
     "McapAppender",
     "Record",
