@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from command_line import GOLDEN
 from cubepath.coordinator.testing import Command
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.recording import read_recording
@@ -58,6 +59,23 @@ def test_a_run_that_is_killed_is_gone_without_a_word(commands: Commands, tmp_pat
     recording = read_recording(log)
     assert recording.problems == ()
     assert verify(recording).ok
+
+
+@pytest.mark.thorough
+def test_a_replay_that_has_ended_is_gone_and_not_its_router_alone(
+    commands: Commands, tmp_path: Path
+) -> None:
+    """At an address, where the router of a run might come back."""
+    played = str(GOLDEN / "hex-5.mcap")
+    words = ("--endpoint=tcp/127.0.0.1:0", "--wait-for-subscribers", "--rate=100")
+    replay = commands.start("replay", played, *words, "--no-keyboard")
+    endpoint, name = replay.says(r"replaying on (\S+) under cubepath/(\w+)/").groups()
+    log = tmp_path / "out.mcap"
+    recorder = commands.start("record", "--connect", endpoint, "-o", str(log), "--json")
+    assert replay.end()[0] == 0
+    code, answer, said = recorder.end()
+    assert (code, json.loads(answer)["ended"]) == (0, "run gone")
+    assert said[-1] == f"cubepath: run {name} is gone, and has not said how it ended"
 
 
 @pytest.mark.thorough

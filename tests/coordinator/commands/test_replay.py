@@ -53,6 +53,17 @@ def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
     assert "result         the same as recorded in 2 rounds; not compared: rounds 3 to 29, " in out
 
 
+def test_the_table_says_of_which_part_its_numbers_are(capsys: pytest.CaptureFixture[str]) -> None:
+    """Where not all rounds that were compared are among them; and in levels without rounds."""
+    assert main(["replay", HEX, "--from", "12"]) == 0
+    told = capsys.readouterr().out.splitlines()
+    assert told[0] == "gathered       from round 12 on; the numbers are of that part"
+    assert main(["replay", HEX, "--from", "29"]) == 0
+    assert "the same as recorded in 1 round; not compared" in capsys.readouterr().out
+    assert main(["replay", str(GOLDEN / "hex-free-5.mcap")]) == 0
+    assert capsys.readouterr().out.startswith("levels         19\n")
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -66,6 +77,9 @@ def test_a_part_is_played_as_the_options_say(capsys: Capture) -> None:
         ("--from 3.5", "argument --from: expected a round or level such as 12, or a time such as"),
         ("--until x", "argument --until: expected a round or level such as 12"),
         ("--from 30", "from 30: nothing is on record there; it goes from round 0 to 29"),
+        ("--from 12 --until 3", "from 12 until 3: expected a range upwards"),
+        ("--until 0", "until 0: nothing that is played is on record there"),
+        ("--wait-time 1", "--wait-time: expected --wait-for-subscribers with it"),
         ("--topics reports", "topics=reports/*: nothing on record matches, expected topics of"),
         ("--remap a", "remap=a: expected FROM=TO"),
         ("--run a/b", "run=a/b: expected a name without any of"),

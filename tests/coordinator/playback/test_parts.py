@@ -7,6 +7,7 @@ from dataclasses import replace as with_fields
 from pathlib import Path
 
 import pytest
+from msgspec import structs
 
 from command_line import GOLDEN
 from cubepath.coordinator.commands.main import main
@@ -17,8 +18,10 @@ from cubepath.coordinator.playback.spots import Spot
 from cubepath.coordinator.playback.states import States
 from cubepath.coordinator.runs.contents import info
 from cubepath.coordinator.verification.recording import recover, verify
+from cubepath.protocol.core.errors import CheckError
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.wire.messages import Report, decode, encode
 from recordings import new_path
 
 HEX = GOLDEN / "hex-5.mcap"
@@ -80,6 +83,24 @@ def test_what_was_left_out_by_topic_is_not_compared() -> None:
     assert no_reports.agrees
 
 
+def test_reports_that_cannot_be_are_told_with_their_file_and_round() -> None:
+    """Of the run as it is numbered on record, also where it is gathered from a later round on."""
+    recording = read_recording(cut(HEX, first=5))
+    records = list(recording.records)
+    place, record = next(
+        each for each in enumerate(records) if each[1].kind == "report" and each[1].round == 7
+    )
+    report = decode(record.data)
+    assert isinstance(report, Report)
+    records[place] = with_fields(record, data=encode(structs.replace(report, site=[9, 9])))
+    why = (
+        rf"{recording.path}: round 7: report of module_{report.module}: it ends at \[9,9\], and the"
+        r" moves take it to \["
+    )
+    with pytest.raises(CheckError, match=why):
+        replay(with_fields(recording, records=records))
+
+
 @pytest.mark.parametrize("first", [None, 5])
 def test_levels_are_compared_only_from_the_start_of_a_run(first: int | None) -> None:
     """Of a part without rounds nothing is, since edges are written at the end; it is no failure."""
@@ -89,6 +110,32 @@ def test_levels_are_compared_only_from_the_start_of_a_run(first: int | None) -> 
     assert found.not_compared[0].startswith("levels 1 to ")
     assert found.rounds_compared == 0
     assert replay(FREE).rounds_compared == 19
+
+
+@pytest.mark.parametrize("path", [HEX, FREE], ids=lambda path: path.stem)
+def test_who_begins_at_the_start_or_goes_back_there_has_all_compared(path: Path) -> None:
+    """By --from, and by a seek from the middle."""
+    found = replay(path, begin=0)
+    assert (found.same, found.not_compared, found.after) == (True, (), 0)
+    with Player(path) as player:
+        player.step("round", 3)
+        player.seek(0)
+        player.play()
+        again = player.wait(10)
+    assert (again.same, again.path_digest) == (True, found.path_digest)
+    assert again.messages > found.messages
+
+
+def test_the_numbers_of_a_part_say_from_where_on_they_count() -> None:
+    """After a jump; what was compared before it is counted by the rounds that were compared."""
+    with Player(HEX) as player:
+        player.step("round", 5)
+        player.seek(12)
+        player.play()
+        found = player.wait(10)
+    assert (found.after, found.rounds, found.rounds_compared) == (11, 18, 23)
+    late = replay(cut(HEX, first=5))
+    assert (late.after, late.rounds) == (4, 25)
 
 
 def test_all_rounds_are_counted_where_all_is_compared() -> None:

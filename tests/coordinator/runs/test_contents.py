@@ -8,17 +8,20 @@ import re
 from dataclasses import replace as with_fields
 from pathlib import Path
 
+import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from msgspec import structs
 
 from batched import singles
 from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
+from cubepath.protocol.recordings.cutting import filter_recording
 from cubepath.protocol.recordings.recording import Record, Recording, read_recording
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Refused, encode
-from recordings import all_edited, first, recorded, with_records
+from recordings import all_edited, first, new_path, recorded, with_records
 
 
 def crowd() -> Recording:
@@ -82,6 +85,53 @@ def test_without_a_summary_what_can_be_counted_is_counted() -> None:
     assert document["ended"] is None
     assert document["cubes"] is None
     assert "its end is not on record" in render(document)
+
+
+def test_without_edges_moves_are_counted_from_what_was_reported() -> None:
+    """The same numbers from reports or commits; where nothing tells them they are not known."""
+    for name, kinds in (("hex-5", ["report"]), ("hex-free-5", ["moved", "tail"])):
+        path = GOLDEN / f"{name}.mcap"
+        filter_recording(path, out := new_path(), topics=kinds)
+        told, whole = info(out), info(path)
+        assert (told["rounds"], told["moves"]) == (whole["rounds"], whole["moves"])
+    filter_recording(GOLDEN / "hex-5.mcap", out := new_path(), topics=["here", "claim"])
+    told = info(out)
+    assert (told["rounds"], told["moves"]) == (None, None)
+    assert re.search(r"^moves +unknown$", render(told), re.MULTILINE)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "why"),
+    [
+        ({"filtered": "until 4"}, "messages of the run were left out"),
+        ({"topics": "a replay"}, "messages of the run were left out"),
+        ({"split": "1 of 3"}, "this is a part of a recording"),
+        ({"recovered": "6 messages"}, "this was recovered from a damaged file"),
+        ({}, "the run was killed, or the file is damaged"),
+    ],
+)
+def test_a_missing_end_has_the_reason_that_the_recording_tells(
+    parameters: dict[str, str], why: str
+) -> None:
+    """A part is neither killed nor damaged."""
+    part = with_fields(all_edited(crowd(), "summary", lambda _: None), parameters=parameters)
+    assert f"its end is not on record: {why}" in render(info(part))
+
+
+def test_an_interrupt_is_told_once_and_versions_stand_under_their_name() -> None:
+    """Also where parameters that nobody knows come before them."""
+    ended = all_edited(
+        crowd(),
+        "summary",
+        lambda summary: structs.replace(summary, ended="interrupted", error="interrupted"),
+    )
+    ended = with_fields(ended, parameters={**ended.parameters, "recovered": "some"})
+    lines = render(info(ended)).splitlines()
+    assert [line for line in lines if "interrupted" in line] == [
+        "ended            it was interrupted"
+    ]
+    place = next(n for n, line in enumerate(lines) if line.startswith("  cubepath "))
+    assert lines[place - 1] == "versions"
 
 
 def test_the_table_is_for_people() -> None:

@@ -136,7 +136,7 @@ def test_only_what_can_be_is_gathered(spec: str) -> None:
     report = known[due]
     assert report.move is not None
     for wrong, message in (
-        (replace(report, before=["nowhere", 99]), r"from \['nowhere', 99\]: it is at"),
+        (replace(report, before=["nowhere", 99]), r'from \["nowhere",99\]: it is at'),
         (replace(report, site=report.before), "it ends at .*, and the moves take it to"),
         (replace(report, move=None), "it ends at .*, and the moves take it to"),
         (replace(report, move=GeneratorPlacement("no-such", [0, 1])), "no-such at .* no move from"),

@@ -162,7 +162,7 @@ def test_the_coordinator_may_say_what_it_likes() -> None:
             "claim",
             said(0, "claim", claim(0, LEFT)),
             "impossible",
-            "claim of module_0: edge at [1, 2] is not admissible",
+            "claim of module_0: edge at [1,2] is not admissible",
         ),
         (
             "settle",
@@ -202,7 +202,7 @@ def test_a_claim_must_be_admissible_where_all_stand() -> None:
     found = plausibility()
     found._state.add(10)
     message = said(1, "claim", claim(2, edge(9)))
-    line = "claim of module_2: edge at [9, 10] is not admissible"
+    line = "claim of module_2: edge at [9,10] is not admissible"
     assert refused(found, message) == ("impossible", line, None)
     told(plausibility(), message)
 
@@ -286,14 +286,14 @@ def test_what_goes_to_two_regions_is_the_same_in_both() -> None:
         ),
         (
             moves(1, edge(4), 5),
-            "report of module_1: edge at [4, 5] is no move from 2",
+            "report of module_1: edge at [4,5] is no move from 2",
         ),
         (
             moves(1, GeneratorPlacement("leap", 0), 5),
             "report of module_1: leap at 0 is no move from 2",
         ),
-        (moves(1, LEFT, 3), "report of module_1: edge at [1, 2] does not end at 3"),
-        (moves(1, edge(2), 3), "report of module_1: edge at [2, 3] was not claimed"),
+        (moves(1, LEFT, 3), "report of module_1: edge at [1,2] does not end at 3"),
+        (moves(1, edge(2), 3), "report of module_1: edge at [2,3] was not claimed"),
     ],
 )
 def test_a_false_report_is_refused(report: Report, why: str) -> None:
@@ -376,7 +376,7 @@ def test_a_round_that_cannot_be_is_not_carried_out() -> None:
         "report of module_1: its move does not commute with that of module_0"
     )
     assert ended(moves(0, LEFT, 1), stays(1), *others) == (
-        "report of module_0: edge at [1, 2] is no move from 0"
+        "report of module_0: edge at [1,2] is no move from 0"
     )
     assert ended(Report(1, 0, 4, 4, "none", None, {}), stays(1), *others) == (
         "report of module_0 from 4: it is at 0"

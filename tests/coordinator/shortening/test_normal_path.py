@@ -399,7 +399,7 @@ BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     "unknown edge": (
         [report(1, 0, [0, 0], [2, 0]), RUN[1]],
         CheckError,
-        "report of module_0: edge at [[0, 0], [2, 0]] is no move from (0, 0)",
+        "report of module_0: edge at [[0,0],[2,0]] is no move from [0,0]",
     ),
     "a gap": (
         [*RUN[:2], *RUN[4:], report(4, 0, [0, 0])],
@@ -409,7 +409,7 @@ BAD_RUNS: dict[str, tuple[list[Report], type[CubepathError], str]] = {
     "inadmissible": (
         [report(1, 0, [0, 0], [0, 1]), RUN[1]],
         CheckError,
-        "report of module_0: edge at [[0, 0], [0, 1]] is not admissible",
+        "report of module_0: edge at [[0,0],[0,1]] is not admissible",
     ),
 }
 

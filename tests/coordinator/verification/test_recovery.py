@@ -180,6 +180,37 @@ def test_a_system_that_cannot_be_it_is_refused_by_the_first_message_that_says_so
     assert not out.exists()
 
 
+def headless(folder: Path) -> Path:
+    """Return the beginning of a golden recording whose parameters and scene are lost."""
+    data = (GOLDEN / "hex-5.mcap").read_bytes()[:15_000]
+    begin, _, _ = taken_apart("hex-5", data).chunks[0]
+    path = folder / "headless.mcap"
+    path.write_bytes(data[:8] + bytes(begin - 8) + data[begin:])
+    return path
+
+
+def test_the_right_system_is_not_doubted_for_what_damage_has_taken(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That the end is missing says nothing of the system."""
+    words = ["verify", str(headless(tmp_path)), "--recover", str(tmp_path / "out.mcap")]
+    assert main([*words, "--system", "hex:n=5"]) == 0
+    said = capsys.readouterr().err
+    assert "checks failed: readable, complete" in said
+    assert "another system" not in said
+
+
+def test_a_system_with_modules_that_never_report_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All modules have reported a round before the next one is begun."""
+    words = ["verify", str(headless(tmp_path)), "--recover", str(tmp_path / "out.mcap")]
+    assert main([*words, "--system", "hex:n=6"]) == 2
+    line = capsys.readouterr().err
+    assert line.endswith("module_5: no report in 9 rounds; the system has 6 modules\n")
+    assert not (tmp_path / "out.mcap").exists()
+
+
 def test_a_scene_that_is_not_lost_is_not_told_anew(tmp_path: Path) -> None:
     """The same one may be told, another one is refused."""
     path = GOLDEN / "hex-5.mcap"

@@ -221,7 +221,7 @@ def damages() -> dict[str, tuple[bytes, str]]:
             whole[:-12],
             f"truncated at byte {size - 12}: the closing magic is missing; {read}",
         ),
-        "more": (whole + b"m", f"corrupt: 1 bytes follow after the end; {read}"),
+        "more": (whole + b"m", f"corrupt: 1 byte follows after the end; {read}"),
         "summary": (
             flipped(whole, size - 60),
             f"corrupt: the summary from byte {summary_of(whole)} on does not hold; {read}",
@@ -249,6 +249,16 @@ def test_what_is_wrong_is_said_once_and_where(name: str) -> None:
         closed = count == 240
         assert found.metadata == (["cubepath"] * 2 + ["cubepath-counts"])[: 1 + 2 * closed]
         assert len(found.attachments) == 1 + closed
+
+
+def test_where_something_was_lost_it_is_not_said_that_all_was_read() -> None:
+    """Bytes taken out of a chunk: the summary does not hold either."""
+    whole = files()[0]
+    begin = whole.index(bytes([Opcode.CHUNK]), len(whole) // 3)
+    found = salvaged(whole[: begin + 40] + whole[begin + 140 :])
+    assert 0 < len(found.messages) < 240
+    assert any("the summary from byte" in each for each in found.problems)
+    assert not any("all messages" in each for each in found.problems)
 
 
 def test_a_chunk_must_have_a_checksum_and_a_size_that_can_be() -> None:

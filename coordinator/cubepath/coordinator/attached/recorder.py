@@ -231,6 +231,8 @@ class Recorder:
             self._router_lost_s = self._router_lost_s or now
             gone = is_private(self.endpoint) and not _socket(self.endpoint).exists()
             over = gone or now - self._router_lost_s > _BACK_S
+            # The router of a replay is its own, and goes with it.
+            gone = gone or self.about.is_replay
             return (self._how_it_ended() if gone else "router gone") if over else None
         if routers != self._router:
             self._router, self._gone_s = routers, now

@@ -37,7 +37,7 @@ _LIVE = ("rule", "listen", "connect", "secure", "wait_for")
 _BOTH = ("processes", "patience", "output")
 _PLAYER = (
     *("rate", "real_time", "until", "loop", "start_paused", "delay", "wait_for_subscribers"),
-    *("topics", "exclude", "remap", "run", "endpoint"),
+    *("wait_time", "topics", "exclude", "remap", "run", "endpoint"),
 )
 """Options of the player, which plays a recording as it is."""
 

@@ -39,6 +39,7 @@ from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
+from cubepath.protocol.core.numbers_of_things import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.verification.findings import Check, Verification
@@ -130,9 +131,9 @@ def _recover(options: argparse.Namespace) -> int:
         saved = recover(recording or remains, options.recover)
     finally:
         answer(options, told.document, told.text)
-    steps = "levels" if remains.format == FREE_FORMAT else "whole rounds"
-    known = "" if recording is None else f", {saved.rounds} {steps}"
-    complain(f"{saved.out}: {saved.messages} messages written{known}")
+    step = "level" if remains.format == FREE_FORMAT else "whole round"
+    known = "" if recording is None else f", {counted(saved.rounds, step)}"
+    complain(f"{saved.out}: {counted(saved.messages, 'message')} written{known}")
     for each in told.complaints:
         complain(each)
     if scene is not None and "scene is lost" in " ".join(remains.problems):
@@ -143,7 +144,8 @@ def _recover(options: argparse.Namespace) -> int:
 def _doubt(told: _Told, system: str) -> None:
     """Say which checks fail with a scene that was told: maybe it is another one."""
     checks = told.document.get("checks", ())
-    wrong = [each["name"] for each in checks if not each["ok"] and each["name"] != "readable"]
+    damage = ("readable", "complete")
+    wrong = [each["name"] for each in checks if not each["ok"] and each["name"] not in damage]
     if wrong:
         complain(f"with --system {system} {', '.join(wrong)} fail: is the run of another system?")
 
@@ -172,11 +174,14 @@ def _verified(recording: Recording, found: Verification) -> _Told:
     lines = [
         f"{_mark(check)}  {check.name:<{width}}  {check.detail}".rstrip() for check in found.checks
     ]
-    what = "levels" if recording.clock == "free" else "rounds"
-    lines.append(f"{found.rounds} {what}, {found.moves} moves, {found.cubes} cubes")
+    what = "level" if recording.clock == "free" else "round"
+    counts = (found.rounds, what), (found.moves, "move"), (found.cubes, "cube")
+    lines.append(", ".join(counted(*each) for each in counts))
     if any(found.missing):
         rounds, messages = found.missing
-        lines.append(f"known to be missing: {rounds} of the rounds begun, {messages} messages")
+        lines.append(
+            f"known to be missing: {rounds} of the rounds begun, {counted(messages, 'message')}"
+        )
     if found.ok and not found.complete:
         because = "messages are missing" if found.missing.messages else "the run was cut off"
         lines.append(f"complete: false; {because}, and this is fine as far as it goes")

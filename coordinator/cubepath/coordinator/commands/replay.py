@@ -82,7 +82,6 @@ def _add_time(replay: argparse.ArgumentParser) -> None:
     replay.add_argument(
         "--wait-time",
         type=_seconds,
-        default=60.0,
         metavar="S",
         help="wait for one no longer than so many seconds (default 60)",
     )
@@ -147,6 +146,8 @@ def _replay(options: argparse.Namespace) -> int:
 
     if options.rate is not None and options.real_time is not None:
         raise InputError("--rate and --real-time: expected one of the two")
+    if options.wait_time is not None and not options.wait_for_subscribers:
+        raise InputError("--wait-time: expected --wait-for-subscribers with it")
     with progress_bar(None, "read", ""):
         recording = read_recording(options.log)
     found = _played(options, recording)
@@ -159,7 +160,7 @@ def _replay(options: argparse.Namespace) -> int:
 
 def _given(options: argparse.Namespace) -> PlayOptions:
     rate = options.rate if options.real_time is None else f"{options.real_time!r}x"
-    return {
+    given: PlayOptions = {
         "rate": rate,
         "begin": options.begin,
         "until": options.until,
@@ -167,13 +168,15 @@ def _given(options: argparse.Namespace) -> PlayOptions:
         "paused": options.start_paused,
         "delay_s": options.delay,
         "wait_for_subscribers": options.wait_for_subscribers,
-        "wait_s": options.wait_time,
         "topics": options.topics,
         "exclude": options.exclude,
         "remap": options.remap,
         "run": options.run,
         "endpoint": options.endpoint,
     }
+    if options.wait_time is not None:
+        given["wait_s"] = options.wait_time
+    return given
 
 
 def _played(options: argparse.Namespace, recording: Recording) -> Replayed:
@@ -201,8 +204,12 @@ def _played(options: argparse.Namespace, recording: Recording) -> Replayed:
 
 
 def _rows(found: Replayed) -> list[tuple[str, Any]]:
-    rows: list[tuple[str, Any]] = [
-        ("rounds", found.rounds),
+    rows: list[tuple[str, Any]] = []
+    if found.after or found.rounds_compared > found.rounds:
+        step = found.steps[:-1]
+        rows.append(("gathered", f"from {step} {found.after + 1} on; the numbers are of that part"))
+    rows += [
+        (found.steps, found.rounds),
         ("moves", found.moves),
         ("reduced moves", found.reduced_moves),
         ("cubes", found.cubes),

@@ -15,7 +15,9 @@ from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, spans_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
+from cubepath.protocol.core.numbers_of_things import counted
 from cubepath.protocol.core.sites import site_from_json
+from cubepath.protocol.recordings.description import Clock
 from cubepath.protocol.recordings.recording import Record, Recording
 from cubepath.protocol.wire.messages import (
     Certified,
@@ -70,6 +72,14 @@ class Replayed:
     """What is damaged of the file, a line each."""
     lacking: str | None = None
     """Why messages are missing at the start or in between, in a line; None if none are."""
+    after: int = 0
+    """After which round the numbers count: where it last jumped to, or rounds are missing."""
+    clock: Clock = "lockstep"
+
+    @property
+    def steps(self) -> str:
+        """Return what the clock counts: rounds, or levels."""
+        return "levels" if self.clock == "free" else "rounds"
 
     @property
     def agrees(self) -> bool:
@@ -88,7 +98,9 @@ class Replayed:
             if not self.differences and "summary" not in self.not_compared:
                 found = "the same as recorded; "
             elif not self.differences and self.rounds_compared:
-                found = f"the same as recorded in {self.rounds_compared} rounds; "
+                found = (
+                    f"the same as recorded in {counted(self.rounds_compared, self.steps[:-1])}; "
+                )
             return f"{found}not compared: {', '.join(self.not_compared)}"
         if self.same:
             return "the same as recorded" + ("" if self.has_end else ", as far as it goes")

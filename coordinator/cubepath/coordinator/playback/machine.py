@@ -96,13 +96,9 @@ class Machine:
         self.pace = Pace() if pace is None else pace
         self.begin = reel.settled(START) if begin is None else reel.find(begin)
         self.end = reel.end if until is None else reel.find(until, after=True)
-        if (begin or until) and self.begin >= self.end:
-            spans = [f"from {begin}"] * (begin is not None) + [f"until {until}"] * bool(until)
-            raise InputError(
-                f"{' '.join(spans)}: nothing is on record there; it goes from {self._name}"
-                f" {reel.step_at(START)} to {reel.step_at(reel.end)} and lasts {reel.seconds:.3f} s"
-            )
         self.mark = self.begin
+        if begin is not None or until is not None:
+            self._check_ends(begin, until)
         self.loop = loop
         self.paused = paused
         self.stopped = False
@@ -117,6 +113,27 @@ class Machine:
         self._burst: int | Mark | None = None
         """How many messages, or up to where, it puts at once although it is paused."""
         self._put_in_lap = False
+
+    def _check_ends(self, begin: Spot | None, until: Spot | None) -> None:
+        """Raise InputError if nothing is played from one place until the other."""
+        reel = self.reel
+        spans = [f"{name} {at}" for name, at in (("from", begin), ("until", until)) if at]
+        where = " ".join(spans)
+        if begin is not None and until is not None and begin.comes_after(until):
+            raise InputError(f"{where}: expected a range upwards")
+        last = Spot(step=reel.step_at(reel.end)), Spot(seconds=reel.seconds)
+        if until is not None and any(until.comes_after(each) for each in last):
+            raise InputError(
+                f"until {until}: not on record, which ends with {self._name} {last[0]} after"
+                f" {reel.seconds:.3f} s"
+            )
+        if self.ended:
+            what = "nothing is" if self.begin >= self.end else "nothing that is played is"
+            raise InputError(
+                f"{where}: {what} on record there; it goes from {self._name} {reel.step_at(START)}"
+                f" to {last[0]} and lasts {reel.seconds:.3f} s"
+            )
+        self.mark = self.begin
 
     @property
     def _name(self) -> str:

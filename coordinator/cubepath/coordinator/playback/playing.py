@@ -274,7 +274,15 @@ class Playing:
             modules=[to_json(site) for site in state.sites],
         )
         put(self._mouth, position_key(self.run), msgspec.json.encode(position))
-        self._segments.jump(state)
+        if self._is_start(machine.mark):
+            self._segments.restart()
+        else:
+            self._segments.jump(state)
+
+    def _is_start(self, mark: Mark) -> bool:
+        """Return whether nothing that the run is gathered from stands before a mark."""
+        needed = self._selection.needed
+        return all(record.kind not in needed for _, record in self.reel.backward(mark, needed))
 
     def _cover(self) -> None:
         """Note which part was played, since what is played again counts once."""
@@ -401,7 +409,7 @@ class Playing:
         segments, extent = self._segments, self._extent
         machine = self._machine
         whole = (
-            not segments.jumps
+            not segments.jumped
             and not segments.resumed
             and machine.ended
             and machine.end == self.reel.end
@@ -441,6 +449,8 @@ class Playing:
             has_end=has_end,
             problems=self.recording.problems,
             lacking=extent.lacking,
+            after=segments.after,
+            clock=self.recording.clock,
         )
 
 

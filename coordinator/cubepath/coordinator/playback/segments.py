@@ -18,7 +18,7 @@ from cubepath.coordinator.playback.states import StateAt
 from cubepath.coordinator.runs.edge_path import Gathered
 from cubepath.coordinator.runs.free_gatherer import FreeGatherer, keepers_in
 from cubepath.coordinator.runs.gatherer import Gatherer
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.free_messages import decode_free
@@ -36,26 +36,39 @@ class Segments:
         """Begin at the start of the run; InputError if the recording does not say of how many."""
         self._recording = recording
         self._extent = extent
-        self._free: FreeGatherer | None = None
-        self._lockstep: Gatherer | None = None
-        if recording.clock == "free":
-            self._free = FreeGatherer(recording.scene, keepers_in(recording))
-        else:
-            self._lockstep = Gatherer(recording.scene)
-        self.gathered: Gathered = self._free or Gatherer(recording.scene)
-        if self._lockstep is not None:
-            self.gathered = self._lockstep
-        self._base = 0
-        self.jumps = 0
-        self.resumed = False
-        """Whether it was gathered anew where rounds are missing."""
         self.rounds: set[int] = set()
         """The rounds, or levels, whose moves were compared with those on record."""
         self._differences: dict[str, None] = {}
+        self._begin()
+
+    def _begin(self) -> None:
+        self._free: FreeGatherer | None = None
+        self._lockstep: Gatherer | None = None
+        self.gathered: Gathered
+        if self._recording.clock == "free":
+            keepers = keepers_in(self._recording)
+            self.gathered = self._free = FreeGatherer(self._recording.scene, keepers)
+        else:
+            self.gathered = self._lockstep = Gatherer(self._recording.scene)
+        self._base = 0
+        self.after = 0
+        """After which round that counts which is `gathered`."""
+        self.jumped = False
+        """Whether it has jumped since the start."""
+        self.resumed = False
+        """Whether it was gathered anew where rounds are missing."""
 
     def take(self, key: str, data: bytes) -> None:
         """Take a message that has arrived; CheckError if it contradicts another."""
-        topic = topic_in_key(key)
+        try:
+            self._take(topic_in_key(key), data)
+        except CheckError as error:
+            lockstep, where = self._lockstep, ""
+            if lockstep is not None:
+                where = f"round {self._base + lockstep.rounds + 1}: "
+            raise CheckError(f"{self._recording.path}: {where}{error}") from None
+
+    def _take(self, topic: str, data: bytes) -> None:
         if self._lockstep is not None:
             if topic.startswith(_REPORTS):
                 for part in parts_of(decode(data)):
@@ -88,14 +101,19 @@ class Segments:
         except InputError:  # where nobody can stand
             self._lockstep = None
             return
-        self.gathered = self._lockstep
+        self.gathered, self.after = self._lockstep, self._base
         for report in waiting:
             self._receive(self._lockstep, with_fields(report, round=report.round + base))
+
+    def restart(self) -> None:
+        """End the segment, and gather the run from its start again."""
+        self.end()
+        self._begin()
 
     def jump(self, state: StateAt) -> None:
         """End the segment, and begin another where modules stand like this."""
         self.end()
-        self.jumps += 1
+        self.jumped = True
         self._base = state.step
         self._free = None  # the versions of units are not known in the middle
         if self._recording.clock == "free":
@@ -105,7 +123,7 @@ class Segments:
         except InputError:  # a damaged recording can lack what led here
             self._lockstep = None
             return
-        self.gathered = self._lockstep
+        self.gathered, self.after = self._lockstep, self._base
         for report in state.reports:
             self._receive(self._lockstep, report)
 

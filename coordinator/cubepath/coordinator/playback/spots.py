@@ -40,6 +40,12 @@ class Spot:
         """Return the text that it is read from."""
         return str(self.step) if self.seconds is None else f"{self.seconds:g}s"
 
+    def comes_after(self, other: Spot) -> bool:
+        """Return whether it is later than another of its sort; one of another sort is not."""
+        if self.seconds is None:
+            return other.step is not None and (self.step or 0) > other.step
+        return other.seconds is not None and self.seconds > other.seconds
+
 
 def read_spot(text: str | int | Spot, name: str = "to") -> Spot:
     """Return the place that is written as "12" or "3.5s"; InputError if it is none."""

@@ -12,11 +12,14 @@ from typing import Any
 import msgspec
 
 from cubepath.coordinator.verification.holes import lacks
+from cubepath.coordinator.verification.partial import moves_in, whole_rounds
+from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.recordings.counts import Counts
-from cubepath.protocol.recordings.description import FORMATS
+from cubepath.protocol.recordings.cuts import FILTERED, SPLIT
+from cubepath.protocol.recordings.description import ATTACHED, FORMATS, LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording, recording_of
 from cubepath.protocol.wire.messages import Certified, Edges, Message, Refused, Summary, decode
 
@@ -33,20 +36,32 @@ _DESCRIBED: dict[str, Callable[[str], object]] = {
     "max_rounds": int,
     "keepers": int,
 }
+_GATHERED_FROM = ("reports", "report", "moved", "tail")
+"""The kinds of messages that tell of moves where there are no edges."""
 _ENDED = {
     "goal": "the goal was reached",
     "max-rounds": "the rounds were over",
     "failed": "it failed",
     "interrupted": "it was interrupted",
-    None: "its end is not on record: the run was killed, or the file is damaged",
 }
+_NO_END = "its end is not on record"
+_OF_A_PART = {
+    FILTERED: "messages of the run were left out",
+    SPLIT: "this is a part of a recording",
+    LEFT_OUT[0]: "messages of the run were left out",
+    LEFT_OUT[1]: "messages of the run were left out",
+    RECOVERED: "this was recovered from a damaged file",
+    ATTACHED: "the recorder may have left before the run ended",
+}
+"""Why the end may be missing, by the parameters that tell it."""
 
 
 def info(recording: Recording | Source) -> dict[str, Any]:
     """Return the contents of a recording, or of its file, as JSON; what is not on record is None.
 
     The numbers are those of its summary. If it has none, rounds and moves are counted from the
-    coordinator's edges. Of a file that is whole only its end is read.
+    coordinator's edges, or without those from what modules or keepers reported. Of a file that is
+    whole only its end is read.
 
     >>> found = info("logs/golden/hex-5.mcap")
     >>> found["rounds"], found["moves"], found["ended"]
@@ -95,8 +110,8 @@ def _described(parameters: Mapping[str, str], key: str) -> object:
         return value
 
 
-def _result(recording: Recording) -> tuple[Summary | None, int, int]:
-    """Return the summary, and the numbers of rounds and moves."""
+def _result(recording: Recording) -> tuple[Summary | None, int | None, int | None]:
+    """Return the summary, and the numbers of rounds and moves, None if nothing tells them."""
     summary: Summary | None = None
     for message in _decoded(recording, "summary"):
         if isinstance(message, Summary):
@@ -107,7 +122,11 @@ def _result(recording: Recording) -> tuple[Summary | None, int, int]:
     for message in _decoded(recording, "edges"):
         if isinstance(message, Edges):
             edges[message.round] = len(message.moves)
-    return None, len(edges), sum(edges.values())
+    if edges:
+        return None, len(edges), sum(edges.values())
+    if any(recording.of_kind(*_GATHERED_FROM)):
+        return None, whole_rounds(recording), moves_in(recording)
+    return None, None, None
 
 
 def _decoded(recording: Recording, kind: str) -> Iterator[Message]:
@@ -172,9 +191,21 @@ def _moment(wall_ns: int | None) -> str | None:
         return None  # the recorded time was not a valid one
 
 
+def _ended(document: Mapping[str, Any]) -> str:
+    ended, error = document["ended"], document["error"]
+    if ended is None:
+        told = document["parameters"]
+        part = (why for key, why in _OF_A_PART.items() if key in told)
+        return f"{_NO_END}: {next(part, 'the run was killed, or the file is damaged')}"
+    return _ENDED[ended] + (f": {error}" if error not in (None, ended) else "")
+
+
+def _known(count: int | None) -> object:
+    return "unknown" if count is None else count
+
+
 def render(document: Mapping[str, Any]) -> str:
     """Return the result of `info` as a readable table, with control characters shown."""
-    ended = _ENDED[document["ended"]]
     rows: list[tuple[str, object]] = [
         ("log", document["log"]),
         ("format", document["format"]),
@@ -182,10 +213,10 @@ def render(document: Mapping[str, Any]) -> str:
         ("rule", f"{document['rule']}, seed {document['seed']}, hesitate {document['hesitate']}"),
         ("modules", f"{document['modules']} in {document['processes'] or 'no other'} processes"),
         *([("keepers", document["keepers"])] if document["clock"] == "free" else []),
-        ("ended", ended + (f": {document['error']}" if document["error"] else "")),
+        ("ended", _ended(document)),
         ("complete", "yes" if document["complete"] else "no"),
-        ("levels" if document["clock"] == "free" else "rounds", document["rounds"]),
-        ("moves", document["moves"]),
+        ("levels" if document["clock"] == "free" else "rounds", _known(document["rounds"])),
+        ("moves", _known(document["moves"])),
     ]
     if document["ended"] is not None:
         rows += [
@@ -229,7 +260,9 @@ def render(document: Mapping[str, Any]) -> str:
         )
     )
     rows += document["parameters"].items()
+    if document["versions"]:
+        rows.append(("versions", ""))
     rows += [(f"  {name}", version) for name, version in document["versions"].items()]
     rows += [("problem", problem) for problem in document["problems"]] or [("problems", "none")]
     width = max(len(name) for name, _ in rows)
-    return "\n".join(visible(f"{name:<{width}}  {value}") for name, value in rows)
+    return "\n".join(visible(f"{name:<{width}}  {value}".rstrip()) for name, value in rows)

@@ -24,10 +24,11 @@ from cubepath.agents.rendering.pictures import draw_on, extent
 from cubepath.agents.rendering.themes import DARK, INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.normal_form.array_heap import NormalForm
 from cubepath.coordinator.normal_form.compiled_heap import cancellations
-from cubepath.coordinator.runs.schedule_chart import draw_schedule, plural
+from cubepath.coordinator.runs.schedule_chart import draw_schedule
 from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.numbers_of_things import counted
 from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.core.system import Scene
 
@@ -142,10 +143,10 @@ def _counts(
     moves, left = sum(map(len, rounds)), sum(map(len, cubes))
     largest = max(map(len, cubes), default=0)
     # In a path without rounds the steps are the moves, which are counted anyway.
-    steps = "" if step_name == "move" else f"{plural(len(rounds), step_name)}, "
+    steps = "" if step_name == "move" else f"{counted(len(rounds), step_name)}, "
     return (
-        f"{steps}{plural(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
-        f"{plural(len(cubes), 'cube')}, {plural(left, 'move')}, largest cube {largest}"
+        f"{steps}{counted(moves, 'move')}  \N{RIGHTWARDS ARROW}  "
+        f"{counted(len(cubes), 'cube')}, {counted(left, 'move')}, largest cube {largest}"
     )
 
 
@@ -218,7 +219,7 @@ def _figure(
     if lanes:
         chart = page.axes(_EDGE + 0.3, chart_top, width - 2 * _EDGE - 0.3, lanes)
         as_given = f"{'as executed' if step_name in {'round', 'level'} else 'as given'}, "
-        as_given += plural(len(run) - 1, step_name)
+        as_given += counted(len(run) - 1, step_name)
         draw_schedule(chart, scene, run, shortest, cancelled, as_given=as_given, theme=theme)
     if caption:
         page.write("\n".join(caption), _EDGE, caption_top, fontsize=9, linespacing=1.3)

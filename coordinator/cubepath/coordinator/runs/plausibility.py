@@ -142,7 +142,7 @@ class Plausibility:
             case Claim(generator=generator, at=at):
                 move = self._move(part.module, GeneratorPlacement(generator, at))
                 if move is None or not move.possible(self._state):
-                    where = f"claim of module_{part.module}: {generator} at {at!r}"
+                    where = f"claim of module_{part.module}: {generator} at {_text(at)}"
                     refuse("impossible", f"{where} is not admissible")
             case Verdict():
                 self._check_verdict(part)
@@ -246,7 +246,7 @@ class Plausibility:
             raise RefusedError("impossible", why, self._process_of[module])
 
     def _elsewhere(self, kind: str, module: int, site: object) -> str:
-        return f"{kind} of module_{module} from {site!r}: it is at {self.sites[module]!r}"
+        return f"{kind} of module_{module} from {_text(site)}: it is at {_text(self.sites[module])}"
 
     def _move(self, module: int, placed: GeneratorPlacement) -> Move | None:
         """Return the move of a module by its name, None if there is none."""
@@ -278,17 +278,17 @@ class Plausibility:
         if (report.claim == "none") == (module in self._claims) and self._is_heard(module):
             refuse("impossible", f"{name}: its claim is {report.claim}")
         if report.move is not None:
-            self._check_move(f"{name}: {report.move.generator} at {report.move.at!r}", report)
+            self._check_move(f"{name}: {report.move.generator} at {_text(report.move.at)}", report)
         elif _encode(report.site) not in self._taken_to(module):
-            refuse("impossible", f"{name}: it ends at {report.site!r}, where nothing takes it")
+            refuse("impossible", f"{name}: it ends at {_text(report.site)}, where nothing takes it")
 
     def _check_move(self, name: str, report: Report) -> None:
         module = report.module
         move = None if report.move is None else self._move(module, report.move)
         if move is None:
-            refuse("impossible", f"{name} is no move from {self.sites[module]!r}")
+            refuse("impossible", f"{name} is no move from {_text(self.sites[module])}")
         if _encode(report.site) != _encode(move.target):
-            refuse("impossible", f"{name} does not end at {report.site!r}")
+            refuse("impossible", f"{name} does not end at {_text(report.site)}")
         if not self._is_heard(module):
             self._claims[module] = move
         elif self._claims.get(module) != move:
@@ -324,9 +324,10 @@ class Plausibility:
             if report.move is None:
                 continue
             move = self._move(module, report.move)
-            where = f"report of module_{module}: {report.move.generator} at {report.move.at!r}"
+            at = _text(report.move.at)
+            where = f"report of module_{module}: {report.move.generator} at {at}"
             if move is None:
-                raise CheckError(f"{where} is no move from {self.sites[module]!r}")
+                raise CheckError(f"{where} is no move from {_text(self.sites[module])}")
             if not move.possible(self._state):
                 raise CheckError(f"{where} is not admissible")
             made[module] = move
@@ -335,8 +336,8 @@ class Plausibility:
         for module, report in reports.items():
             if self._spelled[module] != _encode(report.site):
                 raise CheckError(
-                    f"report of module_{module}: it ends at {report.site!r}, and the moves take it"
-                    f" to {after[module]!r}"
+                    f"report of module_{module}: it ends at {_text(report.site)}, and the moves"
+                    f" take it to {_text(after[module])}"
                 )
         self.sites = [after[module] for module in range(len(self.sites))]
         self._begin()
@@ -365,3 +366,8 @@ class Plausibility:
 
 def _to(part: Part, said: Said) -> str:
     return f"{kind_of(part)} of module_{part.module} to {said.region}"
+
+
+def _text(site: object) -> str:
+    """Return a site as messages have it, whoever tells it."""
+    return _encode(site).decode()

@@ -16,6 +16,7 @@ from cubepath.agents.rendering.pictures import colours
 from cubepath.agents.rendering.themes import INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.runs.snapshots import Snapshot
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.numbers_of_things import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def draw_schedule(
     axes.set_facecolor(paper)
     keys: list[Artist] = [
         Patch(facecolor=_pale(_SWATCH, paper), label=as_given),
-        Patch(facecolor=_SWATCH, label=f"normal cube path, {plural(len(shortest) - 1, 'cube')}"),
+        Patch(facecolor=_SWATCH, label=f"normal cube path, {counted(len(shortest) - 1, 'cube')}"),
     ]
     if hollow:
         keys.append(Patch(facecolor="white", edgecolor=quiet, label="cancels with another"))
@@ -137,8 +138,3 @@ def _draw_boxes(axes: Axes, cells: Sequence[tuple[int, int]], half: int, **style
     box = np.array([(-side, near), (side, near), (side, far), (-side, far)])
     shapes = [box + cell for cell in cells]
     axes.add_collection(PolyCollection(shapes, zorder=2, **style), autolim=False)
-
-
-def plural(count: int, what: str) -> str:
-    """Return a count with its noun, as in "1 cube" and "2 cubes"."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"

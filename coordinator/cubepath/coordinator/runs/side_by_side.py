@@ -23,9 +23,10 @@ from cubepath.coordinator.runs.films import (
     frames_shown,
     write_film,
 )
-from cubepath.coordinator.runs.schedule_chart import draw_schedule, plural
+from cubepath.coordinator.runs.schedule_chart import draw_schedule
 from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.numbers_of_things import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:
@@ -131,7 +132,7 @@ class _Screen:
             self._run,
             self._shortest,
             cancelled,
-            as_given=f"{as_given}, {plural(len(self._run) - 1, self._step_name)}",
+            as_given=f"{as_given}, {counted(len(self._run) - 1, self._step_name)}",
             theme=self._theme,
         )
         canvas = FigureCanvasAgg(figure)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.free_units import changed_by, held_by
     from cubepath.coordinator.verification.holes import hole_in, lacks
     from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
-    from cubepath.coordinator.verification.partial import why_partial
+    from cubepath.coordinator.verification.partial import moves_in, whole_rounds, why_partial
     from cubepath.coordinator.verification.proof import check_proof
     from cubepath.coordinator.verification.recording import Recovered, recover, verify
     from cubepath.coordinator.verification.round_spans import (
@@ -68,7 +68,7 @@ else:
             "free_units": "changed_by held_by",
             "holes": "hole_in lacks",
             "parameters": "hesitation_in max_rounds_in seed_in",
-            "partial": "why_partial",
+            "partial": "moves_in whole_rounds why_partial",
             "proof": "check_proof",
             "recording": "Recovered recover verify",
             "round_spans": "Span add_to_spans gaps_between rounds_text spans_text",
@@ -113,6 +113,7 @@ __all__ = [
     "is_cut_off",
     "lacks",
     "max_rounds_in",
+    "moves_in",
     "rank",
     "recover",
     "rounds_text",
@@ -125,6 +126,7 @@ __all__ = [
     "stages_text",
     "turn_text",
     "verify",
+    "whole_rounds",
     "why_partial",
     "with_told_scene",
 ]

@@ -25,7 +25,13 @@ from cubepath.coordinator.verification.parameters import (
     keepers_of,
     max_rounds_in,
 )
-from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
+from cubepath.coordinator.verification.results import (
+    NO_END,
+    check_cubes,
+    check_summary,
+    recorded_cubes,
+    without_end,
+)
 from cubepath.coordinator.verification.transcript import (
     Fail,
     check_complete,
@@ -89,7 +95,6 @@ def verify_free(
     check_parameters(recording, failures.stage(0))
     transcript = FreeReading(recording, failures.stage(0)).read(recording)
     results = transcript.results
-    check_complete(results, failures.stage(0), cut_off=is_cut_off(recording))
     if results.gap:
         failures.stage(0)("complete", f"{results.gap} messages are missing before the last")
     history = History(recording.scene, transcript.of_keepers(), failures.stage(1))
@@ -101,6 +106,8 @@ def verify_free(
     levels = max((each.moved.level for each in path), default=0)
     if progress is not None:
         progress(levels)
+    cut_off = is_cut_off(recording)
+    check_complete(results, failures.stage(0), f"level {levels}", cut_off=cut_off)
     actions = [each.move.action for each in path]
     normal_form = cubes_of(actions)
     fail = failures.stage(3)
@@ -129,7 +136,10 @@ def verify_free(
         _check_ended(recording, transcript, results.summary, expected, fail)
     why = "the rules were not asked again" if playing is None else playing.unchecked()
     unchecked = {} if why is None else {"choices": f"not checked: {why}"}
-    checks = failures.checks({**transcript.losses.unchecked, **unchecked})
+    ending = without_end(results, cut_off=cut_off)
+    if ending and not transcript.edges:
+        ending["edges"] = NO_END
+    checks = failures.checks({**transcript.losses.unchecked, **unchecked, **ending})
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),

@@ -15,6 +15,7 @@ from typing import overload
 
 from cubepath.coordinator.verification.findings import Check, Failures, Missing, Verification
 from cubepath.coordinator.verification.partial import WholeRounds, parts_checked, why_partial
+from cubepath.coordinator.verification.results import NO_END
 from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.recordings.cuts import whole_of
 from cubepath.protocol.recordings.recording import Record, Recording
@@ -152,5 +153,6 @@ def _joined(before: Check, message_by_message: Check, why: str) -> Check:
     if before.name in ("readable", "parameters", "messages"):
         return before
     told = before.detail.removeprefix("not checked: ")
-    details = [why] if before.checked else [why, told]
+    # What is said at the end may stand behind the hole.
+    details = [why] if before.checked or before.detail == NO_END else [why, told]
     return Check(before.name, ok=True, detail="; ".join(filter(None, details)), checked=False)

@@ -78,7 +78,7 @@ def verify_partial(
         complete=False,
         missing=Missing(0, max(last + 1 - count, left_out(recording))),
         checks=made,
-        moves=_moves(recording),
+        moves=moves_in(recording),
         rounds=whole.count,
         cubes=cubes,
         path_digest="",
@@ -163,7 +163,8 @@ def parts_checked(recording: Recording, record: Record, fail: Fail) -> Iterable[
     return parts
 
 
-def _moves(recording: Recording) -> int:
+def moves_in(recording: Recording) -> int:
+    """Return how many moves are on record; 0 if a message that tells of one is malformed."""
     try:
         return len(recording.moves()["round"])
     except InputError:  # told by `messages`

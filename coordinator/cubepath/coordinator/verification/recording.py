@@ -25,7 +25,12 @@ from cubepath.coordinator.verification.normal_form import cubes_of
 from cubepath.coordinator.verification.pacing import Pacing
 from cubepath.coordinator.verification.parameters import check_parameters, seed_in
 from cubepath.coordinator.verification.partial import verify_partial, whole_rounds, why_partial
-from cubepath.coordinator.verification.results import check_cubes, check_summary, recorded_cubes
+from cubepath.coordinator.verification.results import (
+    check_cubes,
+    check_summary,
+    recorded_cubes,
+    without_end,
+)
 from cubepath.coordinator.verification.rounds import Rederivation
 from cubepath.coordinator.verification.schedule import check_schedule
 from cubepath.coordinator.verification.stages import check_stages, stages_in
@@ -35,6 +40,7 @@ from cubepath.coordinator.verification.transcript import (
     OutOfOrder,
     Round,
     Sorting,
+    is_cut_off,
 )
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.system import Scene
@@ -99,8 +105,9 @@ def verify(
 
     Every check of `CHECKS` is made, whether the others pass or fail. Checks on rounds are made on
     the rounds, from the first on, that all modules have reported. If the end of a recording is
-    lost, only `complete` fails, or no check if the recording says that it was recovered. Nothing is
-    raised, unless the file cannot be read, or is changed while it is read.
+    lost, only `complete` fails, or no check if the recording says that it was recovered; what is
+    said at the end is not `checked`. Nothing is raised, unless the file cannot be read, or is
+    changed while it is read.
 
     The rules of the modules are asked again by a `player`, a new one of which is made for each
     pass, or by a `free_player` if the run had no rounds; without one, `choices` is not checked.
@@ -203,7 +210,8 @@ def _verified(
             "refused": transcript.refused,
         }
         check_summary(transcript.summary, expected, fail)
-    checks = failures.checks(_unchecked(playing, seed_lost=seed_lost))
+    ending = without_end(transcript, cut_off=is_cut_off(recording))
+    checks = failures.checks({**_unchecked(playing, seed_lost=seed_lost), **ending})
     sound = all(check.ok for check in checks if check.name in ("readable", "complete"))
     return Verification(
         ok=all(check.ok for check in checks),

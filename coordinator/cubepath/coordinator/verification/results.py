@@ -18,6 +18,22 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Cube, Summary
 
+NO_END = "not checked: the end is not on record"
+
+
+def without_end(found: Transcript, *, cut_off: bool) -> dict[str, str]:
+    """Return why checks of what is said at the end of a run were not made, by name.
+
+    Without a summary `complete` is not checked either, if the recording says itself that its end
+    may be missing (`cut_off`); else it fails.
+    """
+    if found.summary is not None:
+        return {}
+    names = ["complete"] * cut_off + ["summary", "ended"]
+    names += [] if found.cubes else ["normal", "ends", "class"]
+    names += [] if found.certificate else ["certificate"]
+    return dict.fromkeys(names, NO_END)
+
 
 def recorded_cubes(scene: Scene, transcript: Transcript, fail: Fail) -> list[list[Action]] | None:
     """Return the cubes on record, None if a move of them is none of the system."""

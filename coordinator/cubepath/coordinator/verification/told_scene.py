@@ -6,12 +6,14 @@ that contradicts it; what comes of all of them is for `verify` to say.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement, Json
 from cubepath.protocol.core.sites import Site, site_from_json, site_text
 from cubepath.protocol.core.system import Scene
+from cubepath.protocol.recordings.cuts import is_beginning
+from cubepath.protocol.recordings.description import LEFT_OUT
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.recordings.remains import Remains
 from cubepath.protocol.scenes.specs import scene_from_spec
@@ -61,9 +63,11 @@ def _may_be(named: str, scene: Scene) -> bool:
 def _contradictions(recording: Recording) -> Iterator[str]:
     """Yield in a line each what of a recording cannot be of its scene."""
     kinds = ("moved", "tail") if recording.clock == "free" else ("report",)
+    reported: dict[int, set[int]] = {}
     for logged in recording.messages(kinds):
         match logged.message:
             case Report() as report:
+                reported.setdefault(report.round, set()).add(report.module)
                 begins = report.before if report.round == 1 else None
                 yield from _report(recording, f"round {report.round}", report.module, begins)
                 yield from _move(recording, f"round {report.round}", report.move)
@@ -78,6 +82,21 @@ def _contradictions(recording: Recording) -> Iterator[str]:
                         yield from _move(recording, where, placed)
             case _:
                 pass
+    yield from _silent(recording, reported)
+
+
+def _silent(recording: Recording, reported: Mapping[int, set[int]]) -> Iterator[str]:
+    """Yield who of the system reports nothing, though no message before the last is missing.
+
+    A round is begun when all modules have reported the one before.
+    """
+    if len(reported) < 2 or not recording.parameters.keys().isdisjoint(LEFT_OUT):
+        return
+    modules = len(recording.scene.start)
+    silent = set(range(modules)).difference(*reported.values())
+    if silent and is_beginning(recording):
+        who, rounds = f"module_{min(silent)}", len(reported)
+        yield f"{who}: no report in {rounds} rounds; the system has {modules} modules"
 
 
 def _report(recording: Recording, where: str, module: int, begins: Json | None) -> Iterator[str]:

@@ -231,7 +231,8 @@ class Sorting:
         if self.found.gap and self._undamaged:
             self._fail("complete", f"{self.found.gap} messages before the last one are missing")
         self._check_reports()
-        check_complete(self.found, self._fail, cut_off=self._cut_off)
+        last = f"round {self.found.complete_rounds}"
+        check_complete(self.found, self._fail, last, cut_off=self._cut_off)
 
     def _sort(self, message: Message) -> None:
         match message:
@@ -359,17 +360,16 @@ def named(message: ModuleMessage | Report) -> str:
     return f"round {message.round}, module_{message.module}: {kind_of(message)}"
 
 
-def check_complete(found: Transcript, fail: Fail, *, cut_off: bool) -> None:
-    """Check that there is a summary, and as many cubes as it counts."""
+def check_complete(found: Transcript, fail: Fail, last: str, *, cut_off: bool) -> None:
+    """Check that there is a summary, and as many cubes as it counts.
+
+    `last` is the last round or level on record.
+    """
     summary = found.summary
     if summary is None:
         if cut_off:
             return  # the recording says so itself, and is fine as far as it goes
-        fail(
-            "complete",
-            f"no summary: the run did not end, or its end is lost after round"
-            f" {found.complete_rounds}",
-        )
+        fail("complete", f"no summary: the run did not end, or its end is lost after {last}")
         return
     # One by one: the number is whatever the file says.
     absent = next((n for n in range(1, summary.cubes + 1) if n not in found.cubes), None)

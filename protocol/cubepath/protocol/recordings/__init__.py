@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         FREE_FORMAT,
         LEFT_OUT,
         PART,
+        Clock,
         format_of,
     )
     from cubepath.protocol.recordings.logged import kinds_of
@@ -55,7 +56,7 @@ else:
             "counts": "Counts",
             "cuts": "FILTERED SPLIT Selection check_topics is_beginning left_out whole_of",
             "cutting": "filter_recording split_recording",
-            "description": "ATTACHED FORMATS FREE_FORMAT LEFT_OUT PART format_of",
+            "description": "ATTACHED Clock FORMATS FREE_FORMAT LEFT_OUT PART format_of",
             "logged": "kinds_of",
             "merging": "merge_recordings",
             "recording": "Record Recording is_recording read_recording read_undamaged recording_of",
@@ -75,6 +76,7 @@ __all__ = [
     "PART",
     "SPLIT",
     "TOPICS_MAX",
+    "Clock",
     "Counts",
     "McapAppender",
     "Record",

@@ -316,10 +316,12 @@ class _Scan:
             what = f"truncated at byte {size}: the closing magic is missing"
         elif offset + closing + len(MAGIC) < size:
             more = size - offset - closing - len(MAGIC)
-            what = f"corrupt: {more} bytes follow after the end"
+            follow = "byte follows" if more == 1 else "bytes follow"
+            what = f"corrupt: {more} {follow} after the end"
         else:
             what = f"corrupt: the summary from byte {offset} on does not hold"
-        return f"{what}; all messages could be read"
+        lost = self.found.problems or self.found.gap is not None
+        return what if lost else f"{what}; all messages could be read"
 
     def _stop(self, offset: int) -> str:
         stored = self._stored
