@@ -40,6 +40,16 @@ def test_split_and_merged_it_is_the_recording(capsys: Capture) -> None:
     assert list(whole.records) == list(read_recording(LOG).records)
 
 
+def test_verify_says_why_a_part_is_not_complete(capsys: Capture) -> None:
+    """It was cut from a longer one, which is not the same as a run that was cut off."""
+    answered(capsys, "filter", LOG, "late.mcap", "--from", "3")
+    assert main(["verify", "late.mcap"]) == 0
+    kept = len(read_recording(Path("late.mcap")).records)
+    last = capsys.readouterr().out.splitlines()[-1]
+    why = f"{kept} of 276 messages (from 3)"
+    assert last == f"complete: false; {why}, and this is fine as far as it goes"
+
+
 def test_a_filter_says_how_much_it_took(capsys: Capture) -> None:
     """Patterns may be given several times; the parameters of the result say what was taken."""
     arguments = ["--topics", "report", "--topics", "ready/*", "--exclude", "*_1", "--until", "4"]

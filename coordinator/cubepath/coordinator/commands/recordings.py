@@ -39,7 +39,7 @@ from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.input_files import readable
-from cubepath.protocol.core.numbers_of_things import counted
+from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.verification.findings import Check, Verification
@@ -183,7 +183,10 @@ def _verified(recording: Recording, found: Verification) -> _Told:
             f"known to be missing: {rounds} of the rounds begun, {counted(messages, 'message')}"
         )
     if found.ok and not found.complete:
-        because = "messages are missing" if found.missing.messages else "the run was cut off"
+        from cubepath.coordinator.verification.partial import why_partial  # noqa: PLC0415
+
+        cut = "messages are missing" if found.missing.messages else "the run was cut off"
+        because = why_partial(recording) or cut
         lines.append(f"complete: false; {because}, and this is fine as far as it goes")
     text = "\n".join(map(visible, lines))
     if found.ok:

@@ -39,11 +39,11 @@ from cubepath.coordinator.comparison.results import (
     Compared,
     MessageDifference,
     Paths,
-    counted,
 )
 from cubepath.coordinator.verification.round_spans import rounds_text
 from cubepath.coordinator.verification.transcript import OutOfOrder
 from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.recording import Recording, is_recording, read_recording
 from cubepath.protocol.wire.messages import Summary
 

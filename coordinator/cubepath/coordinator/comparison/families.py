@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cubepath.coordinator.comparison.results import NAMES, Compared, counted
+from cubepath.coordinator.comparison.results import NAMES, Compared
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.messages import Summary, decode
 

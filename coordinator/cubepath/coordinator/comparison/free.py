@@ -20,12 +20,12 @@ from cubepath.coordinator.comparison.results import (
     Compared,
     MoveDifference,
     Paths,
-    counted,
 )
 from cubepath.coordinator.verification.free_history import Carried
 from cubepath.coordinator.verification.transcript import site_in
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.recordings.recording import Recording
 

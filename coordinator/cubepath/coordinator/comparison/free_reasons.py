@@ -14,9 +14,10 @@ from cubepath.coordinator.comparison.free_run import Commit, FreeRun, Shown
 from cubepath.coordinator.comparison.neighbourhood import picture_of
 from cubepath.coordinator.comparison.playing import Played, Player, Way, way_of
 from cubepath.coordinator.comparison.reasons import NOT_BY_RULE, only_cause, value_text
-from cubepath.coordinator.comparison.results import NAMES, Cause, ChoiceDifference, Side, counted
+from cubepath.coordinator.comparison.results import NAMES, Cause, ChoiceDifference, Side
 from cubepath.coordinator.verification.choices import Observing
 from cubepath.coordinator.verification.transcript import site_in
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 from cubepath.protocol.wire.free_messages import Turn

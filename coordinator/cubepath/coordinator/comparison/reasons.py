@@ -21,13 +21,13 @@ from cubepath.coordinator.comparison.results import (
     ChoiceDifference,
     OutcomeDifference,
     Side,
-    counted,
 )
 from cubepath.coordinator.comparison.trail import Recorded, Trail, follow
 from cubepath.coordinator.verification.rounds import rank
 from cubepath.coordinator.verification.transcript import Round, site_in
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.system import System
 from cubepath.protocol.recordings.recording import Recording

@@ -28,11 +28,6 @@ NO_ROUNDS = "no rounds"
 """What was compared of runs of which one has no round."""
 
 
-def counted(count: int, what: str) -> str:
-    """Return a count of things in words, as ``1 round`` or ``2 rounds``."""
-    return f"{count} {what}" if count == 1 else f"{count} {what}s"
-
-
 @dataclass(frozen=True, slots=True)
 class MessageDifference:
     """The first message that differs, in the order of the run: round, phase, kind, module.

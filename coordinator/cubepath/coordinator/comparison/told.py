@@ -18,10 +18,10 @@ from cubepath.coordinator.comparison.results import (
     OutcomeDifference,
     Paths,
     Side,
-    counted,
 )
 from cubepath.coordinator.verification.stages import stages_of
 from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.plurals import counted
 
 _COLUMN = 38
 """The width of each of the two columns."""

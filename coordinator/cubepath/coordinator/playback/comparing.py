@@ -15,7 +15,7 @@ from cubepath.coordinator.verification.certificate import check_certificate
 from cubepath.coordinator.verification.round_spans import Span, add_to_spans, spans_text
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError, InputError
-from cubepath.protocol.core.numbers_of_things import counted
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.description import Clock
 from cubepath.protocol.recordings.recording import Record, Recording

@@ -28,8 +28,8 @@ from cubepath.coordinator.runs.schedule_chart import draw_schedule
 from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.core.numbers_of_things import counted
 from cubepath.protocol.core.output_files import written_whole
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:

@@ -16,7 +16,7 @@ from cubepath.agents.rendering.pictures import colours
 from cubepath.agents.rendering.themes import INK, LIGHT, PAPER, Theme
 from cubepath.coordinator.runs.snapshots import Snapshot
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.numbers_of_things import counted
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:

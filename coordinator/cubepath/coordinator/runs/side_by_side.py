@@ -26,7 +26,7 @@ from cubepath.coordinator.runs.films import (
 from cubepath.coordinator.runs.schedule_chart import draw_schedule
 from cubepath.coordinator.runs.snapshots import Snapshot, Steps, snapshots, visited
 from cubepath.protocol.core.actions import Action
-from cubepath.protocol.core.numbers_of_things import counted
+from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.system import Scene
 
 if TYPE_CHECKING:

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from cubepath.protocol.core.json_keys import check_keys
     from cubepath.protocol.core.keyed_values import Keys, all_values, given_values
     from cubepath.protocol.core.names import GeneratorPlacement, Json, schema_with_definitions
-    from cubepath.protocol.core.numbers_of_things import counted
     from cubepath.protocol.core.ordinals import Ordinals
     from cubepath.protocol.core.output_files import (
         STANDARD_OUTPUT,
@@ -66,6 +65,7 @@ if TYPE_CHECKING:
         unwritable,
         written_whole,
     )
+    from cubepath.protocol.core.plurals import counted
     from cubepath.protocol.core.sites import (
         DEPTH_MAX,
         Site,
@@ -108,7 +108,7 @@ else:
                 "SQUARES"
             ),
             "control_characters": "visible",
-            "numbers_of_things": "counted",
+            "plurals": "counted",
             "errors": "CheckError CubepathError ExcludedError InputError RuleError",
             "given": "function real_number seconds whole_number",
             "input_files": (
