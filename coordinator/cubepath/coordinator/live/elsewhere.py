@@ -9,7 +9,7 @@ import dataclasses
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -83,7 +83,9 @@ class Watched:
         self.begins: int
         """How many rounds were over before: the page has none of these."""
         self._waiting: deque[Message] = deque(maxlen=_WAITING_MAX)
-        self._said: deque[Words] = deque(maxlen=_WAITING_MAX)
+        self._said: deque[Words] = deque()
+        """What is said before there is a feed, which bounds and counts what waits."""
+        self._take_words: Callable[[Words], None] = self._said.append
         self._known = 0  # moves of a run without rounds that were told
         self._again_s = 0.0
         self._news = threading.Event()
@@ -109,6 +111,8 @@ class Watched:
                 facts=self._facts(about),
                 before=self.begins,
             )
+            self._hand_over()
+            self._take_words = self._feed.hear
         except BaseException:
             self._session.close()
             raise
@@ -159,7 +163,9 @@ class Watched:
         except CubepathError:
             return
         parts: Iterable[Words] = getattr(message, "parts", (message,))
-        self._said += (part for part in parts if part.__struct_config__.tag in HEARD)
+        for part in parts:
+            if part.__struct_config__.tag in HEARD:
+                self._take_words(part)
 
     def _tell_alive(self, _key: str, alive: bool) -> None:  # noqa: FBT001 - as `watch` tells it
         self._gone_s = None if alive else time.monotonic()
