@@ -140,7 +140,7 @@ def test_hashes_of_strings_decide_nothing() -> None:
         for seed in ("1", "2")
     ]
     assert said[0] == said[1]
-    assert said[0].count("[[") == 3
+    assert len(said[0].splitlines()) == 3
 
 
 def round_the_cycle(where: Scene, vehicles: int, steps: int) -> list[Action]:

@@ -28,7 +28,7 @@ from cubepath.coordinator.verification.transcript import (
 from cubepath.protocol.core.actions import Action, commute
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.names import GeneratorPlacement, Json
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.wire.messages import Claim, Executed, Note, Report, Verdict
 
@@ -44,10 +44,11 @@ def why_not(action: Action, state: AbstractSet[Site]) -> str | None:
     """
     on = action.support & state
     if on - action.free not in action.ends:
-        return f"{action.label}: {list(in_order(on))} of its support are on, which is neither end"
+        there = site_text(tuple(in_order(on)))
+        return f"{action.label}: {there} of its support are on, which is neither end"
     for site, neighbour in action.guards:
         if site in on and neighbour not in on:
-            return f"{action.label}: {site!r} is on, and {neighbour!r} is not"
+            return f"{action.label}: {site_text(site)} is on, and {site_text(neighbour)} is not"
     return None
 
 
