@@ -1,16 +1,27 @@
-"""Somebody who listens to everything at a router, and says on which keys something was heard."""
+"""Who listens at a router: everything that is heard, and whether anybody does."""
 
 from __future__ import annotations
 
+import time
 from queue import Empty, SimpleQueue
 
 import zenoh
 
-from cubepath.protocol.wire.sessions import put, subscribe, wait_for_subscriber
+from cubepath.protocol.wire.sessions import is_heard, publisher, put, subscribe
 
 _HEARD_S = 10.0
 _STRAY_S = 0.3
+_AGAIN_S = 0.005
 PROBE = "cubepath/0123456789ab/probe/all"
+
+
+def wait_for_subscriber(session: zenoh.Session, key: str) -> None:
+    """Wait until a session knows of a subscriber to a key elsewhere; what is put before is lost."""
+    with publisher(session, key) as found:
+        deadline = time.monotonic() + _HEARD_S
+        while not is_heard(found):
+            assert time.monotonic() < deadline, f"no subscriber on {key}"
+            time.sleep(_AGAIN_S)
 
 
 class Ear:

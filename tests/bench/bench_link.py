@@ -13,11 +13,15 @@ is 1. Medians of several; nothing is asserted.
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from collections.abc import Callable
 from math import log
+from pathlib import Path
 from queue import SimpleQueue
 from statistics import median
+
+sys.path.append(str(Path(__file__).parents[1]))
 
 from cubepath.coordinator.testing.link import Link
 from cubepath.coordinator.testing.rules import Pattern, Rule
@@ -28,8 +32,8 @@ from cubepath.protocol.wire.sessions import (
     open_client,
     publisher,
     subscribe,
-    wait_for_subscriber,
 )
+from ears import wait_for_subscriber
 
 KEY = "cubepath/r/go/coordinator"
 SIZES = (2_000, 8_000, 32_000)

@@ -43,10 +43,11 @@ from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import open_client, put, subscribe, wait_for_subscriber
+from cubepath.protocol.wire.sessions import open_client, put, subscribe
 
 sys.path.append(str(Path(__file__).parents[1]))
 import long_runs
+from ears import wait_for_subscriber
 
 SPEC = "agv:graph=grid10x10,n=60"
 SIZES, QUICK_SIZES = (10_000, 100_000), (1_000, 4_000)

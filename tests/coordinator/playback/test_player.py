@@ -24,7 +24,8 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import to_json
 from cubepath.protocol.recordings.recording import Recording, read_recording
 from cubepath.protocol.wire.messages import Edges, decode
-from cubepath.protocol.wire.sessions import open_client, subscribe, wait_for_subscriber
+from cubepath.protocol.wire.sessions import open_client, subscribe
+from ears import wait_for_subscriber
 from recordings import edited, first, parts, recorded
 
 HEX = GOLDEN / "hex-5.mcap"

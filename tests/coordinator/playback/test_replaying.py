@@ -25,7 +25,8 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.recordings.recording import Recording
 from cubepath.protocol.wire.keys import key_of
 from cubepath.protocol.wire.messages import decode
-from cubepath.protocol.wire.sessions import open_client, put, subscribe, wait_for_subscriber
+from cubepath.protocol.wire.sessions import open_client, put, subscribe
+from ears import wait_for_subscriber
 from recordings import all_edited, edited, first, parts, recorded, with_records
 
 REAL = [

@@ -19,7 +19,8 @@ from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.messages import Ready, encode
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import open_client, publisher, subscribe, wait_for_subscriber
+from cubepath.protocol.wire.sessions import open_client, publisher, subscribe
+from ears import wait_for_subscriber
 
 RUN = "cubepath/r"
 UP, DOWN = f"{RUN}/ready/process_0", f"{RUN}/go/coordinator"

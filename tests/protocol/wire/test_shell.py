@@ -13,8 +13,9 @@ import cubepath.protocol.wire.shell as shell_module
 from cubepath.protocol.wire.credentials import COORDINATOR
 from cubepath.protocol.wire.nodes import Effect, End, Listen, Timer
 from cubepath.protocol.wire.router import Router
-from cubepath.protocol.wire.sessions import open_client, put, wait_for_subscriber
+from cubepath.protocol.wire.sessions import open_client, put
 from cubepath.protocol.wire.shell import Shell
+from ears import wait_for_subscriber
 
 pytestmark = pytest.mark.slow
 

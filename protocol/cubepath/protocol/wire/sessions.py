@@ -221,8 +221,10 @@ def wait_for_ear(
 ) -> None:
     """Wait until what a session puts comes to all that another, `ear`, has subscribed to so far.
 
-    Unlike `wait_for_subscriber` it is not taken in by subscribers of others: the ear puts a
-    liveliness token on `key`, which arrives after what it declared before. CubepathError if not.
+    A declaration and a put travel over different links, in no order: a message put before the
+    subscriber is known is lost. That a publisher is heard is no sign of it, as others may
+    subscribe: so the ear puts a liveliness token on `key`, which arrives after what it declared
+    before. CubepathError if it does not.
     """
     deadline = time.monotonic() + patience_s
     token = ear.liveliness().declare_token(key)
@@ -233,17 +235,3 @@ def wait_for_ear(
             time.sleep(_POLL_S)
     finally:
         token.undeclare()
-
-
-def wait_for_subscriber(session: zenoh.Session, key: str, patience_s: float = 10.0) -> None:
-    """Wait until a session knows of a subscriber to a key elsewhere; CubepathError if of none.
-
-    A declaration and a put travel over different links, in no order: a message put before the
-    subscriber is known is lost.
-    """
-    with publisher(session, key) as found:
-        deadline = time.monotonic() + patience_s
-        while not is_heard(found):
-            if time.monotonic() > deadline:
-                raise CubepathError(f"no subscriber on {key} within {patience_s:.0f} s")
-            time.sleep(_POLL_S)
