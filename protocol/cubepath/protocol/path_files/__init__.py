@@ -1,4 +1,4 @@
-"""Files that hold paths: moves, cubes, schedules, durations, timetables and certificates.
+"""Files of paths: moves, cubes, schedules, durations, timetables, certificates and proofs.
 
 Room: protocol. It reads, writes and checks file formats; judging a path is up to the coordinator.
 It imports only `core`. Messages carry some of these formats, and all code that takes a path from a
@@ -52,6 +52,14 @@ if TYPE_CHECKING:
         number_moves,
         read_path,
     )
+    from cubepath.protocol.path_files.optimality_proofs import (
+        Group,
+        Ladder,
+        OptimalityProof,
+        is_proof,
+        read_proof,
+        write_proof,
+    )
     from cubepath.protocol.path_files.path_lines import write_path
     from cubepath.protocol.path_files.schedules import (
         Cubes,
@@ -84,6 +92,7 @@ else:
                 "write_moves_npz"
             ),
             "numbered": "IrregularError NumberedPath Progress number_moves read_path",
+            "optimality_proofs": ("Group Ladder OptimalityProof is_proof read_proof write_proof"),
             "path_lines": "write_path",
             "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
             "supports": "FIRST FREE TRACE Rows Supports",
@@ -99,11 +108,14 @@ __all__ = [
     "CubeName",
     "Cubes",
     "Durations",
+    "Group",
     "IrregularError",
+    "Ladder",
     "MoveName",
     "NumberedCubes",
     "NumberedId",
     "NumberedPath",
+    "OptimalityProof",
     "OwnMoves",
     "PathMove",
     "Progress",
@@ -117,6 +129,7 @@ __all__ = [
     "durations_in_words",
     "holds_cubes",
     "is_npz",
+    "is_proof",
     "known_of_named",
     "move_schemas",
     "number_moves",
@@ -127,6 +140,7 @@ __all__ = [
     "read_moves",
     "read_moves_npz",
     "read_path",
+    "read_proof",
     "read_timetable",
     "schedule_from_jsonl",
     "schedule_to_jsonl",
@@ -138,5 +152,6 @@ __all__ = [
     "write_moves",
     "write_moves_npz",
     "write_path",
+    "write_proof",
     "write_timetable",
 ]
