@@ -42,6 +42,17 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
         help="bound from below the cubes of every path between the same ends",
     )
     parser.add_argument(
+        "--prove",
+        type=number("a number of seconds, 0 or more", lambda seconds: seconds >= 0),
+        metavar="SECONDS",
+        help="search for the shortest schedule of all, and prove that none is shorter",
+    )
+    parser.add_argument(
+        "--proof",
+        metavar="FILE.proof",
+        help="with --prove: write what was proved, for 'cubepath verify FILE.proof'",
+    )
+    parser.add_argument(
         "--max-states",
         type=whole(0),
         metavar="N",
@@ -49,10 +60,19 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+_BEYOND = ("improve", "effort", "prove")
+"""The options that may find a path outside the class."""
+
+
 def improving(options: argparse.Namespace) -> str | None:
     """Return the option that asks for a path outside the class, None if there is none."""
     return next(
-        (f"--{name}" for name in ("improve", "effort") if getattr(options, name) is not None), None
+        (
+            f"--{name}"
+            for name in ("improve", "effort", "prove")
+            if getattr(options, name) is not None
+        ),
+        None,
     )
 
 
@@ -63,6 +83,10 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     """
     seconds: float | None = options.improve
     effort: int | None = options.effort
+    if options.proof is not None and options.prove is None:
+        raise InputError(
+            "--proof: says where to write what --prove SECONDS has proved, which is missing"
+        )
     if improving(options) is None and not options.bounds:
         return None
     if seconds is not None and effort is not None:
@@ -90,6 +114,8 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
             iterations=effort,
             seed=options.seed,
             max_states=most,
+            prove=options.prove,
+            proof=options.proof,
             watch=watch,
             tick=tick,
         )
@@ -107,6 +133,10 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
         ("lower bound", f"{known.lower_bound} ({known.why})"),
         ("optimal", optimal),
     ]
+    if known.agreed is not None:
+        rows.append(("agreed", f"{known.agreed} (two solvers, without a proof to check)"))
+    if known.proof is not None:
+        rows.append(("proof", known.proof))
     if known.only_class is not None:
         rows.append(("other classes", "none" if known.only_class else "there are"))
     rows += [
@@ -115,7 +145,13 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
     return rows
 
 
-_STEPS = {"classes": "states", "bounds": "sites", "optimum": "states", "search": "tries"}
+_STEPS = {
+    "classes": "states",
+    "bounds": "sites",
+    "optimum": "states",
+    "search": "tries",
+    "proof": "problems",
+}
 """What the steps of each stage count."""
 _ENDED = {
     "done": "",

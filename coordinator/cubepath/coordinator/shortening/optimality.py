@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,14 +22,18 @@ import numpy as np
 from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
+from cubepath.coordinator.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.satisfiability.proving import Prover
+from cubepath.coordinator.satisfiability.solver_process import check_installed
 from cubepath.coordinator.search.anytime import CubePath, Improved, improve
-from cubepath.coordinator.search.budget import Budget, Stage
+from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened
+from cubepath.coordinator.shortening.optimality_proof import proof_of
 from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
@@ -35,6 +41,7 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.path_files.moves import CubeName
+from cubepath.protocol.path_files.optimality_proofs import write_proof
 
 State = frozenset[Site]
 NamedPath = tuple[tuple[CubeName, ...], ...]
@@ -69,8 +76,10 @@ class Beyond:
     `lower_bound` holds for every path of these moves between the same ends, by the argument `why`.
     `optimal` says whether the reported path (the improved one, or else the normal cube path) has as
     few cubes as any; None if that is not known. `only_class` says whether there is only one class,
-    None if that is not known. `spent` says what each stage took. `cube_path` is the reported path,
-    and `named` the names of its moves.
+    None if that is not known. `agreed` is greater than `lower_bound` where two solvers found no
+    path with fewer cubes, but their logs are too long to be checked; otherwise None. `proof` is the
+    file with the proof, None if none was written. `spent` says what each stage took. `cube_path` is
+    the reported path, and `named` the names of its moves.
     """
 
     improved: int | None
@@ -79,6 +88,8 @@ class Beyond:
     only_class: bool | None
     why: str
     spent: tuple[Stage, ...]
+    agreed: int | None
+    proof: str | None
     _cube_path: Callable[[], CubePath] = field(repr=False, compare=False)
     _named: Callable[[], NamedPath] = field(repr=False, compare=False)
 
@@ -96,6 +107,7 @@ class Beyond:
         """Return the keys of ``--json``."""
         keys = ("improved", "lower_bound", "optimal", "only_class")
         found = {key: getattr(self, key) for key in keys}
+        found |= {"proved_by": self.why, "agreed": self.agreed, "proof": self.proof}
         return found | {"spent": [stage.document() for stage in self.spent]}
 
 
@@ -144,6 +156,8 @@ def beyond(
     iterations: int | None = None,
     seed: int = 0,
     max_states: int = MAX_STATES,
+    prove: float | None = None,
+    proof: Path | str | None = None,
     watch: Callable[[Improved], object] | None = None,
     tick: Tick | None = None,
 ) -> Beyond:
@@ -151,29 +165,39 @@ def beyond(
 
     `seconds` is the time for all stages together. Without it each stage is bounded by the number of
     its steps, and the result depends only on the input and `seed`; `iterations` is the number of
-    steps of the search for a better path. The exhaustive search keeps at most about `max_states`
-    states; if it completes, it decides `optimal`. An improved path is checked by independent code,
-    from the start state on, before it is returned: CheckError if it is not a legal normal cube path
-    to the same end. `found` is the shortened path, if it is known already, and gives the moves
-    their names; without it they have none. An interrupt (KeyboardInterrupt) ends the search with
-    what is known so far, as running out of time does. `tick` is called now and then with the
-    current stage and the steps that it took, `watch` with every better path. InputError as for
-    `improve`.
+    steps of the search for a better path. `prove` is the time for a search by SAT solvers, from the
+    best path down and from the bound up, which comes last; without `seconds` and `iterations` it is
+    the time for all stages. `proof` says where to write what it has proved; then the clauses prove
+    the bound also where it is known otherwise. The exhaustive search keeps at most about
+    `max_states` states; if it completes, it decides `optimal`. An improved path is checked by
+    independent code, from the start state on, before it is returned: CheckError if it is not a
+    legal normal cube path to the same end. `found` is the shortened path, if it is known already,
+    and gives the moves their names; without it they have none. An interrupt (KeyboardInterrupt)
+    ends the search with what is known so far, as running out of time does. `tick` is called now and
+    then with the current stage and the steps that it took, `watch` with every better path.
+    InputError as for `improve`, and if a proof is asked for without the library that it takes.
 
     >>> found = shorten(play("agv:graph=grid3x3,n=3", "random", seed=2, max_rounds=30))
     >>> better = beyond(task_of(found), found, iterations=200)
     >>> found.cubes, better.improved, better.lower_bound, better.optimal
     (9, 2, 2, True)
     """
+    asked = seconds is not None or iterations is not None or prove is not None
+    if prove is not None:
+        check_installed("a proof")
+        if seconds is None and iterations is None:
+            seconds = _BEFORE_PROOF * prove
+            prove -= seconds
     look = _Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
-    asked = seconds is not None or iterations is not None
     look.ask_for_classes()
     look.bound_from_below()
     look.search_all(take=asked)
     if asked:
         look.improve(iterations=iterations, seed=seed, watch=watch)
-        if look.better is not None:
-            _check(task, look.better)
+    if prove is not None:
+        look.prove(prove, seed=seed, proof=proof, watch=watch)
+    if look.better is not None:
+        _check(task, look.better)
     return Beyond(
         improved=look.cubes if asked else None,
         lower_bound=look.bound.cubes,
@@ -181,6 +205,8 @@ def beyond(
         only_class=look.only,
         why=look.bound.why,
         spent=tuple(look.stages),
+        agreed=look.agreed if look.agreed > look.bound.cubes else None,
+        proof=look.written,
         _cube_path=lambda: look.best,
         _named=lambda: () if found is None else _named(task, found, look.better),
     )
@@ -188,8 +214,10 @@ def beyond(
 
 Tick = Callable[[str, int], object]
 """Called with the name of a stage and the steps that it took so far."""
-_SHARES = {"classes": 0.1, "bounds": 0.2, "optimum": 0.25}
-"""Shares of the time that these stages may take; the search gets the rest."""
+_SHARES = {"classes": 0.1, "bounds": 0.2, "optimum": 0.25, "proof": 1.0}
+"""Shares of the time that these stages may take; the search gets the rest, a proof its own time."""
+_BEFORE_PROOF = 0.15
+"""Share of the time for a proof that all other stages may take together."""
 _BOUND_STEPS = 20_000_000
 """Without a time limit, the bounds may look at so many sites on the way of modules, and pairs."""
 _SETS_A_STATE = 40
@@ -224,6 +252,10 @@ class _Look:
         self.only: bool | None = None
         self.shorter = False
         """Whether a shorter path is known to exist that was not asked for."""
+        self.written: str | None = None
+        """The file with the proof."""
+        self.agreed = 0
+        """What two solvers agree on and nobody can check: no path has fewer cubes."""
 
     @cached_property
     def _steps(self) -> Transitions:
@@ -394,6 +426,90 @@ class _Look:
         if kept:
             self.better = min(kept, key=lambda path: (len(path), sum(map(len, path))))
 
+    def prove(
+        self,
+        seconds: float,
+        *,
+        seed: int,
+        proof: Path | str | None,
+        watch: Callable[[Improved], object] | None,
+    ) -> None:
+        """Search for the optimum by SAT solvers; write the refutation of less, if asked to."""
+        task = self._task
+
+        def job(stage: Stage, budget: Budget) -> None:
+            def keep(path: CubePath) -> None:
+                self.better = _without_labels(task, self._system, path)
+                if watch is not None:
+                    watch(Improved(self.better, stage.steps, 0))
+
+            def count() -> None:
+                stage.steps = prover.problems
+                if self._tick is not None:
+                    self._tick(stage.name, prover.problems)
+                budget.spend(0)
+
+            stage.ended = "time"
+            with suppress(SpentError):
+                listed = self._listed()
+                met = MetMoves(self._system, listed, self._start, self._goal, spend=budget.spend)
+                prover = Prover(met, self._labelled, self.bound.cubes, seed, keep, count)
+                with prover:
+                    try:
+                        prover.run(budget.seconds_left or 0.0, refute=proof is not None)
+                    finally:
+                        stage.steps = prover.problems
+                        self._take_proof(prover, proof)
+                if prover.stopped_by is not None:
+                    stage.ended = "limit"
+                elif self.bound.cubes == self.cubes:
+                    stage.ended = "done"
+
+        if self._stopped or not self._small or self._start == self._goal:
+            return
+        if proof is not None or self.bound.cubes < self.cubes:
+            self._whole, self._seconds = Budget(seconds), seconds
+            self._stage("proof", job)
+
+    def _listed(self) -> Iterable[Action]:
+        """Return the moves that occur, where there is no system; no others exist."""
+        if self._system is not None or self._found is None:
+            return self._task.path
+        path = self._found.path
+        return (path.actions[number] for number in np.unique(path.numbers).tolist())
+
+    @cached_property
+    def _labelled(self) -> CubePath:
+        """The best path, as moves of the system in which each vehicle keeps its own end."""
+        task, system = self._task, self._system
+        if not task.labelled_goals or system is None:
+            return self.best
+        at = {site: label for label, site in enumerate(ends_of(task.path, task.start))}
+        found: list[tuple[Action, ...]] = []
+        for cube in self.best:
+            moves: list[Action] = []
+            for action in cube:
+                one, other = in_order(action.trace)
+                here, there = (one, other) if one in at else (other, one)
+                label = at[there] = at.pop(here)
+                moves.append(system.action("edge", (one, other, label)))
+            found.append(tuple(moves))
+        return tuple(found)
+
+    def _take_proof(self, prover: Prover, proof: Path | str | None) -> None:
+        """Take over what was proved, and write it."""
+        self.agreed = prover.agreed
+        refuted = prover.refutation
+        if refuted is None:
+            return
+        self._raise_bound(Bound(refuted.rounds + 1, refuted.why))
+        if proof is None or refuted.rounds + 1 < self.bound.cubes:
+            return
+        scene = None if self._found is None else self._found.given.scene
+        ends = self._start, self._goal
+        write_proof(proof, proof_of(refuted, prover.best, scene, self._system, ends))
+        self.written = str(proof)
+
 
 def _as_labelled(task: Task) -> tuple[System | None, State, State]:
     """Return system, start and goal, with labels if each vehicle must keep its own end."""
@@ -421,8 +537,15 @@ def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
 
 def _of_optimum(task: Task, steps: Transitions, exact: Optimum) -> CubePath:
     """Return the normal cube path of the path that the exhaustive search found."""
-    actions = [steps.actions[number] for cube in exact.cubes or () for number in cube]
-    labelled = steps.system
+    cubes = [[steps.actions[number] for number in cube] for cube in exact.cubes or ()]
+    return _without_labels(task, steps.system, cubes)
+
+
+def _without_labels(
+    task: Task, labelled: System | None, cubes: Iterable[Iterable[Action]]
+) -> CubePath:
+    """Return the normal cube path of moves in which each vehicle may have a label of its own."""
+    actions = [action for cube in cubes for action in cube]
     if task.labelled_goals and task.system is not None and labelled is not None:
         edge, place_of = task.system.action, labelled.place_of
         actions = [

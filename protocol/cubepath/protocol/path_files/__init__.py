@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.path_files.optimality_proofs import (
         Group,
         Ladder,
+        LadderKind,
         OptimalityProof,
         is_proof,
         read_proof,
@@ -92,7 +93,9 @@ else:
                 "write_moves_npz"
             ),
             "numbered": "IrregularError NumberedPath Progress number_moves read_path",
-            "optimality_proofs": ("Group Ladder OptimalityProof is_proof read_proof write_proof"),
+            "optimality_proofs": (
+                "Group Ladder LadderKind OptimalityProof is_proof read_proof write_proof"
+            ),
             "path_lines": "write_path",
             "schedules": "Cubes OwnMoves by_generator schedule_from_jsonl schedule_to_jsonl",
             "supports": "FIRST FREE TRACE Rows Supports",
@@ -111,6 +114,7 @@ __all__ = [
     "Group",
     "IrregularError",
     "Ladder",
+    "LadderKind",
     "MoveName",
     "NumberedCubes",
     "NumberedId",

@@ -1,0 +1,52 @@
+"""Whether a path of so many rounds leads from one state to another, asked of SAT solvers.
+
+Room: coordinator. It takes a system or a list of actions, and two states: it knows no files, no
+messages and no kind of system. From the protocol it imports `core`, from the coordinator
+`normal_form`. `search` and `shortening` use it; `verification` shares nothing with it, and checks
+what it proves by code of its own.
+"""
+
+from typing import TYPE_CHECKING
+
+from cubepath.protocol.faces import lazy_face
+
+if TYPE_CHECKING:
+    from cubepath.coordinator.satisfiability.clauses import OFF, ON, STAY
+    from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
+    from cubepath.coordinator.satisfiability.met_moves import MetMoves
+    from cubepath.coordinator.satisfiability.proving import Prover, Refutation
+    from cubepath.coordinator.satisfiability.solver_process import (
+        Answer,
+        SolverError,
+        SolverProcess,
+        check_installed,
+        solvers_installed,
+    )
+else:
+    __getattr__, __dir__ = lazy_face(
+        __name__,
+        {
+            "clauses": "OFF ON STAY",
+            "encoding": "Encoding TooLargeError encode",
+            "met_moves": "MetMoves",
+            "proving": "Prover Refutation",
+            "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
+        },
+    )
+
+__all__ = [
+    "OFF",
+    "ON",
+    "STAY",
+    "Answer",
+    "Encoding",
+    "MetMoves",
+    "Prover",
+    "Refutation",
+    "SolverError",
+    "SolverProcess",
+    "TooLargeError",
+    "check_installed",
+    "encode",
+    "solvers_installed",
+]

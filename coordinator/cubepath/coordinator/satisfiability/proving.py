@@ -1,0 +1,254 @@
+"""From a path down and from a bound up, until both meet: the optimum, and the refutation of less.
+
+Two solvers work side by side. One looks for a path below the best, in great steps while they are
+quick and in small ones at last; the other refutes one length after another from the bound on. A
+path that has been found is made normal, which may shorten it further; a length that is refuted
+refutes all below it, since rounds may be idle.
+
+Room: coordinator; touches the clock, the processes of solvers, and a folder of its own for logs.
+"""
+
+from __future__ import annotations
+
+import select
+import shutil
+import time
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Self
+
+from cubepath.coordinator.normal_form.heap import normal_cube_path
+from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
+from cubepath.coordinator.satisfiability.literal_windows import windows_of
+from cubepath.coordinator.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.satisfiability.solver_process import (
+    SECOND_SOLVER,
+    SOLVER,
+    Answer,
+    SolverError,
+    SolverProcess,
+)
+from cubepath.protocol.core.actions import Action
+
+CubePath = tuple[tuple[Action, ...], ...]
+_PATIENCE = 0.05
+"""The share of the time that a great step down may take."""
+_POLL_S = 0.25
+WINDOWS, PROPAGATION, SEARCH = "windows of the moves", "unit propagation", "SAT solver"
+"""What has refuted a length."""
+
+
+@dataclass(frozen=True)
+class Refutation:
+    """Why no path has `rounds` rounds or fewer: clauses, and a log (None: propagation does it).
+
+    `why` names the argument, and `log` lies in the folder of the `Prover`, until that is closed.
+    """
+
+    problem: Encoding
+    why: str
+    log: Path | None
+
+    @property
+    def rounds(self) -> int:
+        """Return the number of rounds that are too few."""
+        return self.problem.rounds
+
+
+@dataclass
+class Prover:
+    """The search for the optimum between the ends of `met`, from what is known before it.
+
+    `best` is the best path so far, `bound` what is proved: no path has fewer cubes. `agreed` may be
+    greater: two solvers found no path with fewer cubes, but the log is too long to be checked.
+    `stopped_by` says why the search ended early, if not by time. Use as a context manager; `run`
+    may be called once, and an exception out of it (an interrupt, the end of a budget) leaves what
+    is known so far here.
+    """
+
+    met: MetMoves
+    best: CubePath
+    bound: int
+    seed: int = 0
+    watch: Callable[[CubePath], object] | None = None
+    tick: Callable[[], object] | None = None
+    agreed: int = 0
+    refutation: Refutation | None = None
+    problems: int = 0
+    stopped_by: str | None = None
+    _single: dict[int, Encoding] = field(default_factory=dict)
+    _stack: ExitStack = field(default_factory=ExitStack)
+
+    def __enter__(self) -> Self:
+        """Make the folder for logs."""
+        self._folder = Path(mkdtemp(prefix="cubepath-proof-"))
+        self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the solvers, and remove the logs."""
+        self._stack.close()
+
+    @property
+    def _least(self) -> int:
+        """The least number of cubes that is still worth a question."""
+        return max(self.bound, self.agreed)
+
+    def run(self, seconds: float, *, refute: bool = False) -> None:
+        """Search until the optimum is known or the time is up.
+
+        With `refute`, a path that is known to be optimal is proved to be once more, by clauses.
+        """
+        end = time.monotonic() + seconds
+        if refute:
+            self.bound = min(self.bound, max(0, len(self.best) - 1))
+        try:
+            self._raise_by_windows(end)
+            jobs = _Job(0, self._stack), _Job(1, self._stack)
+            while self._least < len(self.best) and time.monotonic() < end:
+                self._assign(*jobs, max(1.0, _PATIENCE * seconds))
+                self._wait(jobs, end)
+        except (TooLargeError, SolverError) as error:
+            self.stopped_by = str(error)
+
+    def _raise_by_windows(self, end: float) -> None:
+        """Raise the bound as far as it goes without a solver."""
+        while self.bound < len(self.best) and time.monotonic() < end:
+            self.met.reach(self.bound)
+            ends = self.met.on(0), self.met.on(1)
+            windows = windows_of(self.met.arrays(), *ends, self.bound)
+            if windows.value_possible().any(axis=1).all():
+                return
+            self._refuted(Refutation(encode(self.met, self.bound), WINDOWS, None))
+
+    def _refuted(self, found: Refutation) -> None:
+        """Note that no path has so few rounds."""
+        if found.rounds >= self.bound:
+            self.bound, self.refutation = found.rounds + 1, found
+        if self.tick is not None:
+            self.tick()
+
+    def _assign(self, down: _Job, up: _Job, patience: float) -> None:
+        """End what has become pointless, and give each solver that is idle its next problem."""
+        for job in (down, up):
+            if job.problem is not None and not self._is_open(job.problem.rounds):
+                job.end()
+        self._ask_again(down, up)
+        if down.problem is None and self._least < len(self.best) < down.most:
+            gap = len(self.best) - self._least
+            down.step = max(1, min(down.step, gap // 2))
+            down.until = time.monotonic() + patience if down.step > 1 else None
+            self._begin(down, len(self.best) - down.step)
+        if up.problem is None and self._least < len(self.best):
+            # At the last length both try, each with a seed of its own.
+            self._begin(up, self._least)
+
+    def _is_open(self, rounds: int) -> bool:
+        return self._least <= rounds < len(self.best)
+
+    def _ask_again(self, down: _Job, up: _Job) -> None:
+        """Have another solver decide what one has decided without a log that can be checked."""
+        for rounds in [rounds for rounds in self._single if not self._is_open(rounds)]:
+            del self._single[rounds]
+        if self._single and not (down.second or up.second):
+            job = down if down.problem is None else up
+            job.begin(self._single[max(self._single)], SECOND_SOLVER)
+
+    def _begin(self, job: _Job, rounds: int) -> None:
+        self.problems += 1
+        try:
+            problem = encode(self.met, rounds)
+        except TooLargeError:
+            if rounds == self._least:
+                raise
+            job.most = len(self.best)
+            return
+        if problem.impossible:
+            self._refuted(Refutation(problem, WINDOWS, None))
+            return
+        log = self._folder / f"log-{self.problems}"
+        job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=log)
+
+    def _wait(self, jobs: Iterable[_Job], end: float) -> None:
+        """Wait until some solver answers, a great step takes too long, or the time is up."""
+        busy = [job for job in jobs if job.problem is not None]
+        if busy:
+            wait = max(0.0, min(end - time.monotonic(), _POLL_S))
+            select.select([job.solver for job in busy], [], [], wait)
+        for job in busy:
+            answer = job.solver.answer(0)
+            if answer is not None:
+                self._take(job, answer)
+            elif job.until is not None and time.monotonic() > job.until:
+                job.step //= 2
+                job.end()
+        if self.tick is not None:
+            self.tick()
+
+    def _take(self, job: _Job, answer: Answer) -> None:
+        problem, second = job.taken()
+        if answer.satisfiable:
+            job.step *= 2
+            moves = (action for cube in problem.schedule(answer.true) for action in cube)
+            found = normal_cube_path(moves)
+            if len(found) < len(self.best):
+                self.best = found
+                if self.watch is not None:
+                    self.watch(found)
+        elif second:
+            self.agreed = max(self.agreed, problem.rounds + 1)
+        elif answer.log is None:
+            self._single[problem.rounds] = problem
+        elif answer.log.stat().st_size == 0:
+            self._refuted(Refutation(problem, PROPAGATION, None))
+        else:
+            self._refuted(Refutation(problem, SEARCH, answer.log))
+
+
+class _Job:
+    """What one of the two solvers is at."""
+
+    def __init__(self, number: int, stack: ExitStack) -> None:
+        self.number = number
+        self._solvers = {
+            name: stack.enter_context(SolverProcess(name)) for name in (SOLVER, SECOND_SOLVER)
+        }
+        self.solver = self._solvers[SOLVER]
+        self.problem: Encoding | None = None
+        """The problem that it works on, None if it is idle."""
+        self.step = 1 << 20
+        """How far below the best path it looks for a path."""
+        self.most = 1 << 30
+        """It has nothing to do while the best path has so many cubes or more."""
+        self.until: float | None = None
+        """When to give up, and take a smaller step."""
+
+    @property
+    def second(self) -> bool:
+        """Whether it decides what the first solver has decided."""
+        return self.problem is not None and self.solver is self._solvers[SECOND_SOLVER]
+
+    def begin(
+        self, problem: Encoding, solver: str, *, seed: int = 0, log: Path | None = None
+    ) -> None:
+        """Ask one of its solvers, by name."""
+        self.end()
+        self.solver, self.problem = self._solvers[solver], problem
+        self.solver.ask(problem, seed=seed, log=log)
+
+    def taken(self) -> tuple[Encoding, bool]:
+        """Return the problem that was answered, and whether by the second solver; be idle."""
+        problem, second = self.problem, self.second
+        if problem is None:
+            raise SolverError("a SAT solver answered that was not asked")
+        self.problem = None
+        return problem, second
+
+    def end(self) -> None:
+        """Give up what it works on."""
+        if self.problem is not None:
+            self.solver.end()
+        self.problem = None
