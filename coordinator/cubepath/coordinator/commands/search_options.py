@@ -148,6 +148,7 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
 _STEPS = {
     "classes": "states",
     "bounds": "sites",
+    "windows": "moves",
     "optimum": "states",
     "search": "tries",
     "proof": "problems",

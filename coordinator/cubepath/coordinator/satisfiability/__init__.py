@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.satisfiability.clauses import OFF, ON, STAY
     from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
-    from cubepath.coordinator.satisfiability.proving import Prover, Refutation
+    from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
     from cubepath.coordinator.satisfiability.solver_process import (
         Answer,
         SolverError,
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
         check_installed,
         solvers_installed,
     )
+    from cubepath.coordinator.satisfiability.window_bounds import window_bound
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -29,8 +30,9 @@ else:
             "clauses": "OFF ON STAY",
             "encoding": "Encoding TooLargeError encode",
             "met_moves": "MetMoves",
-            "proving": "Prover Refutation",
+            "proving": "WINDOWS Prover Refutation",
             "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
+            "window_bounds": "window_bound",
         },
     )
 
@@ -38,6 +40,7 @@ __all__ = [
     "OFF",
     "ON",
     "STAY",
+    "WINDOWS",
     "Answer",
     "Encoding",
     "MetMoves",
@@ -49,4 +52,5 @@ __all__ = [
     "check_installed",
     "encode",
     "solvers_installed",
+    "window_bound",
 ]
