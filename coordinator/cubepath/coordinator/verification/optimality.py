@@ -199,16 +199,18 @@ class Refutation:
                 " that are said to be impossible"
             )
         self._check_schedule()
-        moves, variables, clauses, lemmas = 0, 0, 0, 0
-        if self._clauses is not None:
-            moves, found = self._clauses
-            variables, clauses = len(proof.variables), len(found.ends)
         proved = proof.standing == "proved"
-        if self._clauses is not None and proved:
-            lemmas = self._follow(Refuter(variables, *found))
-        elif any(proof.log):
+        derived = self._clauses
+        if (derived is None or not proved) and any(proof.log):
             raise CheckError("there is a log, and nothing that it would be needed for")
-        return ProvedOptimal(proof.refuted, proof.cubes, proved, moves, variables, clauses, lemmas)
+        if derived is None:
+            return ProvedOptimal(proof.refuted, proof.cubes, proved, 0, 0, 0, 0)
+        moves, (literals, ends) = derived
+        variables = len(proof.variables)
+        lemmas = self._follow(Refuter(variables, literals, ends)) if proved else 0
+        return ProvedOptimal(
+            proof.refuted, proof.cubes, proved, moves, variables, len(ends), lemmas
+        )
 
     def _follow(self, refuter: Refuter) -> int:
         for chunk in self.proof.log:
@@ -233,7 +235,7 @@ class Refutation:
             )
         for number, cube in enumerate(proof.schedule, 1):
             self._carry_out(f"cube {number} of the schedule", cube, state)
-        if state != self._goal:
+        if frozenset(state) != self._goal:
             stray = in_order(state ^ self._goal)[0]
             is_on = "on" if stray in state else "off"
             raise CheckError(
