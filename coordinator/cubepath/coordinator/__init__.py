@@ -132,9 +132,11 @@ if TYPE_CHECKING:
         task_of,
     )
     from cubepath.coordinator.verification import (
+        ProvedOptimal,
         Recovered,
         Verification,
         check_certificate,
+        check_optimality,
         check_proof,
         recover,
         verify,
@@ -174,7 +176,10 @@ else:
             "shortening": (
                 "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
             ),
-            "verification": "Recovered Verification check_certificate check_proof recover verify",
+            "verification": (
+                "ProvedOptimal Recovered Verification check_certificate check_optimality "
+                "check_proof recover verify"
+            ),
             "viewing": "Shown page_document run_page",
         },
     )
@@ -206,6 +211,7 @@ __all__ = [
     "Player",
     "PlayerStatus",
     "Position",
+    "ProvedOptimal",
     "Recorder",
     "Recovered",
     "Replayed",
@@ -237,6 +243,7 @@ __all__ = [
     "certificate_of",
     "check_certificate",
     "check_links",
+    "check_optimality",
     "check_proof",
     "collapse",
     "complex_from_faces",

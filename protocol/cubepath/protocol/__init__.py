@@ -61,6 +61,7 @@ if TYPE_CHECKING:
         Certificate,
         Durations,
         MoveName,
+        OptimalityProof,
         PathMove,
         TimedLine,
         certificate_schema,
@@ -70,11 +71,13 @@ if TYPE_CHECKING:
         read_cubes,
         read_durations,
         read_moves,
+        read_proof,
         read_timetable,
         timetable_schema,
         write_certificate,
         write_cubes,
         write_moves,
+        write_proof,
         write_timetable,
     )
     from cubepath.protocol.plans import PlanHints, read_plan
@@ -109,9 +112,10 @@ else:
                 "admissible apply commute in_order site_from_json why_inadmissible"
             ),
             "path_files": (
-                "Certificate Durations MoveName PathMove TimedLine certificate_schema cube_schema "
-                "move_schemas read_certificate read_cubes read_durations read_moves read_timetable "
-                "timetable_schema write_certificate write_cubes write_moves write_timetable"
+                "Certificate Durations MoveName OptimalityProof PathMove TimedLine "
+                "certificate_schema cube_schema move_schemas read_certificate read_cubes "
+                "read_durations read_moves read_proof read_timetable timetable_schema "
+                "write_certificate write_cubes write_moves write_proof write_timetable"
             ),
             "plans": "PlanHints read_plan",
             "recordings": (
@@ -155,6 +159,7 @@ __all__ = [
     "Message",
     "Move",
     "MoveName",
+    "OptimalityProof",
     "PathMove",
     "PlanHints",
     "Record",
@@ -187,6 +192,7 @@ __all__ = [
     "read_durations",
     "read_moves",
     "read_plan",
+    "read_proof",
     "read_recording",
     "read_scene",
     "read_timetable",
@@ -201,5 +207,6 @@ __all__ = [
     "write_certificate",
     "write_cubes",
     "write_moves",
+    "write_proof",
     "write_timetable",
 ]

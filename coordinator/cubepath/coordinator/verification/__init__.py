@@ -24,6 +24,11 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.free_turns import Seen
     from cubepath.coordinator.verification.free_units import changed_by, held_by
     from cubepath.coordinator.verification.holes import hole_in, lacks
+    from cubepath.coordinator.verification.optimality import (
+        ProvedOptimal,
+        Refutation,
+        check_optimality,
+    )
     from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
     from cubepath.coordinator.verification.partial import moves_in, whole_rounds, why_partial
     from cubepath.coordinator.verification.proof import check_proof
@@ -67,6 +72,7 @@ else:
             "free_turns": "Seen",
             "free_units": "changed_by held_by",
             "holes": "hole_in lacks",
+            "optimality": "ProvedOptimal Refutation check_optimality",
             "parameters": "hesitation_in max_rounds_in seed_in",
             "partial": "moves_in whole_rounds why_partial",
             "proof": "check_proof",
@@ -91,7 +97,9 @@ __all__ = [
     "Observing",
     "OutOfOrder",
     "Progress",
+    "ProvedOptimal",
     "Recovered",
+    "Refutation",
     "Round",
     "Seen",
     "Sorting",
@@ -103,6 +111,7 @@ __all__ = [
     "changed_by",
     "check_certificate",
     "check_numbered",
+    "check_optimality",
     "check_proof",
     "compare_cubes",
     "difference",
