@@ -131,6 +131,12 @@ def encode(met: MetMoves, rounds: int) -> Encoding:
     )
 
 
+def prepare() -> None:
+    """Compile all that clauses are built by, which takes some seconds after an installation."""
+    step = Action("ab", "ab", "a", "b")
+    encode(MetMoves(None, [step], frozenset("a"), frozenset("b")), 1)
+
+
 def _values(possible: NDArray[np.bool_]) -> tuple[Numbers, int]:
     """Return the literal of each site at each time, and how many variables that takes."""
     off, on = possible[:, 0], possible[:, 1]

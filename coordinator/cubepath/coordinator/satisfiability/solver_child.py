@@ -62,9 +62,14 @@ def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
             solver.conf_budget(asked["conflicts"])
             found = solver.solve_limited()
         if not found:
+            kept = False
             if log is not None and found is False:
-                _copy(solver.solver, log)
-            _say(answers, {"satisfiable": found})
+                try:
+                    kept = _copy(solver.solver, log, asked["log_max"])
+                except OSError as error:
+                    _say(answers, {"error": error.strerror or str(error)})
+                    return
+            _say(answers, {"satisfiable": found, "kept": kept})
             return
         model = np.array(solver.get_model(), dtype=np.int64)
         true = np.zeros(asked["variables"] + 1, dtype=np.bool_)
@@ -74,13 +79,17 @@ def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
         answers.flush()
 
 
-def _copy(solver: Any, log: str) -> None:
+def _copy(solver: Any, log: str, most: int) -> bool:
+    """Copy the log to where it is to be kept, unless it is too long; return whether it was."""
     import pysolvers  # noqa: PLC0415 - of the same library, which parses the log on its own way
 
     pysolvers.flushpr(solver.prfp)
+    if os.fstat(solver.prfile.fileno()).st_size > most:
+        return False
     solver.prfile.seek(0)
     with open(log, "wb") as file:  # noqa: PTH123 - a path of text, and nothing else is done with it
         shutil.copyfileobj(solver.prfile, file, 1 << 20)
+    return True
 
 
 def _read(told: BinaryIO, count: int, kind: type) -> Any:
