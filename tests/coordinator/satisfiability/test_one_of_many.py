@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import combinations
 from random import Random
 
+import numpy as np
 import pytest
 
 from complexes import states_of
+from cubepath.coordinator.satisfiability.clauses import SITE
 from cubepath.coordinator.satisfiability.encoding import encode
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.one_of_many import Group
@@ -52,6 +55,35 @@ def test_vehicles_are_at_one_vertex_each(spec: str) -> None:
                 on = sum(met.sites[number] in state for number in group.sites)
                 # Only what paths of so many rounds can use is known here.
                 assert on <= 1
+
+
+def test_sites_of_a_group_exclude_each_other_at_every_time() -> None:
+    """Pair by pair as far as they are open; of those of a label one is on."""
+    where = scene_from_spec("agv-labelled:graph=grid3x2,n=2")
+    for pair in pairs_of(where, 3, seed=4):
+        met = pair.met()
+        problem = encode(met, 5)
+        clauses = {
+            frozenset(each.tolist()) for each in np.split(problem.literals, problem.ends[:-1])
+        }
+        possible = problem.windows.value_possible()
+        number = {
+            (index, time): place
+            for place, (kind, index, time) in enumerate(problem.variables.tolist(), start=1)
+            if kind == SITE
+        }
+        seen = 0
+        for group in problem.groups:
+            for time in range(6):
+                on = [site for site in group.sites if possible[site, 1, time]]
+                if any(not possible[site, 0, time] for site in on):
+                    continue
+                seen += 1
+                for one, other in combinations(on, 2):
+                    assert frozenset((-number[one, time], -number[other, time])) in clauses
+                if group.exactly:
+                    assert frozenset(number[site, time] for site in on) in clauses
+        assert seen
 
 
 def test_systems_without_labels_propose_none() -> None:

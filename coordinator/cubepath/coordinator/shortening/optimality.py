@@ -448,7 +448,9 @@ class _Look:
             if not self._has_clauses(stage):
                 return
             with suppress(SpentError):
-                self._ask_solvers(stage, budget, seed, proof, watch, between)
+                self._ask_solvers(
+                    stage, budget, seed=seed, proof=proof, watch=watch, between=between
+                )
             if stage.ended == "done" and self.bound.cubes < self.cubes:
                 stage.ended = "time"
 
@@ -471,6 +473,7 @@ class _Look:
         self,
         stage: Stage,
         budget: Budget,
+        *,
         seed: int,
         proof: Path | str | None,
         watch: Callable[[Improved], object] | None,
