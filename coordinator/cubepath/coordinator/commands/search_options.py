@@ -151,6 +151,7 @@ def beyond_rows(known: Beyond | None, proof: Path | None) -> list[tuple[str, obj
 _STEPS = {
     "classes": "states",
     "bounds": "sites",
+    "windows": "moves",
     "optimum": "states",
     "search": "tries",
     "proof": "problems",

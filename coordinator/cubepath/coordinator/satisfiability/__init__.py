@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         prepare,
     )
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
-    from cubepath.coordinator.satisfiability.proving import Prover, Refutation
+    from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
     from cubepath.coordinator.satisfiability.solver_process import (
         Answer,
         SolverError,
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         check_installed,
         solvers_installed,
     )
+    from cubepath.coordinator.satisfiability.window_bounds import window_bound
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -34,8 +35,9 @@ else:
             "clauses": "OFF ON STAY",
             "encoding": "Encoding TooLargeError encode prepare",
             "met_moves": "MetMoves",
-            "proving": "Prover Refutation",
+            "proving": "WINDOWS Prover Refutation",
             "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
+            "window_bounds": "window_bound",
         },
     )
 
@@ -43,6 +45,7 @@ __all__ = [
     "OFF",
     "ON",
     "STAY",
+    "WINDOWS",
     "Answer",
     "Encoding",
     "MetMoves",
@@ -55,4 +58,5 @@ __all__ = [
     "encode",
     "prepare",
     "solvers_installed",
+    "window_bound",
 ]

@@ -21,7 +21,6 @@ from typing import IO, Self
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
-from cubepath.coordinator.satisfiability.literal_windows import windows_of
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.solver_process import (
     LOG_MAX,
@@ -31,6 +30,7 @@ from cubepath.coordinator.satisfiability.solver_process import (
     SolverError,
     SolverProcess,
 )
+from cubepath.coordinator.satisfiability.window_bounds import window_bound
 from cubepath.protocol.core.actions import Action
 
 CubePath = tuple[tuple[Action, ...], ...]
@@ -106,7 +106,7 @@ class Prover:
         if refute:
             self.bound = min(self.bound, max(0, len(self.best) - 1))
         try:
-            self._raise_by_windows(end)
+            window_bound(self.met, self.bound, len(self.best), raised=self._refuted_by_windows)
             jobs = _Job(0, self._stack, self.log_max), _Job(1, self._stack, self.log_max)
             while self._least < len(self.best) and time.monotonic() < end:
                 self._assign(*jobs, max(1.0, _PATIENCE * seconds))
@@ -114,15 +114,8 @@ class Prover:
         except (TooLargeError, SolverError) as error:
             self.stopped_by = str(error)
 
-    def _raise_by_windows(self, end: float) -> None:
-        """Raise the bound as far as it goes without a solver."""
-        while self.bound < len(self.best) and time.monotonic() < end:
-            self.met.reach(self.bound)
-            ends = self.met.on(0), self.met.on(1)
-            windows = windows_of(self.met.arrays(), *ends, self.bound)
-            if windows.value_possible().any(axis=1).all():
-                return
-            self._refuted(Refutation(encode(self.met, self.bound), WINDOWS, None))
+    def _refuted_by_windows(self, rounds: int) -> None:
+        self._refuted(Refutation(encode(self.met, rounds), WINDOWS, None))
 
     def _refuted(self, found: Refutation) -> None:
         """Note that no path has so few rounds."""

@@ -24,8 +24,9 @@ from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.satisfiability.proving import Prover
+from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover
 from cubepath.coordinator.satisfiability.solver_process import check_installed
+from cubepath.coordinator.satisfiability.window_bounds import window_bound
 from cubepath.coordinator.search.anytime import CubePath, Improved, improve
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
@@ -194,6 +195,7 @@ def beyond(
     look = _Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
     look.ask_for_classes()
     look.bound_from_below()
+    look.bound_by_windows()
     look.search_all(take=asked)
     if asked:
         look.improve(iterations=iterations, seed=seed, watch=watch)
@@ -219,12 +221,16 @@ Tick = Callable[[str, int], object]
 """Called with the name of a stage and the steps that it took so far."""
 Between = Callable[[int, int], object]
 """Called with what is proved, a lower bound, and the number of cubes of the best path."""
-_SHARES = {"classes": 0.1, "bounds": 0.2, "optimum": 0.25, "proof": 1.0}
+_SHARES = {"classes": 0.1, "bounds": 0.2, "windows": 0.2, "optimum": 0.25, "proof": 1.0}
 """Shares of the time that these stages may take; the search gets the rest, a proof its own time."""
 _BEFORE_PROOF = 0.15
 """Share of the time for a proof that all other stages may take together."""
 _BOUND_STEPS = 20_000_000
 """Without a time limit, the bounds may look at so many sites on the way of modules, and pairs."""
+_WINDOW_STEPS = 1_000_000
+"""Without a time limit, the windows may look at so many sites and moves."""
+_LISTED_MAX = 20_000
+"""Clauses are made of so many listed moves at most: where they are more, they are not built."""
 _SETS_A_STATE = 40
 """Without a time limit, the exhaustive search may look at so many sets of moves per state."""
 
@@ -250,6 +256,7 @@ class _Look:
         self._small = maskable(self._system)
         self._found = found
         self._stopped = False
+        self._compiled = False
         self.stages: list[Stage] = []
         self.better: CubePath | None = None
         """The best path, if it is not the normal cube path."""
@@ -346,6 +353,42 @@ class _Look:
 
         if not self._stopped:
             self._stage("bounds", job, _BOUND_STEPS)
+
+    def bound_by_windows(self) -> None:
+        """Bound the cubes of every path by when each site can have which value."""
+
+        def job(stage: Stage, budget: Budget) -> None:
+            def raised(rounds: int) -> None:
+                stage.steps = len(self._met.actions)
+                self._raise_bound(Bound(rounds + 1, WINDOWS))
+
+            with suppress(SpentError):
+                self._met.spend = budget.spend
+                window_bound(self._met, self.bound.cubes, self.cubes, raised=raised)
+                stage.steps = len(self._met.actions)
+
+        # Without a system it would be all moves of the input, and few need to be built otherwise.
+        known = self._system is not None and self._small and not self._stopped
+        if known and 0 < self.bound.cubes < self.cubes:
+            self._compile()
+            if not self._stopped:
+                self._stage("windows", job, _WINDOW_STEPS)
+
+    def _compile(self) -> None:
+        """Compile what clauses need, once for an installation; other stages keep their time."""
+        if not self._compiled:
+            self._stage("compile", lambda _stage, _budget: prepare_clauses())
+            self._whole.extend(self.stages[-1].seconds)
+            self._compiled = True
+
+    @property
+    def _listed_count(self) -> int:
+        """Return how many moves occur, without looking at them one by one."""
+        return len(self._task.path if self._found is None else self._found.path.actions)
+
+    @cached_property
+    def _met(self) -> MetMoves:
+        return MetMoves(self._system, self._listed(), self._start, self._goal)
 
     def search_all(self, *, take: bool) -> None:
         """Search the states around both ends; with `take`, an optimum becomes the best path."""
@@ -454,7 +497,7 @@ class _Look:
             if stage.ended == "done" and self.bound.cubes < self.cubes:
                 stage.ended = "time"
 
-        self._stage("compile", lambda _stage, _budget: prepare_clauses())
+        self._compile()
         if not self._stopped:
             self._whole, self._seconds = Budget(seconds), seconds
             self._stage("proof", job)
@@ -467,6 +510,9 @@ class _Look:
             labels = 0 if self._system is None else self._system.labels
             stage.ended = "limit"
             stage.why = f"clauses for {labels} labels, {LABELS_MAX} at most"
+        elif self._system is None and self._listed_count > _LISTED_MAX:
+            stage.ended = "limit"
+            stage.why = f"clauses for {self._listed_count:,} moves, {_LISTED_MAX:,} at most"
         return stage.why is None
 
     def _ask_solvers(
@@ -494,9 +540,8 @@ class _Look:
                 between(prover.bound, len(prover.best))
             budget.spend(0)
 
-        listed = self._listed()
-        met = MetMoves(self._system, listed, self._start, self._goal, spend=budget.spend)
-        prover = Prover(met, self._labelled, self.bound.cubes, seed, keep, count)
+        self._met.spend = budget.spend
+        prover = Prover(self._met, self._labelled, self.bound.cubes, seed, keep, count)
         with prover:
             try:
                 prover.run(budget.seconds_left or 0.0, refute=proof is not None)
