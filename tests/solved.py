@@ -88,8 +88,6 @@ def _wander(steps: Transitions, state: int, rounds: int, random: Random) -> int:
 
 def model(problem: Encoding) -> NDArray[np.bool_] | None:
     """Return the truth of each variable in a model of the clauses, None if there is none."""
-    if problem.impossible:
-        return None
     with Solver(name="glucose4") as solver:
         begin = 0
         literals = problem.literals.tolist()

@@ -55,7 +55,8 @@ def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
             begin = int(some[-1])
         if log is not None:
             # The log goes to a file without a name; who waits can ask the system for its size.
-            _say(answers, {"log": solver.solver.prfile.fileno()})
+            within: Any = solver.solver
+            _say(answers, {"log": within.prfile.fileno()})
         if asked["conflicts"] is None:
             found = solver.solve()
         else:
@@ -84,8 +85,13 @@ def _copy(solver: Any, log: str, most: int) -> bool:
     import pysolvers  # noqa: PLC0415 - of the same library, which parses the log on its own way
 
     pysolvers.flushpr(solver.prfp)
-    if os.fstat(solver.prfile.fileno()).st_size > most:
+    written = solver.prfile.fileno()
+    size = os.fstat(written).st_size
+    if size > most:
         return False
+    # The solver does not say where there was no more room; but then there is none for a byte.
+    os.pwrite(written, b"0", size)
+    os.truncate(written, size)
     solver.prfile.seek(0)
     with open(log, "wb") as file:  # noqa: PTH123 - a path of text, and nothing else is done with it
         shutil.copyfileobj(solver.prfile, file, 1 << 20)
