@@ -190,6 +190,7 @@ def check_explain_options(options: argparse.Namespace) -> None:
         [options.input, options.durations],
         Output(output, PATH_SUFFIXES, stream=True),
         Output(options.certificate, (".json",)),
+        Output(options.proof, (".proof",)),
     )
 
 

@@ -290,7 +290,7 @@ def _shorten(options: argparse.Namespace) -> int:
         ("cubes", found.cubes),
         ("largest cube", found.max_cube_dimension),
         *plan_rows(found),
-        *beyond_rows(known),
+        *beyond_rows(known, options.proof),
         *told.rows,
         ("time", f"{found.seconds:.2f} s"),
     ]

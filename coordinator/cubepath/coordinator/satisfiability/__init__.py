@@ -12,7 +12,12 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.satisfiability.clauses import OFF, ON, STAY
-    from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
+    from cubepath.coordinator.satisfiability.encoding import (
+        Encoding,
+        TooLargeError,
+        encode,
+        prepare,
+    )
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
     from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
     from cubepath.coordinator.satisfiability.solver_process import (
@@ -28,7 +33,7 @@ else:
         __name__,
         {
             "clauses": "OFF ON STAY",
-            "encoding": "Encoding TooLargeError encode",
+            "encoding": "Encoding TooLargeError encode prepare",
             "met_moves": "MetMoves",
             "proving": "WINDOWS Prover Refutation",
             "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
@@ -51,6 +56,7 @@ __all__ = [
     "TooLargeError",
     "check_installed",
     "encode",
+    "prepare",
     "solvers_installed",
     "window_bound",
 ]
