@@ -16,6 +16,7 @@ module that defines it.
 | `playback` | recordings put back on zenoh, under control | `runs`, `verification` |
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
+| `following` | plans whose vehicles follow one another | `verification` |
 | `comparison` | two runs, where they part and why | `auditing`, `verification`, `shortening` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
 | `viewing` | a run as a page in a browser | `runs`, `complexes`, `normal_form` |
@@ -76,6 +77,12 @@ if TYPE_CHECKING:
         write_report,
     )
     from cubepath.coordinator.exports import Exported, export
+    from cubepath.coordinator.following import (
+        FollowingTimetable,
+        following_timetable,
+        read_vehicle_plan,
+        timetable_file,
+    )
     from cubepath.coordinator.live import Live, watch_run
     from cubepath.coordinator.normal_form import (
         Timetable,
@@ -135,6 +142,7 @@ if TYPE_CHECKING:
         Recovered,
         Verification,
         check_certificate,
+        check_following,
         check_proof,
         recover,
         verify,
@@ -158,6 +166,7 @@ else:
                 "write_report"
             ),
             "exports": "Exported export",
+            "following": "FollowingTimetable following_timetable read_vehicle_plan timetable_file",
             "live": "Live watch_run",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
@@ -174,7 +183,10 @@ else:
             "shortening": (
                 "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
             ),
-            "verification": "Recovered Verification check_certificate check_proof recover verify",
+            "verification": (
+                "Recovered Verification check_certificate check_following check_proof recover "
+                "verify"
+            ),
             "viewing": "Shown page_document run_page",
         },
     )
@@ -190,6 +202,7 @@ __all__ = [
     "Explored",
     "Exported",
     "FaultRates",
+    "FollowingTimetable",
     "Gatherer",
     "Homology",
     "Improved",
@@ -236,6 +249,7 @@ __all__ = [
     "beyond",
     "certificate_of",
     "check_certificate",
+    "check_following",
     "check_links",
     "check_proof",
     "collapse",
@@ -251,6 +265,7 @@ __all__ = [
     "explore",
     "export",
     "f_vector",
+    "following_timetable",
     "gathered",
     "homology",
     "improve",
@@ -265,6 +280,7 @@ __all__ = [
     "optimum",
     "page_document",
     "read_sweep",
+    "read_vehicle_plan",
     "record",
     "recover",
     "replay",
@@ -280,6 +296,7 @@ __all__ = [
     "surface",
     "sweep",
     "task_of",
+    "timetable_file",
     "to_networkx",
     "unfilled",
     "verify",
