@@ -47,18 +47,19 @@ PUBLIC = {
     """,
     "cubepath.coordinator": """
         Beyond Claim Collapsed Compared Converted CubicalComplex Divergence Explored Exported
-        FaultRates FollowingTimetable Gatherer Homology Improved Lift Links Live LiveReplay Macro
-        Optimum Outcome Overheard PathInput Plan Player PlayerStatus Position Recorder Recovered
-        Replayed Report Row Running ShapeComplex Sheet Shortened Shown StandardInstance StateComplex
-        Status Surface Sweep SweepResults Tap Task Timetable Transitions Verification actions_at
-        all_claims animate animate_beside ask audit beyond certificate_of check_certificate
-        check_following check_links check_proof collapse complex_from_faces compute_claims
-        contractibility convert diff draw_complex durations_of earliest end_state explore export
-        f_vector following_timetable gathered homology improve info is_cube is_normal lift
-        lower_bound macro normal_cube_path only_class optimum page_document read_sweep
-        read_vehicle_plan record recover replay replay_live run run_page run_picture shape_complex
-        shorten standard start state_complex surface sweep task_of timetable_file to_networkx
-        unfilled verify watch_run what_if write_complex write_report
+        FaultRates FewestRounds FollowingTimetable Gatherer Homology Improved Lift Links Live
+        LiveReplay Macro Optimum Outcome Overheard PathInput Plan Player PlayerStatus Position
+        Recorder Recovered Replayed Report Row Running ShapeComplex Sheet Shortened Shown
+        StandardInstance StateComplex Status Surface Sweep SweepResults Tap Task Timetable
+        Transitions Verification actions_at all_claims animate animate_beside ask audit beyond
+        certificate_of check_certificate check_following check_links check_proof collapse
+        complex_from_faces compute_claims contractibility convert diff draw_complex durations_of
+        earliest end_state explore export f_vector fewest_rounds following_timetable gathered
+        homology improve info is_cube is_normal lift lower_bound macro normal_cube_path only_class
+        optimum page_document read_sweep read_vehicle_plan record recover replay replay_live run
+        run_page run_picture shape_complex shorten standard start state_complex surface sweep
+        task_of timetable_file to_networkx unfilled verify watch_run what_if write_complex
+        write_report
     """,
     "cubepath.coordinator.testing": """
         Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun

@@ -78,7 +78,9 @@ if TYPE_CHECKING:
     )
     from cubepath.coordinator.exports import Exported, export
     from cubepath.coordinator.following import (
+        FewestRounds,
         FollowingTimetable,
+        fewest_rounds,
         following_timetable,
         read_vehicle_plan,
         timetable_file,
@@ -166,7 +168,10 @@ else:
                 "write_report"
             ),
             "exports": "Exported export",
-            "following": "FollowingTimetable following_timetable read_vehicle_plan timetable_file",
+            "following": (
+                "FewestRounds FollowingTimetable fewest_rounds following_timetable "
+                "read_vehicle_plan timetable_file"
+            ),
             "live": "Live watch_run",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
@@ -202,6 +207,7 @@ __all__ = [
     "Explored",
     "Exported",
     "FaultRates",
+    "FewestRounds",
     "FollowingTimetable",
     "Gatherer",
     "Homology",
@@ -265,6 +271,7 @@ __all__ = [
     "explore",
     "export",
     "f_vector",
+    "fewest_rounds",
     "following_timetable",
     "gathered",
     "homology",

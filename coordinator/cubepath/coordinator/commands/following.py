@@ -14,12 +14,12 @@ from cubepath.coordinator.commands.durations import given_durations
 from cubepath.coordinator.commands.files import Output, check_files, file_name
 from cubepath.coordinator.commands.plan_options import hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
-from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, opened
 
 if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.following.optimum import FewestRounds
     from cubepath.coordinator.following.timetable import FollowingTimetable
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.protocol.path_files.following import FollowingHead
@@ -40,11 +40,14 @@ def add_following_options(shorten: argparse.ArgumentParser) -> None:
 
 def check_following_options(options: argparse.Namespace) -> None:
     """Check that the other options fit ``--following``; InputError if one does not."""
-    beyond = improving(options) or ("--bounds" if options.bounds else None)
+    given = {"improve", "effort", "bounds", "proof"}
+    beyond = next((f"--{name}" for name in sorted(given) if getattr(options, name)), None)
     if beyond is not None:
         raise InputError(
             f"{beyond} is for cubes, in which no vehicle follows: expected no --following with it"
         )
+    if options.prove is not None and (options.durations is not None or options.duration):
+        raise InputError("--prove counts rounds: expected no --duration with it")
     if options.certificate is not None:
         raise InputError(
             "--certificate is for cubes: with --following, -o writes a timetable that holds its own"
@@ -70,15 +73,20 @@ def shorten_following(options: argparse.Namespace) -> int:
             found = following_timetable(plan, options.following, durations)
             written = checked(timetable_file(found, timed=timed), plan)
         shortened = None if found.rotates else _shortened(file, options)
+    fewest = _fewest_rounds(found, options)
+    if fewest is not None and fewest.timetable is not None:
+        written = checked(fewest.timetable, plan)
     output: Path | None = options.output
     if output is not None:
         write_following(output, written)
     document, rows = _figures(found, plan, shortened)
-    rows += _following_rows(found, timed=timed)
+    rows += [*_following_rows(found, timed=timed), *_fewest_rows(fewest)]
     if output is not None:
         rows.append(("written to", file_name(output)))
     lines = ["", *chain_in_words(found, timed=timed)] if options.explain else []
     document["following"] = _document(found, timed=timed)
+    if fewest is not None:
+        document["following"] |= fewest.document()
     answer(options, document, "\n".join([table(rows), *map(visible, lines)]))
     return solved(options, plan.unsolved)
 
@@ -89,6 +97,41 @@ def _shortened(file: InputFile, options: argparse.Namespace) -> Shortened:
 
     with progress_bar(None, "shorten", " moves") as bar:
         return shortened(read_input(file, options.system, hints(options), bar.update))
+
+
+def _fewest_rounds(found: FollowingTimetable, options: argparse.Namespace) -> FewestRounds | None:
+    if options.prove is None:
+        return None
+    from cubepath.coordinator.following.optimum import fewest_rounds  # noqa: PLC0415
+
+    with progress_bar(None, "prove", " rounds") as bar:
+
+        def tick(rounds: int) -> None:
+            bar.update(rounds - bar.n)
+
+        return fewest_rounds(
+            found.plan,
+            found.rule,
+            within=int(found.makespan),
+            seconds=options.prove,
+            seed=options.seed,
+            tick=tick,
+        )
+
+
+def _fewest_rows(fewest: FewestRounds | None) -> list[tuple[str, object]]:
+    if fewest is None:
+        return []
+    rows: list[tuple[str, object]] = [
+        ("improved", fewest.rounds),
+        ("lower bound", f"{fewest.lower_bound} (way of a vehicle)"),
+        ("optimal", "yes" if fewest.optimal else "not known"),
+    ]
+    if fewest.agreed is not None:
+        rows.append(("agreed", f"{fewest.agreed} (two solvers, without a proof to check)"))
+    told = {"done": "", "time": ", out of time", "interrupt": ", interrupted"}
+    ended = told.get(fewest.ended, f", {fewest.ended}")
+    return [*rows, ("spent on", f"proof {fewest.seconds:.1f} s{ended}")]
 
 
 def _figures(

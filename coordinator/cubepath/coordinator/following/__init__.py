@@ -10,6 +10,7 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.following.files import checked, timetable_file
+    from cubepath.coordinator.following.optimum import FewestRounds, fewest_rounds
     from cubepath.coordinator.following.reading import read_vehicle_plan
     from cubepath.coordinator.following.timetable import FollowingTimetable, following_timetable
     from cubepath.coordinator.following.words import chain_in_words
@@ -18,6 +19,7 @@ else:
         __name__,
         {
             "files": "checked timetable_file",
+            "optimum": "FewestRounds fewest_rounds",
             "reading": "read_vehicle_plan",
             "timetable": "FollowingTimetable following_timetable",
             "words": "chain_in_words",
@@ -25,9 +27,11 @@ else:
     )
 
 __all__ = [
+    "FewestRounds",
     "FollowingTimetable",
     "chain_in_words",
     "checked",
+    "fewest_rounds",
     "following_timetable",
     "read_vehicle_plan",
     "timetable_file",
