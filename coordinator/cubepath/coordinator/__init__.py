@@ -16,7 +16,7 @@ module that defines it.
 | `playback` | recordings put back on zenoh, under control | `runs`, `verification` |
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
-| `following` | plans whose vehicles follow one another | `verification` |
+| `following` | plans whose vehicles follow | `satisfiability`, `verification` |
 | `comparison` | two runs, where they part and why | `auditing`, `verification`, `shortening` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
 | `viewing` | a run as a page in a browser | `runs`, `complexes`, `normal_form` |

@@ -186,3 +186,15 @@ def test_no_time_leaves_what_is_known() -> None:
     found = fewest_rounds(plan, "cgshop", within=12, seconds=0)
     assert (found.rounds, found.lower_bound, found.agreed, found.ended) == (12, 10, None, "time")
     assert found.timetable is None
+
+
+def test_an_interrupt_leaves_what_is_known() -> None:
+    """What two solvers agreed on before it counts, and no process is left."""
+    plan = read_vehicle_plan(AGV / "grid8-12agents.json")
+
+    def interrupt(rounds: int) -> None:
+        if rounds == 11:
+            raise KeyboardInterrupt
+
+    found = fewest_rounds(plan, "cgshop", within=12, seconds=60, tick=interrupt)
+    assert (found.rounds, found.agreed, found.ended) == (12, 11, "interrupt")

@@ -81,6 +81,7 @@ def shorten_following(options: argparse.Namespace) -> int:
         write_following(output, written)
     document, rows = _figures(found, plan, shortened)
     rows += [*_following_rows(found, timed=timed), *_fewest_rows(fewest)]
+    rows.append(("time", f"{document['seconds']:.2f} s"))
     if output is not None:
         rows.append(("written to", file_name(output)))
     lines = ["", *chain_in_words(found, timed=timed)] if options.explain else []
@@ -140,6 +141,7 @@ def _figures(
     """Return the keys and rows that ``shorten`` always has; a plan that rotates has no cubes."""
     if shortened is not None:
         document = shortened.document()
+        document["seconds"] = round(shortened.seconds + found.seconds, 3)
         cubes: list[tuple[str, object]] = [
             ("cubes", shortened.cubes),
             ("largest cube", shortened.max_cube_dimension),

@@ -1,7 +1,8 @@
 """Plans whose vehicles may follow one another: their least timetables, and optima of small ones.
 
 Room: coordinator. Moves that follow do not commute, so nothing here is a cube: it imports neither
-shortening nor complexes, and these know nothing of it. Results are checked by `verification`.
+shortening nor complexes, and these know nothing of it. Results are checked by `verification`, and
+solvers are those of `satisfiability`.
 """
 
 from typing import TYPE_CHECKING
