@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
     from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
     from cubepath.coordinator.satisfiability.solver_process import (
+        SECOND_SOLVER,
+        SOLVER,
         Answer,
+        Problem,
         SolverError,
         SolverProcess,
         check_installed,
@@ -36,7 +39,10 @@ else:
             "encoding": "Encoding TooLargeError encode prepare",
             "met_moves": "MetMoves",
             "proving": "WINDOWS Prover Refutation",
-            "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
+            "solver_process": (
+                "Answer Problem SECOND_SOLVER SOLVER SolverError SolverProcess check_installed "
+                "solvers_installed"
+            ),
             "window_bounds": "window_bound",
         },
     )
@@ -44,11 +50,14 @@ else:
 __all__ = [
     "OFF",
     "ON",
+    "SECOND_SOLVER",
+    "SOLVER",
     "STAY",
     "WINDOWS",
     "Answer",
     "Encoding",
     "MetMoves",
+    "Problem",
     "Prover",
     "Refutation",
     "SolverError",

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
         certified_path,
         timed_path,
     )
-    from cubepath.coordinator.shortening.normal_path import Shortened, shorten
+    from cubepath.coordinator.shortening.normal_path import Shortened, shorten, shortened
     from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, ends_of, task_of
     from cubepath.coordinator.shortening.path_input import PathInput, read_input
     from cubepath.coordinator.shortening.path_steps import (
@@ -33,7 +33,7 @@ else:
             "comparing": "difference_of",
             "conversion": "Converted convert",
             "explain": "TimedPath certificate_in_words certified_path timed_path",
-            "normal_path": "Shortened shorten",
+            "normal_path": "Shortened shorten shortened",
             "optimality": "Beyond Task beyond ends_of task_of",
             "path_input": "PathInput read_input",
             "path_steps": "certified_steps is_certificate read_steps",
@@ -58,6 +58,7 @@ __all__ = [
     "read_input",
     "read_steps",
     "shorten",
+    "shortened",
     "task_of",
     "timed_path",
 ]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
     from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
+    from cubepath.coordinator.verification.following import check_following
     from cubepath.coordinator.verification.free_history import NO_SITE, Carried, History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
@@ -67,6 +68,7 @@ else:
             "choices": "Arrays Moment Observing",
             "equality": "difference",
             "findings": "Check Progress Verification",
+            "following": "check_following",
             "free_history": "Carried History NO_SITE",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
@@ -110,6 +112,7 @@ __all__ = [
     "add_to_spans",
     "changed_by",
     "check_certificate",
+    "check_following",
     "check_numbered",
     "check_optimality",
     "check_proof",
