@@ -11,11 +11,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.actions import Action, State, action_of_parts
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound, System
+from cubepath.protocol.systems.flip_mesh import Mesh
+from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
     SWEEPS,
@@ -88,6 +90,38 @@ class FlipSystem(System):
         """
         edges = _rows(_edges(goal))
         return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
+
+    def paths(
+        self, start: State, goal: State, *, seed: int, known: Iterable[Action] = ()
+    ) -> Iterator[Sequence[Action] | None] | None:
+        """Return a compiled search; None if the coordinates span more than 64 bits can compute."""
+        one, other = self._mesh(start), self._mesh(goal)
+        if one is None or other is None:
+            return None
+        search = FlipSearch(one, other, seed)
+        search.take((one, other) for one, other in (_edges(each.trace) for each in known))
+        return self._searched(search)
+
+    def _searched(self, search: FlipSearch) -> Iterator[Sequence[Action] | None]:
+        best: tuple[int, int] | None = None
+        while search.possible:
+            search.step()
+            found = search.rounds, search.flips
+            # Building the moves of a long path takes longer than many steps.
+            if best is None or found[0] < best[0] or found < (best[0], best[1] - best[1] // 50):
+                best = found
+                yield [self._flip(quadrilateral(*corners)).action for corners in search.corners()]
+            else:
+                yield None
+
+    def prepare_paths(self) -> None:
+        """Compile the search, or load what was compiled."""
+        prepare()
+
+    def _mesh(self, state: State) -> Mesh | None:
+        """Return a triangulation in arrays; None if it is none, or products may overflow."""
+        xy = self.plane.small
+        return None if xy is None else mesh_of(xy, _edges(state | self.kept))
 
     def modules_among(self, sites: Iterable[Site]) -> tuple[Edge, ...]:
         """Return the diagonals among the edges of a triangulation, in their order.
@@ -344,9 +378,13 @@ def flip_of(each: Quadrilateral) -> Move:
     """Return the flip in a quadrilateral, named by its corners."""
     one, other = each.diagonals
     sides, at = each.sides, each.corners
-    support = {*sides, one, other}
-    label = f"flip at {list(at)}"
-    action = Action(support, (one, other), {*sides, one}, {*sides, other}, label=label)
+    lesser, greater = (one, other) if one < other else (other, one)
+    action = action_of_parts(
+        sides | {one, other},
+        frozenset((one, other)),
+        (sides | {lesser}, sides | {greater}),
+        label=f"flip at {list(at)}",
+    )
     return Move(action, "flip", at, ((one, other),))
 
 

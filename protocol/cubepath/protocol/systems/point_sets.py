@@ -60,6 +60,16 @@ class PointSet:
         self._y: NDArray[Any] = both[:, 1]
         self._columns = self._x[self._by_x]
 
+    @property
+    def small(self) -> NDArray[np.int64] | None:
+        """Return the coordinates, shape (points, 2), moved so that no product of two overflows.
+
+        None if their span is too great.
+        """
+        if self._x.dtype != np.int64:
+            return None
+        return np.stack((self._x, self._y), axis=1).astype(np.int64)
+
     def turn(self, one: int, other: int, point: int) -> int:
         """Return twice the signed area of a triangle, positive where it turns left."""
         return turn(self.points, one, other, point)
