@@ -79,9 +79,9 @@ def _rays(mesh: Mesh) -> _Rays:
     by = np.empty(2 * edges, dtype=np.int64)
     for edge in range(edges):
         for place in range(2):
-            one, other = mesh.ends[edge, place], mesh.ends[edge, 1 - place]
+            one, other = int(mesh.ends[edge, place]), int(mesh.ends[edge, 1 - place])
             at = filled[one]
-            while at > begins[one] and _before(mesh.xy, one, other, around[at - 1]):
+            while at > begins[one] and _before(mesh.xy, one, int(other), int(around[at - 1])):
                 around[at], by[at] = around[at - 1], by[at - 1]
                 at -= 1
             around[at], by[at] = other, edge
@@ -204,7 +204,7 @@ def crossed(mesh: Mesh, weights: Floats, start: int, end: int, found: Numbers) -
         edge = ahead if back else behind
     total, count = 0.0, 0
     while True:
-        total += weights[gate]
+        total += float(weights[gate])
         if count < len(found):
             found[count] = gate
         count += 1

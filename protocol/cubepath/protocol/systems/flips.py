@@ -192,7 +192,15 @@ class FlipSystem(System):
 
     def discovery(self) -> Callable[[Site], Iterable[Move]]:
         """Return a function that finds just the flips among the edges it was called with."""
-        return _Discovery(self.plane, self._from).meet
+        return _Discovery(self.plane, self._known_from).meet
+
+    def _known_from(self, edge: Edge, ring: tuple[int, int, int, int]) -> Move:
+        """Return the flip of a diagonal in an empty convex quadrilateral with these corners."""
+        a, b, c, d = sorted(ring)
+        found = self._flips.get((a, b, c, d))
+        if found is None:
+            return self._flip(quadrilateral(*ring))
+        return _beginning_at(edge, found)
 
     def has_place(self, place: Site) -> bool:
         """Return whether an edge is in some triangulations and not in all of them."""
@@ -322,6 +330,10 @@ class FlipSystem(System):
                 raise InputError(f"edges {list(edge)} and {list(other)} cross")
 
 
+_FEW = 4096
+"""With more points than this, the points beside each edge would take too much memory."""
+
+
 class _Discovery:
     """Flips whose four sides and one diagonal have been on, found when the last edge appears.
 
@@ -329,8 +341,13 @@ class _Discovery:
     empty triangle is found with its last side, a quadrilateral with its second triangle.
     """
 
-    def __init__(self, plane: PointSet, move: Callable[[Edge, Quadrilateral], Move]) -> None:
+    def __init__(
+        self, plane: PointSet, move: Callable[[Edge, tuple[int, int, int, int]], Move]
+    ) -> None:
         self._plane = plane
+        self._few = len(plane.points) <= _FEW
+        # By directed edge: the points on its left, as bits of an integer, if there are few.
+        self._left: dict[Edge, int] = {}
         self._move = move
         self._near: dict[int, set[int]] = {}
         # By directed edge: the corners of the empty triangles on its left.
@@ -343,15 +360,25 @@ class _Discovery:
             near, around = self._near.setdefault(one, set()), self._near.setdefault(other, set())
             near.add(other)
             around.add(one)
+            if self._few:
+                self._left[one, other], self._left[other, one] = plane.sides(one, other)
             for apex in sorted(near & around):
-                if not plane.empty(one, other, apex):
-                    continue
                 a, b = (one, other) if plane.left(one, other, apex) else (other, one)
+                if not self._empty(a, b, apex):
+                    continue
                 for p, q, over in ((a, b, apex), (b, apex, a), (apex, a, b)):
                     for under in self._apexes.get((q, p), ()):
                         if plane.left(under, over, p) and plane.left(over, under, q):
-                            yield self._move(edge_of(p, q), quadrilateral(p, under, q, over))
+                            yield self._move(edge_of(p, q), (p, under, q, over))
                     self._apexes.setdefault((p, q), []).append(over)
+
+    def _empty(self, a: int, b: int, c: int) -> bool:
+        """Return whether no other point lies in a triangle of known edges that turns left."""
+        if not self._few:
+            return self._plane.empty(a, b, c)
+        # No edge passes through a point, so none lies on a side.
+        left = self._left
+        return not left[a, b] & left[b, c] & left[c, a]
 
 
 def _kept(plane: PointSet) -> frozenset[Edge]:
