@@ -158,6 +158,21 @@ def edges_of(sites: State) -> list[Edge]:
     return [edge_of(*edge) for edge in in_order(sites) if isinstance(edge, tuple)]
 
 
+@given(on_grid(12), st.integers(0, 99))
+def test_walks_cross_what_the_edges_cross(points: list[Point], seed: int) -> None:
+    """Following each edge counts as many crossings as comparing it with all the others."""
+    try:
+        system, start, goal = random_pair(points, seed)
+    except InputError:
+        return
+    most = max(
+        int(system.plane.crossings(edge, np.array(edges_of(other))).sum())
+        for one, other in ((start, goal), (goal, start))
+        for edge in edges_of(one)
+    )
+    assert system.crossed_most(start, goal) == most
+
+
 def test_wide_coordinates_have_no_compiled_search() -> None:
     """Where products may overflow there is no answer, and the other searches do their work."""
     system = FlipSystem([(0, 0), (2**31, 0), (2**31, 2**31), (0, 2**31)])

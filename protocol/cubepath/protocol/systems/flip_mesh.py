@@ -217,3 +217,14 @@ def crossed(mesh: Mesh, weights: Floats, start: int, end: int, found: Numbers) -
             gate, left = mesh.side[gate, 2 * slot], apex
         else:
             gate, right = mesh.side[gate, 2 * slot + 1], apex
+
+
+@compiled
+def most_crossed(mesh: Mesh, edges: Numbers) -> int:
+    """Return how many edges of a mesh one of some other edges crosses at most."""
+    weights, nothing = np.ones(len(mesh.ends)), np.empty(0, dtype=np.int64)
+    most = 0
+    for edge in edges:
+        _, count = crossed(mesh, weights, edge[0], edge[1], nothing)
+        most = max(most, count)
+    return most

@@ -16,7 +16,7 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound, System
-from cubepath.protocol.systems.flip_mesh import Mesh
+from cubepath.protocol.systems.flip_mesh import Mesh, most_crossed
 from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
@@ -113,6 +113,13 @@ class FlipSystem(System):
                 yield [self._flip(quadrilateral(*corners)).action for corners in search.corners()]
             else:
                 yield None
+
+    def crossed_most(self, start: State, goal: State) -> int:
+        """Return how many edges of one triangulation an edge of the other crosses at most."""
+        one, other = self._mesh(start), self._mesh(goal)
+        if one is None or other is None:
+            return 0
+        return max(most_crossed(one, other.ends), most_crossed(other, one.ends))
 
     def prepare_paths(self) -> None:
         """Compile the search, or load what was compiled."""
@@ -416,7 +423,7 @@ def flip_of(each: Quadrilateral) -> Move:
 
 
 _CROSSED_MAX = 300
-"""The crossings of at most this many edges are counted, for each of the two states."""
+"""More edges than this are counted by walks through the other triangulation, where they can be."""
 
 
 def _beginning_at(edge: Edge, move: Move) -> Move:
@@ -438,14 +445,17 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     decreases k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
     is 0. Read backwards, the same holds for edges of the start.
 
-    Of many edges only the longest are counted, since they cross the most. The cost is that of
-    comparing each of them with all edges.
+    Few edges are compared with all others. Of many, each is followed through the other
+    triangulation, at the cost of its crossings. Where coordinates are too wide for that, only the
+    longest are counted, since they cross the most.
 
     For convex polygons, log n rounds are known to be of the right order: Galtier, Hurtado, Noy,
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
     plane, most = system.plane, 0
     ends = _edges(start - goal), _edges(goal - start)
+    if len(ends[1]) > _CROSSED_MAX and plane.small is not None:
+        return system.crossed_most(start, goal).bit_length()
     for some, others in (ends, ends[::-1]):
         rows = _rows(others)
         for edge in sorted(some, key=lambda each: -plane.length(each))[:_CROSSED_MAX]:
