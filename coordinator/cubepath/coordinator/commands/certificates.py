@@ -193,6 +193,8 @@ def verify_certificate(options: argparse.Namespace) -> int:
         raise InputError(f"--of: found {len(options.logs)} files to check, expected one")
     source: Path = options.logs[0]
     cubes_file: Path | None = options.cubes
+    if source.suffix == ".jsonl" and cubes_file is not None:
+        raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
     check_files(options, [source, options.of, cubes_file])
     with opened(source) as file:
         if is_following(file):
@@ -216,8 +218,6 @@ def _verify_certificate(
     proof: Source = file
     cubes: Source | None = cubes_file
     if source.suffix == ".jsonl":
-        if cubes_file is not None:
-            raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
         cubes, source = file, companion(source)
         proof = source
     with progress_bar(None, "verify", " moves") as bar:
