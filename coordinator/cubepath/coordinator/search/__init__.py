@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from cubepath.coordinator.search.heuristics import Potential, Ways
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
-    from cubepath.coordinator.search.space_time_routes import prepare
     from cubepath.coordinator.search.transitions import Transitions, maskable
+    from cubepath.coordinator.search.vehicle_lns import prepare
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -30,7 +30,7 @@ else:
             "heuristics": "Potential Ways",
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
-            "space_time_routes": "prepare",
+            "vehicle_lns": "prepare",
             "transitions": "Transitions maskable",
         },
     )

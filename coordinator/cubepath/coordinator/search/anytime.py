@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.budget import Budget, SpentError
-from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions
-from cubepath.coordinator.search.vehicle_lns import Replanner
+from cubepath.coordinator.search.vehicle_lns import Replanner, prepare
 from cubepath.coordinator.search.windows import Windows
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import InputError
@@ -29,6 +28,8 @@ from cubepath.protocol.core.system import System
 CubePath = tuple[tuple[Action, ...], ...]
 _IDLE = 0.2
 """For vehicles, the share of steps that try a window instead of a neighbourhood."""
+_MOVES_A_STEP = 500
+"""The number of moves that are built in about the time of a step."""
 _SITES_MAX = 4096
 """Systems of vehicles with more sites than this are searched by neighbourhoods only."""
 
@@ -103,25 +104,64 @@ def improve(
         transitions = Transitions(system, actions if system is None else ())
     transitions.budget = budget
     random = Random(seed)  # noqa: S311 - nothing secret
-    steps = found = 0
-    with suppress(SpentError):
-        budget.spend(0)
-        search = _Search(transitions, start, best, labelled_goals=labelled_goals)
-        while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
-            proposal = search.step(random)
-            steps += 1
-            if tick is not None:
-                tick(steps)
-            # Building the moves of a large plan takes longer than many steps.
-            if proposal is None or proposal.cost >= (best.cubes, best.moves):
-                continue
-            new = _normal(proposal.actions(), steps, found + 1)
-            if (new.cubes, new.moves) < (best.cubes, best.moves):
-                found += 1
-                best = new
-                if watch is not None:
-                    watch(best)
-    return Improved(best.cube_path, steps, found)
+    steps = 0
+    record = _Record(best, watch)
+    try:
+        with suppress(SpentError):
+            budget.spend(0)
+            search = _Search(transitions, start, best, labelled_goals=labelled_goals)
+            while record.cubes > enough and search.possible:
+                if steps == iterations or budget.spent:
+                    break
+                proposal = search.step(random)
+                steps += 1
+                if tick is not None:
+                    tick(steps)
+                record.see(proposal, steps)
+    finally:
+        # After an interrupt too, the best path is not lost.
+        record.build()
+    return Improved(record.best.cube_path, steps, record.best.found)
+
+
+class _Record:
+    """The best path so far, and a better one that is known but not built yet.
+
+    Building the moves of a large plan takes longer than many steps, and often the next better one
+    comes soon; so between two paths that are built there are some steps, the more, the more moves.
+    """
+
+    def __init__(self, best: Improved, watch: Callable[[Improved], object] | None) -> None:
+        self.best = best
+        self._watch = watch
+        self._pending: tuple[_Proposal, int] | None = None
+
+    @property
+    def cubes(self) -> int:
+        """The fewest cubes that are known."""
+        return self.best.cubes if self._pending is None else self._pending[0].cost[0]
+
+    def see(self, proposal: _Proposal | None, steps: int) -> None:
+        """Take note of a proposal, and build the best one if enough steps have gone by."""
+        known = self.best.cubes, self.best.moves
+        if self._pending is not None:
+            known = min(known, self._pending[0].cost)
+        if proposal is not None and proposal.cost < known:
+            self._pending = proposal, steps
+        if steps >= self.best.steps + self.best.moves // _MOVES_A_STEP:
+            self.build()
+
+    def build(self) -> None:
+        """Build the better path, if there is one, and tell of it."""
+        if self._pending is None:
+            return
+        proposal, steps = self._pending
+        self._pending = None
+        new = _normal(proposal.actions(), steps, self.best.found + 1)
+        if (new.cubes, new.moves) < (self.best.cubes, self.best.moves):
+            self.best = new
+            if self._watch is not None:
+                self._watch(new)
 
 
 def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
@@ -131,7 +171,10 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
 
 
 class _Proposal(NamedTuple):
-    """A path proposed by a search: the number of its cubes and moves, and how to build it."""
+    """A path proposed by a search: the number of its cubes and moves, and how to build it.
+
+    The search may go on meanwhile: what is built is its best path by then.
+    """
 
     cost: tuple[int, int]
     actions: Callable[[], list[Action]]

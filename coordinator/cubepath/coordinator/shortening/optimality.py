@@ -25,8 +25,8 @@ from cubepath.coordinator.search.budget import Budget, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.simply_connected import only_class
-from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions, maskable
+from cubepath.coordinator.search.vehicle_lns import prepare
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.protocol.core.actions import Action
