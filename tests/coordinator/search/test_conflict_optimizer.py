@@ -210,7 +210,7 @@ def test_what_is_repaired_is_a_shorter_plan(spec: str, exchanged: bool) -> None:
 @pytest.mark.parametrize("labelled", [False, True])
 def test_repairs_are_cubes_of_the_system(labelled: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     """By the definitions: legal cubes to the same end, with labelled goals each to its own."""
-    monkeypatch.setattr("cubepath.coordinator.search.vehicle_lns._REPAIRS", 1.0)
+    monkeypatch.setattr("cubepath.coordinator.search.vehicle_lns.REPAIRS", 1.0)
     where = scene(SPECS[0])
     walk = random_walk(SPECS[0], 80, seed=3)
     plan = replanner(SPECS[0], 3, labelled_goals=labelled)

@@ -2,8 +2,8 @@
 
 The normal cube path is the shortest in its class, so any shorter path lies in another. The search
 keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
-the routes of a few vehicles, with all others unchanged (`vehicle_lns`). Each names its sources. In
-both, a step never makes the path worse.
+the routes of a few vehicles, with all others unchanged (`vehicle_lns`) or thrown out where they are
+in the way (`conflict_optimizer`). Each names its sources. A step never makes the path worse.
 
 Room: coordinator; touches only the clock, to know when to stop.
 """

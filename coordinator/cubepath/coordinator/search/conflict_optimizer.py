@@ -8,7 +8,7 @@ has fewer rounds, and it goes on from there.
 
 Sources: Crombez, da Fonseca, Gerard, Gonzalez-Lorenzo, Lafourcade and Libralesso, *Shadoks approach
 to low-makespan coordinated motion planning* (2021); Crombez, da Fonseca, Fontan, Gerard,
-Gonzalez-Lorenzo, Lafourcade, Libralesso, Momege, Spalding-Jamieson, Zhang and Zheng, *Conflict
+Gonzalez-Lorenzo, Lafourcade, Libralesso, Momège, Spalding-Jamieson, Zhang and Zheng, *Conflict
 optimization for binary CSP applied to minimum partition into plane subgraphs and graph coloring*
 (2023), for weights that grow with the square of the count, and for noise. Here vehicles wait in no
 order, any of them is next, which was found by trial to be better than a queue; several rounds are
@@ -74,6 +74,8 @@ class ConflictOptimizer:
         self._tries = 0
         self._cut = 1
         self._given_up = 0
+        self.routes = 0
+        """The most routes that the last step may have planned; 0 if there was nothing to cut."""
 
     def step(self, plan: Numbers, ends: Ends, random: Random) -> Repaired | None:
         """Plan some routes; return a legal plan with fewer rounds than `plan` once there is one.
@@ -82,6 +84,7 @@ class ConflictOptimizer:
         has. Vehicles must keep their starts.
         """
         rounds = plan.shape[1] - 1
+        self.routes = 0
         draft, window = self._draft, self._window
         if draft is None or window is None or draft.plan.shape[1] > rounds:
             begun = self._begun(plan, ends, random)
@@ -92,6 +95,7 @@ class ConflictOptimizer:
         vertices, last = len(self._near), draft.plan.shape[1] - 1
         tries = max(1, min(_TRIES_A_STEP, _WORK // (vertices * last)))
         self._tries += tries
+        self.routes = tries
         quick = _QUICK * len(self._starts)
         if kernel.repair(draft, window, tries, exchanged=self._exchanged):
             self._draft = None

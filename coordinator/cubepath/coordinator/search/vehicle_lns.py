@@ -6,7 +6,9 @@ weights; Ropke and Pisinger (2006) for adaptive weights; Silver, *Cooperative pa
 for planning one vehicle after another in space and time; Ma and Koenig (2016) for the exchange of
 targets among vehicles without labels. Two things differ from these sources: a vehicle may not enter
 a vertex that another leaves in the same round, and there are neighbourhoods along a chain of moves
-that wait for each other, since such a chain determines the last round.
+that wait for each other, since such a chain determines the last round. Half of the steps, which
+take most of the time, are those of a `conflict_optimizer`, which gets rid of rounds; neighbourhoods
+smooth what it leaves, and give it other plans to begin with.
 
 Room: coordinator; touches nothing.
 """
@@ -33,7 +35,7 @@ _FORGET = 0.9
 """The share of a neighbourhood's weight that comes from its earlier worth."""
 _BY_WAY, _BY_ARRIVAL = 0.4, 0.3
 """How often the vehicles with the longest way, or those that arrive last, are planned first."""
-_REPAIRS = 0.5
+REPAIRS = 0.5
 """The share of steps that repair a plan cut short, which take most of the time."""
 _LEAST = 0.1
 """The worth of a neighbourhood that found nothing; it is positive, so that each is tried again."""
@@ -147,8 +149,8 @@ class Replanner:
         """Plan one neighbourhood anew, or repair; return whether the plan now costs less."""
         if self.rounds == 0:
             return False
-        if random.random() < _REPAIRS:
-            return self._repaired(random)
+        if random.random() < REPAIRS:
+            return self.repair(random)
         which = random.choices(range(len(self._choices)), self._weights)[0]
         size = min(len(self._plan), random.choice((1, 2, 3, 4, 6, 8, 12, 16)))
         vehicles = list(dict.fromkeys(self._choices[which](random, size)))[:size]
@@ -157,8 +159,13 @@ class Replanner:
         self._weights[which] = _FORGET * self._weights[which] + (1 - _FORGET) * worth
         return better
 
-    def _repaired(self, random: Random) -> bool:
-        """Repair a plan cut short; return whether it is whole again, with fewer rounds."""
+    @property
+    def routes(self) -> int:
+        """Return the number of routes that the last repair planned."""
+        return self._conflicts.routes
+
+    def repair(self, random: Random) -> bool:
+        """Go on repairing a plan cut short; return whether it is whole, with fewer rounds."""
         found = self._conflicts.step(self._plan, Ends(self._ends, self._away), random)
         if found is None:
             return False
