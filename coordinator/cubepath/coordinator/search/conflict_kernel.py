@@ -23,7 +23,7 @@ Places = NDArray[np.uint32]
 """Numbers that only tell where in an array to look: unsigned, these are looked up faster."""
 NEVER = 2**30
 """The cost of what is not possible; every other cost is less."""
-MOVE = 4
+MOVE = 16
 """The cost of a move: who moves holds two vertices in a round, and so is more in the way."""
 CONFLICT = 16
 """The cost of a conflict with a vehicle that was never planned before."""
@@ -31,6 +31,8 @@ _NOISE = 30
 """By how much in a hundred weights vary at random, up and down."""
 _OFTEN = 128
 """Once a vehicle was planned this often, the counts of all are halved: weights stay bounded."""
+_FEW = 3
+"""With fewer that wait than this when counts are halved, the repair seems to go in a circle."""
 _LONGER = 8
 """One exchange of goals in so many is made although it makes ways longer."""
 
@@ -110,6 +112,21 @@ def weight_of(draft: Draft, vehicle: int) -> int:
     count = int(draft.counts[vehicle])
     weight = CONFLICT * (1 + count * count)
     return weight + weight * (draw(draft.state) % (2 * _NOISE + 1) - _NOISE) // 100
+
+
+@inner
+def _forget(draft: Draft) -> None:
+    """Halve the counts of all vehicles.
+
+    Where next to nobody waits, two vehicles may throw each other out for ever, as the others were
+    entered with great weights long ago; then all weights are made anew.
+    """
+    for vehicle in range(len(draft.counts)):
+        draft.counts[vehicle] //= 2
+        weight = draft.weights[vehicle]
+        if weight > 0 and draft.state[0] < _FEW:
+            enter(draft, vehicle, -weight)
+            enter(draft, vehicle, weight_of(draft, vehicle))
 
 
 @inner
@@ -325,8 +342,7 @@ def repair(draft: Draft, window: Window, tries: int, *, exchanged: bool) -> bool
             exchange(draft, window, vehicle, int(waiting[draw(state) % state[0]]))
         counts[vehicle] += 1
         if counts[vehicle] >= _OFTEN:
-            for other in range(vehicles):
-                counts[other] //= 2
+            _forget(draft)
         if route(draft, window, vehicle) == NEVER:
             throw_out(draft, vehicle)
             continue
