@@ -220,7 +220,7 @@ def test_repairs_are_cubes_of_the_system(labelled: bool, monkeypatch: pytest.Mon
         rounds = plan.rounds
         assert plan.step(random) == (plan.rounds < rounds)
         cubes = normal_cube_path(plan.actions())
-        assert len(cubes) == plan.rounds
+        assert len(cubes) <= plan.rounds  # fewer if a vehicle went there and back in vain
         assert all(map(is_cube, cubes))
         assert end_state(cubes, where.start_state) == end_state(walk, where.start_state)
         if labelled:
