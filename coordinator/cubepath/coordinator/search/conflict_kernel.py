@@ -23,7 +23,7 @@ Places = NDArray[np.uint32]
 """Numbers that only tell where in an array to look: unsigned, these are looked up faster."""
 NEVER = 2**30
 """The cost of what is not possible; every other cost is less."""
-MOVE = 16
+MOVE = 4
 """The cost of a move: who moves holds two vertices in a round, and so is more in the way."""
 CONFLICT = 16
 """The cost of a conflict with a vehicle that was never planned before."""
