@@ -2,9 +2,10 @@
 
 The normal cube path is the shortest in its class, so any shorter path lies in another. The search
 keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
-the routes of a few vehicles, with all others unchanged (`vehicle_lns`). Each names its sources. In
-both, a step never makes the path worse. A system may have a search of its own (`System.paths`); the
-path that it finds is taken only if it is one from the start to the end.
+the routes of a few vehicles, with all others unchanged (`vehicle_lns`) or thrown out where they are
+in the way (`conflict_optimizer`). Each names its sources. A step never makes the path worse. A
+system may have a search of its own (`System.paths`); the path that it finds is taken only if it is
+one from the start to the end.
 
 Room: coordinator; touches only the clock, to know when to stop.
 """
@@ -31,6 +32,8 @@ from cubepath.protocol.core.system import System
 CubePath = tuple[tuple[Action, ...], ...]
 _IDLE = 0.2
 """For vehicles, the share of steps that try a window instead of a neighbourhood."""
+_MOVES_A_STEP = 500
+"""The number of moves that are built in about the time of a step."""
 _SITES_MAX = 4096
 """Systems of vehicles with more sites than this are searched by neighbourhoods only."""
 _OWN = 0.8
@@ -109,25 +112,64 @@ def improve(
         transitions = Transitions(system, actions if system is None else ())
     transitions.budget = budget
     random = Random(seed)  # noqa: S311 - nothing secret
-    steps = found = 0
-    with suppress(SpentError):
-        budget.spend(0)
-        search = _Search(transitions, start, best, labelled_goals=labelled_goals, seed=seed)
-        while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
-            proposal = search.step(random)
-            steps += 1
-            if tick is not None:
-                tick(steps)
-            # Building the moves of a large plan takes longer than many steps.
-            if proposal is None or proposal.cost >= (best.cubes, best.moves):
-                continue
-            new = _normal(proposal.actions(), steps, found + 1)
-            if (new.cubes, new.moves) < (best.cubes, best.moves):
-                found += 1
-                best = new
-                if watch is not None:
-                    watch(best)
-    return Improved(best.cube_path, steps, found)
+    steps = 0
+    record = _Record(best, watch)
+    try:
+        with suppress(SpentError):
+            budget.spend(0)
+            search = _Search(transitions, start, best, labelled_goals=labelled_goals, seed=seed)
+            while record.cubes > enough and search.possible:
+                if steps == iterations or budget.spent:
+                    break
+                proposal = search.step(random)
+                steps += 1
+                if tick is not None:
+                    tick(steps)
+                record.see(proposal, steps)
+    finally:
+        # After an interrupt too, the best path is not lost.
+        record.build()
+    return Improved(record.best.cube_path, steps, record.best.found)
+
+
+class _Record:
+    """The best path so far, and a better one that is known but not built yet.
+
+    Building the moves of a large plan takes longer than many steps, and often the next better one
+    comes soon; so between two paths that are built there are some steps, the more, the more moves.
+    """
+
+    def __init__(self, best: Improved, watch: Callable[[Improved], object] | None) -> None:
+        self.best = best
+        self._watch = watch
+        self._pending: tuple[_Proposal, int] | None = None
+
+    @property
+    def cubes(self) -> int:
+        """The fewest cubes that are known."""
+        return self.best.cubes if self._pending is None else self._pending[0].cost[0]
+
+    def see(self, proposal: _Proposal | None, steps: int) -> None:
+        """Take note of a proposal, and build the best one if enough steps have gone by."""
+        known = self.best.cubes, self.best.moves
+        if self._pending is not None:
+            known = min(known, self._pending[0].cost)
+        if proposal is not None and proposal.cost < known:
+            self._pending = proposal, steps
+        if steps >= self.best.steps + self.best.moves // _MOVES_A_STEP:
+            self.build()
+
+    def build(self) -> None:
+        """Build the better path, if there is one, and tell of it."""
+        if self._pending is None:
+            return
+        proposal, steps = self._pending
+        self._pending = None
+        new = _normal(proposal.actions(), steps, self.best.found + 1)
+        if (new.cubes, new.moves) < (self.best.cubes, self.best.moves):
+            self.best = new
+            if self._watch is not None:
+                self._watch(new)
 
 
 def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
@@ -137,7 +179,10 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
 
 
 class _Proposal(NamedTuple):
-    """A path proposed by a search: the number of its cubes and moves, and how to build it."""
+    """A path proposed by a search: the number of its cubes and moves, and how to build it.
+
+    The search may go on meanwhile: what is built is its best path by then.
+    """
 
     cost: tuple[int, int]
     actions: Callable[[], list[Action]]

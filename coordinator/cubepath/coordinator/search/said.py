@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import ParamSpec, TypeVar
 
-from cubepath.coordinator.search.space_time_routes import prepare
+from cubepath.coordinator.search.vehicle_lns import prepare
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site
