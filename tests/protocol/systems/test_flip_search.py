@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.coordinator import improve, is_normal
+from cubepath.coordinator import improve, is_normal, lower_bound
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.exact import optimum
@@ -19,13 +19,14 @@ from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.system import Bound
 from cubepath.protocol.scenes.families.triangulations import random_points
 from cubepath.protocol.scenes.randomly.stream import Stream
 from cubepath.protocol.scenes.randomly.triangulations import random_triangulation
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.systems.flip_search import FlipSearch, copy_of, mesh_of
 from cubepath.protocol.systems.flip_windows import settle
-from cubepath.protocol.systems.flips import FlipSystem
+from cubepath.protocol.systems.flips import FlipSystem, crossing_bound
 from cubepath.protocol.systems.point_sets import Edge, Point, edge_of
 from point_grids import on_grid
 
@@ -171,6 +172,32 @@ def test_walks_cross_what_the_edges_cross(points: list[Point], seed: int) -> Non
         for edge in edges_of(one)
     )
     assert system.crossed_most(start, goal) == most
+
+
+@given(on_grid(10), st.integers(0, 10**6))
+def test_no_bound_exceeds_the_optimum(points: list[Point], seed: int) -> None:
+    """Nothing that is refuted exists: exhaustive search finds no shorter path than any bound."""
+    try:
+        system, start, goal = random_pair(points, seed)
+    except InputError:
+        return
+    steps = Transitions(system)
+    ends = steps.encode(start), steps.encode(goal)
+    exact = optimum(steps, *ends, max_states=10**6, most=99).cubes
+    assert exact is not None
+    bounds = [bound.cubes for bound in system.bounds(start, goal)] if exact else [0]
+    assert max(bounds) <= len(exact)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_refutation_meets_what_the_search_finds(seed: int) -> None:
+    """On random sets of 40 points the bound is the number of cubes found, and so the optimum."""
+    system, start, goal = random_pair(random_points(40, seed), seed)
+    heap = Heap()
+    heap.extend(found(system, start, goal, 200))
+    bound = lower_bound(system, start, goal, within=heap.cubes)
+    assert bound == Bound(heap.cubes, "fewer rounds contradict themselves")
+    assert crossing_bound(system, start, goal) < bound.cubes
 
 
 def test_wide_coordinates_have_no_compiled_search() -> None:

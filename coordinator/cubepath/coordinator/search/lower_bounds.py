@@ -46,7 +46,7 @@ def lower_bound(
         with suppress(SpentError):
             farthest = module_bound(system, start, goal, within=within, budget=budget)
             found.append(Bound(farthest, "way of a module"))
-        found += bounds_of(system, start, goal)
+        found += bounds_of(system, start, goal, within=within, budget=budget)
     return max(found, key=lambda bound: bound.cubes)
 
 

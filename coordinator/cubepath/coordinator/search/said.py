@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import ParamSpec, TypeVar
 
+from cubepath.coordinator.search.budget import Budget
 from cubepath.coordinator.search.vehicle_lns import prepare
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import CubepathError, InputError
@@ -30,9 +31,23 @@ def ways_of(system: System) -> Ways | None:
     return Ways(near, found.one_to_one)
 
 
-def bounds_of(system: System, start: State, goal: State) -> list[Bound]:
-    """Return the bounds that the system itself has."""
-    return _named(system, "bounds", lambda: list(system.bounds(start, goal)))()
+def bounds_of(
+    system: System, start: State, goal: State, *, within: int, budget: Budget | None = None
+) -> list[Bound]:
+    """Return the bounds that the system itself has, as far as the budget goes.
+
+    None further is asked for once one is `within` cubes.
+    """
+
+    def ask() -> list[Bound]:
+        found: list[Bound] = []
+        for bound in system.bounds(start, goal):
+            found.append(bound)
+            if bound.cubes >= within or (budget is not None and budget.spent):
+                break
+        return found
+
+    return _named(system, "bounds", ask)()
 
 
 def potential_of(system: System, goal: State) -> Callable[[Site], int] | None:

@@ -296,7 +296,9 @@ class System(ABC):
     def bounds(self, start: State, goal: State) -> Iterable[Bound]:
         """Return known lower bounds on the number of cubes of every path between two states.
 
-        The two states differ. The proof stands beside the code.
+        The two states differ. The proof stands beside the code. They are asked for one after
+        another, until the time is up or a known path is met. So bounds that take long come last,
+        and a generator may yield a bound again, to be stopped there.
         """
         del start, goal
         return ()

@@ -220,11 +220,10 @@ def crossed(mesh: Mesh, weights: Floats, start: int, end: int, found: Numbers) -
 
 
 @compiled
-def most_crossed(mesh: Mesh, edges: Numbers) -> int:
-    """Return how many edges of a mesh one of some other edges crosses at most."""
+def crossings(mesh: Mesh, edges: Numbers) -> Numbers:
+    """Return how many edges of a mesh each of some edges crosses; `edges` has a row for each."""
     weights, nothing = np.ones(len(mesh.ends)), np.empty(0, dtype=np.int64)
-    most = 0
-    for edge in edges:
-        _, count = crossed(mesh, weights, edge[0], edge[1], nothing)
-        most = max(most, count)
-    return most
+    found = np.zeros(len(edges), dtype=np.int64)
+    for place in range(len(edges)):
+        _, found[place] = crossed(mesh, weights, edges[place, 0], edges[place, 1], nothing)
+    return found

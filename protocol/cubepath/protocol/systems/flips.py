@@ -16,7 +16,8 @@ from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound, System
-from cubepath.protocol.systems.flip_mesh import Mesh, most_crossed
+from cubepath.protocol.systems.flip_mesh import Mesh, crossings
+from cubepath.protocol.systems.flip_refuting import Ends, proved
 from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
@@ -27,6 +28,7 @@ from cubepath.protocol.systems.point_sets import (
     Quadrilateral,
     distinct_edges,
     edge_of,
+    edges_of,
     quadrilateral,
 )
 from cubepath.protocol.systems.quadrilaterals import FLIPS_MAX, all_quadrilaterals
@@ -79,17 +81,37 @@ class FlipSystem(System):
         return cls(msgspec.convert(table, _PointsTable).points)
 
     def bounds(self, start: State, goal: State) -> Iterable[Bound]:
-        """Return the bounds by crossings and by the number of triangles."""
-        yield Bound(crossing_bound(self, start, goal), "an edge's crossings halve")
-        yield Bound(flip_bound(self, start, goal), "flips at one time")
+        """Return the bounds by crossings, by the number of triangles, and by refutation."""
+        one = Bound(crossing_bound(self, start, goal), "an edge's crossings halve")
+        other = Bound(flip_bound(self, start, goal), "flips at one time")
+        yield one
+        yield other
+        ends = Ends(
+            frozenset(edges_of(start | self.kept)),
+            frozenset(edges_of(goal | self.kept)),
+            self.discovery,
+            partial(self._away, goal | self.kept),
+        )
+        for cubes in proved(ends, max(one.cubes, other.cubes)):
+            yield Bound(cubes, "fewer rounds contradict themselves")
+
+    def _away(self, goal: State, edges: Sequence[Edge]) -> list[int]:
+        """Return how often the crossings of each edge with a triangulation must be halved."""
+        mesh = self._mesh(goal) if len(goal) > _CROSSED_MAX else None
+        if mesh is not None:
+            return [count.bit_length() for count in crossings(mesh, _rows(edges)).tolist()]
+        rows = _rows(edges_of(goal))
+        return [int(self.plane.crossings(edge, rows).sum()).bit_length() for edge in edges]
 
     def potential(self, goal: State) -> Callable[[Site], int]:
         """Return how many edges of the goal an edge crosses.
 
         While the sum is positive, some flip decreases it (Hanke, Ottmann and Schuierer 1996).
         """
-        edges = _rows(_edges(goal))
-        return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
+        edges = _rows(edges_of(goal))
+        return lambda site: sum(
+            int(self.plane.crossings(e, edges).sum()) for e in edges_of((site,))
+        )
 
     def paths(
         self, start: State, goal: State, *, seed: int, known: Iterable[Action] = ()
@@ -99,7 +121,7 @@ class FlipSystem(System):
         if one is None or other is None:
             return None
         search = FlipSearch(one, other, seed)
-        search.take((one, other) for one, other in (_edges(each.trace) for each in known))
+        search.take((one, other) for one, other in (edges_of(each.trace) for each in known))
         return self._searched(search)
 
     def _searched(self, search: FlipSearch) -> Iterator[Sequence[Action] | None]:
@@ -119,7 +141,7 @@ class FlipSystem(System):
         one, other = self._mesh(start), self._mesh(goal)
         if one is None or other is None:
             return 0
-        return max(most_crossed(one, other.ends), most_crossed(other, one.ends))
+        return int(max(crossings(one, other.ends).max(), crossings(other, one.ends).max()))
 
     def prepare_paths(self) -> None:
         """Compile the search, or load what was compiled."""
@@ -128,7 +150,7 @@ class FlipSystem(System):
     def _mesh(self, state: State) -> Mesh | None:
         """Return a triangulation in arrays; None if it is none, or products may overflow."""
         xy = self.plane.small
-        return None if xy is None else mesh_of(xy, _edges(state | self.kept))
+        return None if xy is None else mesh_of(xy, edges_of(state | self.kept))
 
     def modules_among(self, sites: Iterable[Site]) -> tuple[Edge, ...]:
         """Return the diagonals among the edges of a triangulation, in their order.
@@ -174,14 +196,14 @@ class FlipSystem(System):
 
     def moves_at(self, site: Site) -> Iterable[Move]:
         """Return the flips of a diagonal, whatever the triangulation."""
-        for edge in _edges((site,)) if self.has_place(site) else ():
+        for edge in edges_of((site,)) if self.has_place(site) else ():
             for each in self.plane.around(edge):
                 yield self._from(edge, each)
 
     def moves_of(self, action: Action) -> tuple[Move, ...]:
         """Return the flip from each of its diagonals, if the action is a flip."""
         diagonals = [edge for edge in in_order(action.trace) if self.has_place(edge)]
-        corners = sorted({end for edge in _edges(diagonals) for end in edge})
+        corners = sorted({end for edge in edges_of(diagonals) for end in edge})
         if len(corners) != 4:
             return ()
         a, b, c, d = corners
@@ -191,7 +213,7 @@ class FlipSystem(System):
             return ()
         if flip.action != action:
             return ()
-        return tuple(_beginning_at(edge, flip) for edge in _edges(diagonals))
+        return tuple(_beginning_at(edge, flip) for edge in edges_of(diagonals))
 
     def _from(self, edge: Edge, each: Quadrilateral) -> Move:
         """Return the flip in a quadrilateral that begins with this one of its diagonals."""
@@ -329,7 +351,7 @@ class FlipSystem(System):
 
     def _name_crossing(self, edges: Sequence[Edge]) -> None:
         """Raise InputError for two edges that cross, if there are any."""
-        known = [*edges, *_edges(self.kept)]
+        known = [*edges, *edges_of(self.kept)]
         for place, edge in enumerate(known):
             crossed = self.plane.crossings(edge, _rows(known[place + 1 :])).nonzero()[0]
             if len(crossed):
@@ -363,7 +385,7 @@ class _Discovery:
     def meet(self, site: Site) -> Iterator[Move]:
         """Yield the flips that an edge completes, each from the diagonal that has been on."""
         plane = self._plane
-        for one, other in _edges((site,)):
+        for one, other in edges_of((site,)):
             near, around = self._near.setdefault(one, set()), self._near.setdefault(other, set())
             near.add(other)
             around.add(one)
@@ -453,7 +475,7 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
     plane, most = system.plane, 0
-    ends = _edges(start - goal), _edges(goal - start)
+    ends = edges_of(start - goal), edges_of(goal - start)
     if len(ends[1]) > _CROSSED_MAX and plane.small is not None:
         return system.crossed_most(start, goal).bit_length()
     for some, others in (ends, ends[::-1]):
@@ -472,17 +494,6 @@ def flip_bound(system: FlipSystem, start: State, goal: State) -> int:
     edges = len(start | system.kept)
     triangles = edges - len(system.plane.points) + 1
     return -(-len(goal - start) // max(1, triangles // 2))
-
-
-def _edges(sites: Iterable[Site]) -> list[Edge]:
-    found: list[Edge] = []
-    for site in in_order(sites):
-        match site:
-            case (int(one), int(other)):
-                found.append((one, other))
-            case _:
-                raise TypeError(f"{site!r} is no edge of a triangulation")
-    return found
 
 
 def _rows(edges: Sequence[Edge]) -> NDArray[np.intp]:

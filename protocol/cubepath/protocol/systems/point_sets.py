@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.sites import Site, in_order
 
 Point: TypeAlias = tuple[int, int]
 Edge: TypeAlias = tuple[int, int]
@@ -320,6 +321,18 @@ def _edge(value: object, count: int) -> Edge | None:
             return edge_of(one, other) if min(one, other) >= 0 and max(one, other) < count else None
         case _:
             return None
+
+
+def edges_of(sites: Iterable[Site]) -> list[Edge]:
+    """Return the edges that sites are, in order; TypeError for a site that is none."""
+    found: list[Edge] = []
+    for site in in_order(sites):
+        match site:
+            case (int(one), int(other)):
+                found.append((one, other))
+            case _:
+                raise TypeError(f"{site!r} is no edge of a triangulation")
+    return found
 
 
 def edge_of(one: int, other: int) -> Edge:
