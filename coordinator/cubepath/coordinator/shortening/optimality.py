@@ -29,6 +29,7 @@ from cubepath.coordinator.search.anytime import CubePath, Improved, improve
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions, maskable
@@ -241,7 +242,12 @@ class _Look:
         self._whole = Budget(seconds)
         self._max_states = max_states
         self._tick = tick
-        self._system, self._start, self._goal = _as_labelled(task)
+        self._system, self._start, self._goal = task.system, task.start, task.goal
+        self._own: OwnEnds | None = None
+        if task.labelled_goals and task.system is not None:
+            # Each vehicle must keep its own end: a label says which it is.
+            self._own = own = OwnEnds.of(task.system, task.path, task.start)
+            self._system, self._start, self._goal = own.system, own.start, own.goal
         self._small = maskable(self._system)
         self._found = found
         self._stopped = False
@@ -362,7 +368,8 @@ class _Look:
                 self.bound = Bound(len(exact.cubes), "exhaustive search")
                 self.shorter = not take
                 if take:
-                    self.better = _of_optimum(self._task, self._steps, exact)
+                    actions, cubes = self._steps.actions, exact.cubes
+                    self.better = self._plain([[actions[each] for each in cube] for cube in cubes])
 
         if self._small and not self._stopped and self.bound.cubes <= most:
             self._stage("optimum", job, _SETS_A_STATE * self._max_states)
@@ -439,7 +446,7 @@ class _Look:
 
         def job(stage: Stage, budget: Budget) -> None:
             def keep(path: CubePath) -> None:
-                self.better = _without_labels(task, self._system, path)
+                self.better = self._plain(path)
                 if watch is not None:
                     watch(Improved(self.better, stage.steps, 0))
 
@@ -478,23 +485,15 @@ class _Look:
         path = self._found.path
         return (path.actions[number] for number in np.unique(path.numbers).tolist())
 
-    @cached_property
+    def _plain(self, cubes: Iterable[Iterable[Action]]) -> CubePath:
+        """Return the normal cube path of moves in which each vehicle may have a label of its own."""
+        actions = [action for cube in cubes for action in cube]
+        return normal_cube_path(actions if self._own is None else self._own.plain(actions))
+
+    @property
     def _labelled(self) -> CubePath:
         """The best path, as moves of the system in which each vehicle keeps its own end."""
-        task, system = self._task, self._system
-        if not task.labelled_goals or system is None:
-            return self.best
-        at = {site: label for label, site in enumerate(ends_of(task.path, task.start))}
-        found: list[tuple[Action, ...]] = []
-        for cube in self.best:
-            moves: list[Action] = []
-            for action in cube:
-                one, other = in_order(action.trace)
-                here, there = (one, other) if one in at else (other, one)
-                label = at[there] = at.pop(here)
-                moves.append(system.action("edge", (one, other, label)))
-            found.append(tuple(moves))
-        return tuple(found)
+        return self.best if self._own is None else self._own.labelled(self.best)
 
     def _take_proof(self, prover: Prover, proof: Path | str | None) -> None:
         """Take over what was proved, and write it."""
@@ -509,50 +508,6 @@ class _Look:
         ends = self._start, self._goal
         write_proof(proof, proof_of(refuted, prover.best, scene, self._system, ends))
         self.written = str(proof)
-
-
-def _as_labelled(task: Task) -> tuple[System | None, State, State]:
-    """Return system, start and goal, with labels if each vehicle must keep its own end."""
-    if not task.labelled_goals or task.system is None:
-        return task.system, task.start, task.goal
-    ends = ends_of(task.path, task.start)
-    system = task.system.with_labels(len(ends))
-    start = frozenset((site, label) for label, site in enumerate(ends))
-    return system, start, frozenset((site, label) for label, site in enumerate(ends.values()))
-
-
-def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
-    """Return where the path takes each vehicle, by its start, in canonical order.
-
-    Each move must be along an edge and admissible, which is not checked.
-    """
-    origin = {site: site for site in start}
-    for action in path:
-        one, other = action.trace
-        here, there = (one, other) if one in origin else (other, one)
-        origin[there] = origin.pop(here)
-    found = {begin: end for end, begin in origin.items()}
-    return {begin: found[begin] for begin in in_order(found)}
-
-
-def _of_optimum(task: Task, steps: Transitions, exact: Optimum) -> CubePath:
-    """Return the normal cube path of the path that the exhaustive search found."""
-    cubes = [[steps.actions[number] for number in cube] for cube in exact.cubes or ()]
-    return _without_labels(task, steps.system, cubes)
-
-
-def _without_labels(
-    task: Task, labelled: System | None, cubes: Iterable[Iterable[Action]]
-) -> CubePath:
-    """Return the normal cube path of moves in which each vehicle may have a label of its own."""
-    actions = [action for cube in cubes for action in cube]
-    if task.labelled_goals and task.system is not None and labelled is not None:
-        edge, place_of = task.system.action, labelled.place_of
-        actions = [
-            edge("edge", tuple(place_of(site) for site in in_order(action.trace)))
-            for action in actions
-        ]
-    return normal_cube_path(actions)
 
 
 def _check(task: Task, cubes: CubePath) -> None:
