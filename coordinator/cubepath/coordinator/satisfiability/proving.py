@@ -1,9 +1,9 @@
 """From a path down and from a bound up, until both meet: the optimum, and the refutation of less.
 
 Two solvers work side by side. One looks for a path below the best, in great steps while they are
-quick and in small ones at last; the other refutes one length after another from the bound on. A
-path that has been found is made normal, which may shorten it further; a length that is refuted
-refutes all below it, since rounds may be idle.
+quick and in small ones at last; the other refutes one length after another from the bound on. At
+the last length that is open both work at it. A path that has been found is made normal, which may
+shorten it further; a length that is refuted refutes all below it, since rounds may be idle.
 
 Room: coordinator; touches the clock, the processes of solvers, and a folder of its own for logs.
 """
@@ -34,7 +34,7 @@ from cubepath.coordinator.satisfiability.solver_process import (
 from cubepath.protocol.core.actions import Action
 
 CubePath = tuple[tuple[Action, ...], ...]
-_PATIENCE = 0.05
+_PATIENCE = 0.25
 """The share of the time that a great step down may take."""
 _POLL_S = 0.25
 WINDOWS, PROPAGATION, SEARCH = "windows of the moves", "unit propagation", "SAT solver"
@@ -80,6 +80,7 @@ class Prover:
     problems: int = 0
     stopped_by: str | None = None
     _single: dict[int, Encoding] = field(default_factory=dict)
+    _doubtful: int = 0
     _stack: ExitStack = field(default_factory=ExitStack)
 
     def __enter__(self) -> Self:
@@ -138,12 +139,10 @@ class Prover:
                 job.end()
         self._ask_again(down, up)
         if down.problem is None and self._least < len(self.best) < down.most:
-            gap = len(self.best) - self._least
+            gap = len(self.best) - max(self._least, self._doubtful)
             down.step = max(1, min(down.step, gap // 2))
-            down.until = time.monotonic() + patience if down.step > 1 else None
-            self._begin(down, len(self.best) - down.step)
+            self._begin(down, len(self.best) - down.step, patience)
         if up.problem is None and self._least < len(self.best):
-            # At the last length both try, each with a seed of its own.
             self._begin(up, self._least)
 
     def _is_open(self, rounds: int) -> bool:
@@ -153,11 +152,13 @@ class Prover:
         """Have another solver decide what one has decided without a log that can be checked."""
         for rounds in [rounds for rounds in self._single if not self._is_open(rounds)]:
             del self._single[rounds]
-        if self._single and not (down.second or up.second):
+        if self._single and not any(job.second and job.problem is not None for job in (down, up)):
             job = down if down.problem is None else up
             job.begin(self._single[max(self._single)], SECOND_SOLVER)
+            job.second = True
 
-    def _begin(self, job: _Job, rounds: int) -> None:
+    def _begin(self, job: _Job, rounds: int, patience: float = 0.0) -> None:
+        """Have a solver work at a length; a great step ends with the patience."""
         self.problems += 1
         try:
             problem = encode(self.met, rounds)
@@ -169,8 +170,13 @@ class Prover:
         if problem.impossible:
             self._refuted(Refutation(problem, WINDOWS, None))
             return
-        log = self._folder / f"log-{self.problems}"
-        job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=log)
+        if patience and job.step > 1:
+            # What finds paths quickly; what it refutes, the other will, with a log.
+            job.begin(problem, SECOND_SOLVER)
+            job.until = time.monotonic() + patience
+        else:
+            log = self._folder / f"log-{self.problems}"
+            job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=log)
 
     def _wait(self, jobs: Iterable[_Job], end: float) -> None:
         """Wait until some solver answers, a great step takes too long, or the time is up."""
@@ -189,7 +195,8 @@ class Prover:
             self.tick()
 
     def _take(self, job: _Job, answer: Answer) -> None:
-        problem, second = job.taken()
+        great, second = job.until is not None, job.second
+        problem = job.taken()
         if answer.satisfiable:
             job.step *= 2
             moves = (action for cube in problem.schedule(answer.true) for action in cube)
@@ -200,6 +207,8 @@ class Prover:
                     self.watch(found)
         elif second:
             self.agreed = max(self.agreed, problem.rounds + 1)
+        elif great:
+            self._doubtful = max(self._doubtful, problem.rounds + 1)
         elif answer.log is None:
             self._single[problem.rounds] = problem
         elif answer.log.stat().st_size == 0:
@@ -219,17 +228,14 @@ class _Job:
         self.solver = self._solvers[SOLVER]
         self.problem: Encoding | None = None
         """The problem that it works on, None if it is idle."""
+        self.second = False
+        """Whether it decides what the first solver has decided."""
+        self.until: float | None = None
+        """When to give up a great step."""
         self.step = 1 << 20
         """How far below the best path it looks for a path."""
         self.most = 1 << 30
         """It has nothing to do while the best path has so many cubes or more."""
-        self.until: float | None = None
-        """When to give up, and take a smaller step."""
-
-    @property
-    def second(self) -> bool:
-        """Whether it decides what the first solver has decided."""
-        return self.problem is not None and self.solver is self._solvers[SECOND_SOLVER]
 
     def begin(
         self, problem: Encoding, solver: str, *, seed: int = 0, log: Path | None = None
@@ -237,15 +243,15 @@ class _Job:
         """Ask one of its solvers, by name."""
         self.end()
         self.solver, self.problem = self._solvers[solver], problem
+        self.second, self.until = False, None
         self.solver.ask(problem, seed=seed, log=log)
 
-    def taken(self) -> tuple[Encoding, bool]:
-        """Return the problem that was answered, and whether by the second solver; be idle."""
-        problem, second = self.problem, self.second
+    def taken(self) -> Encoding:
+        """Return the problem that was answered, and be idle."""
+        problem, self.problem = self.problem, None
         if problem is None:
             raise SolverError("a SAT solver answered that was not asked")
-        self.problem = None
-        return problem, second
+        return problem
 
     def end(self) -> None:
         """Give up what it works on."""

@@ -1,0 +1,242 @@
+"""Checking a proof of optimality: nothing shorter exists, and this schedule is one.
+
+Room: coordinator; touches nothing. Part of `cubepath verify`. What a proof says is derived again
+from the moves: windows, variables, clauses, then each lemma of its log, then its schedule. See
+docs/proofs.md; nothing is shared with the code that makes proofs but the format of the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cubepath.coordinator.normal_form.definitions import is_cube
+from cubepath.coordinator.verification.refutation_clauses import (
+    Clauses,
+    clauses_of,
+    roles_of,
+)
+from cubepath.coordinator.verification.refutation_moves import Moves
+from cubepath.coordinator.verification.refutation_variables import Meanings
+from cubepath.coordinator.verification.rounds import make, why_not
+from cubepath.coordinator.verification.unit_propagation import Refuter
+from cubepath.protocol.core.actions import Action
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.names import GeneratorPlacement
+from cubepath.protocol.core.sites import Site, in_order, site_text
+from cubepath.protocol.core.system import System
+from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
+from cubepath.protocol.scenes.toml import scene_from_toml
+
+Tell = Callable[[str, int], object]
+"""Is told what is being done, and how much of it was done since the last call."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProvedOptimal:
+    """What a proof proves that was checked.
+
+    No schedule has `refuted` rounds or fewer, and one has `cubes`. If not `proved`, two solvers
+    agreed on that, and nobody can check it: all but that was checked. `lemmas` is how many of the
+    log were needed; none if unit propagation of the clauses alone refutes them, and there are no
+    clauses if the windows alone do.
+    """
+
+    refuted: int
+    cubes: int
+    proved: bool
+    moves: int
+    variables: int
+    clauses: int
+    lemmas: int
+
+    @property
+    def optimal(self) -> bool:
+        """Whether no schedule is shorter than this one, so far as that is proved."""
+        return self.proved and self.cubes == self.refuted + 1
+
+
+def check_optimality(proof: OptimalityProof, tell: Tell | None = None) -> ProvedOptimal:
+    """Check a proof and return what it proves.
+
+    Raises CheckError, in one line, for the first thing that does not hold.
+    """
+    return Refutation(proof, tell).checked()
+
+
+class Refutation:
+    """The claim of a proof and its clauses, derived again; CheckError if it does not fit them."""
+
+    def __init__(self, proof: OptimalityProof, tell: Tell | None = None) -> None:
+        """Take a proof; what is derived from it is derived when it is asked for."""
+        self.proof = proof
+        self._tell: Tell = tell or (lambda _what, _count: None)
+        self._start = _state("the start", proof.start)
+        self._goal = _state("the goal", proof.goal)
+
+    @cached_property
+    def system(self) -> System | None:
+        """The system of the claim, None if its moves are listed."""
+        if self.proof.system is None:
+            return None
+        try:
+            system = scene_from_toml(self.proof.system, "the system").system
+        except InputError as error:
+            raise CheckError(str(error)) from None
+        if not system.local:
+            raise CheckError("the system is not local, so it has no schedules")
+        for name, state in (("the start", self._start), ("the goal", self._goal)):
+            for site in in_order(system.filled - state):
+                raise CheckError(f"{name}: the obstacle {site_text(site)} is off, expected on")
+            for site in in_order(system.empty & state):
+                raise CheckError(f"{name}: the obstacle {site_text(site)} is on, expected off")
+        return system
+
+    @cached_property
+    def actions(self) -> list[Action]:
+        """The actions of the proof, by the numbers that it gives them."""
+        found: dict[Action, int] = {}
+        moves: Sequence[GeneratorPlacement | Action] = self.proof.moves
+        for number, move in enumerate(moves):
+            action = self._action(number, move)
+            known = found.setdefault(action, number)
+            if known != number:
+                raise CheckError(f"move {number}: is the same as move {known}, expected another")
+        return list(found)
+
+    def _action(self, number: int, move: GeneratorPlacement | Action) -> Action:
+        if isinstance(move, Action):
+            if self.system is not None:
+                raise CheckError(f"move {number}: has no name, expected one of the system")
+            return move
+        if self.system is None:
+            raise CheckError(f"move {number}: has a name, and there is no system")
+        try:
+            return self.system.action(move.generator, move.at)
+        except InputError as error:
+            raise CheckError(f"move {number}: {error}") from None
+
+    @cached_property
+    def _clauses(self) -> tuple[int, Clauses] | None:
+        """The number of moves that can be made, and the clauses; None if windows refute alone."""
+        rounds, moves = self.proof.refuted, Moves(self._start, self._goal)
+        if self.system is None:
+            moves.take(self.actions)
+            usable = np.ones(2 * len(self.actions), dtype=np.bool_)
+        else:
+            usable = moves.find(self.system, rounds, lambda count: self._tell("moves", count))
+        windows = moves.windows(rounds, usable)
+        if windows.refuting_site() is not None:
+            return None
+        self._tell("clauses", 0)
+        numbers = [moves.actions.get(action, -1) for action in self.actions]
+        meanings = Meanings(self.proof, moves, windows, numbers)
+        roles = roles_of(moves.table, windows, len(moves.sites))
+        ladders, groups = meanings.ladders(roles), meanings.groups()
+        found = clauses_of(moves.table, meanings.slots, roles, ladders, groups)
+        return int((windows.first <= windows.last).sum()), found
+
+    @property
+    def clauses(self) -> Clauses:
+        """The clauses; an empty one if the windows alone refute the claim."""
+        if self._clauses is None:
+            return Clauses(np.zeros(0, dtype=np.int32), np.zeros(1, dtype=np.int64))
+        return self._clauses[1]
+
+    def checked(self) -> ProvedOptimal:
+        """Return what the proof proves; CheckError for the first thing that does not hold."""
+        proof = self.proof
+        if proof.cubes <= proof.refuted:
+            raise CheckError(
+                f"the schedule has {proof.cubes} rounds, itself no more than the {proof.refuted}"
+                " that are said to be impossible"
+            )
+        self._check_schedule()
+        moves, variables, clauses, lemmas = 0, 0, 0, 0
+        if self._clauses is not None:
+            moves, found = self._clauses
+            variables, clauses = len(proof.variables), len(found.ends)
+        proved = proof.standing == "proved"
+        if self._clauses is not None and proved:
+            lemmas = self._follow(Refuter(variables, *found))
+        elif any(proof.log):
+            raise CheckError("there is a log, and nothing that it would be needed for")
+        return ProvedOptimal(proof.refuted, proof.cubes, proved, moves, variables, clauses, lemmas)
+
+    def _follow(self, refuter: Refuter) -> int:
+        for chunk in self.proof.log:
+            before = refuter.lemmas
+            why = refuter.check(chunk)
+            if why is not None:
+                raise CheckError(why)
+            self._tell("lemmas", refuter.lemmas - before)
+            if refuter.refuted:
+                break
+        if not refuter.refuted:
+            end = "ends within a lemma" if refuter.cut_off() else "ends"
+            raise CheckError(f"the log {end}, and nothing is refuted yet")
+        return refuter.lemmas
+
+    def _check_schedule(self) -> None:
+        proof, state = self.proof, set(self._start)
+        if len(proof.schedule) != proof.cubes:
+            raise CheckError(
+                f"the schedule has {len(proof.schedule)} cubes, expected the {proof.cubes} that"
+                " the proof speaks of"
+            )
+        for number, cube in enumerate(proof.schedule, 1):
+            self._carry_out(f"cube {number} of the schedule", cube, state)
+        if state != self._goal:
+            stray = in_order(state ^ self._goal)[0]
+            is_on = "on" if stray in state else "off"
+            raise CheckError(
+                f"after the schedule {site_text(stray)} is {is_on}, which it is not at the goal"
+            )
+
+    def _carry_out(self, where: str, cube: Sequence[int], state: set[Site]) -> None:
+        for number in cube:
+            if number >= len(self.actions):
+                raise CheckError(
+                    f"{where}: move number {number}, expected less than {len(self.actions)}"
+                )
+        actions = [self.actions[number] for number in cube]
+        if not is_cube(actions):
+            raise CheckError(f"{where}: its moves do not commute")
+        for action in actions:
+            why = why_not(action, state)
+            if why is not None:
+                raise CheckError(f"{where}: {why}")
+            make(action, state)
+
+
+def _state(name: str, sites: Sequence[Site]) -> frozenset[Site]:
+    found = frozenset(sites)
+    if len(found) != len(sites):
+        twice = next(site for site in sites if sites.count(site) > 1)
+        raise CheckError(f"{name}: {site_text(twice)} stands twice")
+    return found
+
+
+def same_task(
+    proof: OptimalityProof, system: System | None, start: AbstractSet[Site], goal: AbstractSet[Site]
+) -> str | None:
+    """Return why a proof is not about these two states in this system, None if it is."""
+    for name, said, given in (("start", proof.start, start), ("goal", proof.goal, goal)):
+        apart = in_order(frozenset(said) ^ given)
+        if apart:
+            where = "in the input" if apart[0] in given else "in the proof"
+            return f"the {name} is another: {site_text(apart[0])} is on only {where}"
+    ours = Refutation(proof).system
+    if (ours is None) != (system is None):
+        return "the moves of a system on one side, listed moves on the other"
+    if (
+        ours is not None
+        and system is not None
+        and (ours.table != system.table or ours.to_table() != system.to_table())
+    ):
+        return "the system is another"
+    return None
