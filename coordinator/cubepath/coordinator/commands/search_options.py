@@ -150,6 +150,7 @@ _STEPS = {
     "bounds": "sites",
     "optimum": "states",
     "search": "tries",
+    "windows": "problems",
     "proof": "problems",
 }
 """What the steps of each stage count."""
@@ -158,6 +159,7 @@ _ENDED = {
     "time": ", out of time",
     "limit": ", at its limit",
     "interrupt": ", interrupted",
+    "missing": ", left out without python-sat: pip install 'cubepath[proofs]'",
 }
 
 

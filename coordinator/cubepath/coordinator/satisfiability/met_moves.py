@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +82,18 @@ class MetMoves:
                 self._spend()
                 self._add(action, None)
 
+    def between(
+        self, start: State, goal: State, *, spend: Callable[[], object] = lambda: None
+    ) -> Self:
+        """Return the moves of paths between two other states.
+
+        What one of them learns of sites and moves, all know, so that it is learned once.
+        """
+        found = copy(self)
+        found._spend, found._depth = spend, 0  # noqa: SLF001 - of this class
+        found.ends = tuple(tuple(map(self._site, in_order(state))) for state in (start, goal))
+        return found
+
     def reach(self, rounds: int) -> None:
         """Find all moves that paths of up to so many rounds could use."""
         half = -(-rounds // 2)
@@ -97,8 +110,8 @@ class MetMoves:
         for site in np.flatnonzero(first[:, 1] <= layer).tolist():
             if site in self._asked:
                 continue
-            self._asked.add(site)
             self._spend()
+            self._asked.add(site)
             for move in moves_at(self.sites[site]):
                 self._add(move.action, GeneratorPlacement(move.generator, move.at))
 

@@ -3,21 +3,23 @@
 The normal cube path is the shortest in its class, so any shorter path lies in another. The search
 keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
 the routes of a few vehicles, with all others unchanged (`vehicle_lns`). Each names its sources. In
-both, a step never makes the path worse.
+both, a step never makes the path worse. Beside them a SAT solver looks for shorter windows in a
+process of its own (`sat_windows`), if time alone bounds the search.
 
-Room: coordinator; touches only the clock, to know when to stop.
+Room: coordinator; touches the clock, to know when to stop, and the process of a solver.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.search.budget import Budget, SpentError
+from cubepath.coordinator.search.budget import Budget, SpentError, Stage
+from cubepath.coordinator.search.sat_windows import STAGE, SatWindows, prepare_windows
 from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
@@ -66,6 +68,7 @@ def improve(
     tick: Callable[[int], object] | None = None,
     normal: CubePath | None = None,
     transitions: Transitions | None = None,
+    by_sat: Stage | None = None,
 ) -> Improved:
     """Return the best path from `start` to the end of `path` that is found in the given time.
 
@@ -76,10 +79,11 @@ def improve(
     system gives the vehicles no labels.
 
     The search ends after `seconds` or `iterations`, whichever comes first, if necessary in the
-    middle of a step, or as soon as the path has at most `enough` cubes. Bounded by iterations
-    alone, the result depends only on the input and `seed`. `watch` is called with every better path
-    as it is found, `tick` after each step with the number of steps. `normal` is the normal cube
-    path of the path, and `transitions` those of the system, if they are known already.
+    middle of a step, or as soon as the path has at most `enough` cubes. Without `iterations` a SAT
+    solver takes part, if python-sat is installed; `by_sat` is told what it spent. Bounded by
+    iterations alone, the result depends only on the input and `seed`. `watch` is called with every
+    better path as it is found, `tick` after each step with the number of steps. `normal` is the
+    normal cube path of the path, and `transitions` those of the system, if they are known already.
 
     InputError if neither bound is given, or if `labelled_goals` is given for a system that is not
     on a graph.
@@ -90,25 +94,34 @@ def improve(
     >>> len(normal_cube_path(played.path)), better.cubes, better.moves
     (9, 2, 3)
     """
-    if seconds is None and iterations is None:
-        raise InputError("an improvement needs seconds or iterations to know when to stop")
-    if labelled_goals and (system is None or system.graph is None):
-        raise InputError("own ends are those of vehicles on a graph, expected such a system")
+    _check_given(system, seconds, iterations, labelled_goals=labelled_goals)
     actions = list(path)
     best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
-    if system is not None and system.graph is not None:
-        prepare()
+    prepare_all(system, with_solver=iterations is None)
     budget = Budget(seconds)
     if transitions is None:
         transitions = Transitions(system, actions if system is None else ())
     transitions.budget = budget
     random = Random(seed)  # noqa: S311 - nothing secret
     steps = found = 0
-    with suppress(SpentError):
+
+    with ExitStack() as stack, suppress(SpentError):
         budget.spend(0)
-        search = _Search(transitions, start, best, labelled_goals=labelled_goals)
+        solver: SatWindows | None = None
+        if iterations is None:
+            # How far a solver gets in some time is not the same on every machine.
+            solver = SatWindows(
+                system,
+                start,
+                best.cube_path,
+                own_ends=labelled_goals,
+                budget=budget,
+                stage=by_sat or Stage(STAGE),
+            )
+            stack.enter_context(solver)
+        search = _Search(transitions, start, best, labelled_goals=labelled_goals, solver=solver)
         while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
-            proposal = search.step(random)
+            proposal = search.step(random, best.cube_path)
             steps += 1
             if tick is not None:
                 tick(steps)
@@ -122,6 +135,27 @@ def improve(
                 if watch is not None:
                     watch(best)
     return Improved(best.cube_path, steps, found)
+
+
+def prepare_all(system: System | None, *, with_solver: bool) -> None:
+    """Compile what the searches of a system take, or load what was compiled."""
+    if system is not None and system.graph is not None:
+        prepare()
+    if with_solver:
+        prepare_windows()
+
+
+def _check_given(
+    system: System | None,
+    seconds: float | None,
+    iterations: int | None,
+    *,
+    labelled_goals: bool,
+) -> None:
+    if seconds is None and iterations is None:
+        raise InputError("an improvement needs seconds or iterations to know when to stop")
+    if labelled_goals and (system is None or system.graph is None):
+        raise InputError("own ends are those of vehicles on a graph, expected such a system")
 
 
 def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
@@ -147,7 +181,9 @@ class _Search:
         best: Improved,
         *,
         labelled_goals: bool,
+        solver: SatWindows | None,
     ) -> None:
+        self._solver = solver
         self._start = start
         self._system = system = steps.system
         self._steps = steps
@@ -167,8 +203,13 @@ class _Search:
             self._fresh = True
         self.possible = self._windows is not None or self._vehicles is not None
 
-    def step(self, random: Random) -> _Proposal | None:
+    def step(self, random: Random, best: CubePath) -> _Proposal | None:
         """Let one of the searches take a step; return the path if it got better."""
+        found = None if self._solver is None else self._solver.step(best)
+        if found is not None:
+            self._take(found)
+            actions = [action for cube in found for action in cube]
+            return _Proposal((len(found), len(actions)), lambda: actions)
         windows, vehicles = self._windows, self._vehicles
         if windows is not None and (vehicles is None or random.random() < _IDLE):
             # Cutting the path at the beginning counts as the first step.
@@ -181,9 +222,17 @@ class _Search:
         if vehicles is None or not vehicles.step(random):
             return None
         if windows is not None and vehicles.rounds < windows.cost[0]:
-            best = _normal(vehicles.actions(), 0, 0)
-            self._windows = Windows(self._steps, self._start, best.cube_path)
+            cubes = _normal(vehicles.actions(), 0, 0).cube_path
+            self._windows = Windows(self._steps, self._start, cubes)
         return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
+
+    def _take(self, best: CubePath) -> None:
+        """Go on from a better path that was found elsewhere."""
+        if self._vehicles is not None and len(best) < self._vehicles.rounds:
+            self._vehicles = self._replanner(best)
+        if self._windows is not None:
+            self._windows = Windows(self._steps, self._start, best)
+            self._fresh = True
 
     def _replanner(self, cubes: CubePath) -> Replanner | None:
         system = self._system

@@ -29,20 +29,23 @@ class Budget:
         tick: Callable[[int], object] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to count; `tick` is called now and then with the number of steps taken."""
+        """Begin to count; `tick` is called now and then with the number of steps taken.
+
+        It may be set later.
+        """
         self._clock = clock
         self.steps = 0
         self._most = steps
         self._end = None if seconds is None else clock() + seconds
-        self._tick = tick
+        self.tick = tick
         self._told = 0
 
     def spend(self, steps: int = 1) -> None:
         """Count steps; SpentError if they exceed the budget, or the time is up."""
         self.steps += steps
-        if self._tick is not None and self.steps - self._told >= _TICK:
+        if self.tick is not None and self.steps - self._told >= _TICK:
             self._told = self.steps
-            self._tick(self.steps)
+            self.tick(self.steps)
         if self.spent:
             raise SpentError
 
@@ -72,14 +75,15 @@ _TICK = 256
 class Stage:
     """A part of a search: its name, what it took, and how it ended.
 
-    `ended` is "done", or what stopped it: "time", "interrupt", or "limit" for a bound on states or
-    steps. The meaning of `steps` differs from stage to stage.
+    `ended` is "done", or what stopped it: "time", "interrupt", "limit" for a bound on states or
+    steps, or "missing" for a stage that takes a library that is not installed. The meaning of
+    `steps` differs from stage to stage.
     """
 
     name: str
     seconds: float = 0.0
     steps: int = 0
-    ended: Literal["done", "time", "limit", "interrupt"] = "done"
+    ended: Literal["done", "time", "limit", "interrupt", "missing"] = "done"
 
     def document(self) -> dict[str, Any]:
         """Return the keys of ``--json``."""

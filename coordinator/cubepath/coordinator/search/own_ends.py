@@ -37,8 +37,10 @@ class OwnEnds:
         self._plain = system
         self._label = {site: label for label, site in enumerate(ends)}
         self.system = system.with_labels(len(ends))
-        self.start: State = frozenset((site, label) for label, site in enumerate(ends))
-        self.goal: State = frozenset((site, label) for label, site in enumerate(ends.values()))
+        self.start: frozenset[Site] = frozenset((site, label) for label, site in enumerate(ends))
+        self.goal: frozenset[Site] = frozenset(
+            (site, label) for label, site in enumerate(ends.values())
+        )
 
     @classmethod
     def of(cls, system: System, path: Iterable[Action], start: State) -> Self:

@@ -25,13 +25,13 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.proving import Prover
 from cubepath.coordinator.satisfiability.solver_process import check_installed
-from cubepath.coordinator.search.anytime import CubePath, Improved, improve
+from cubepath.coordinator.search.anytime import CubePath, Improved, improve, prepare_all
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
+from cubepath.coordinator.search.sat_windows import STAGE
 from cubepath.coordinator.search.simply_connected import only_class
-from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.optimality_proof import proof_of
@@ -39,7 +39,7 @@ from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.optimality_proofs import write_proof
@@ -393,7 +393,7 @@ class _Look:
         watch: Callable[[Improved], object] | None,
     ) -> None:
         """Search for a better path in the remaining time."""
-        task = self._task
+        task, timed, by_sat = self._task, iterations is None, Stage(STAGE)
         kept: list[CubePath] = []
 
         def keep(better: Improved) -> None:
@@ -420,18 +420,25 @@ class _Look:
                 tick=count,
                 normal=self.best,
                 transitions=None if task.labelled_goals else self._steps,
+                by_sat=by_sat,
             )
             if len(kept[-1] if kept else self.best) > self.bound.cubes:
                 stage.ended = "time" if self._whole.spent else "limit"
 
         if not self._stopped and self.bound.cubes < self.cubes:
-            if task.system is not None and task.system.graph is not None:
-                # Once for an installation; the search gets its time all the same.
-                self._stage("compile", lambda _stage, _budget: prepare())
-                self._whole.extend(self.stages[-1].seconds)
+            self._compile(timed=timed)
             self._stage("search", job)
+            if timed:
+                self.stages.append(by_sat)
         if kept:
             self.better = min(kept, key=lambda path: (len(path), sum(map(len, path))))
+
+    def _compile(self, *, timed: bool) -> None:
+        """Compile, once for an installation; the search gets its time all the same."""
+        system = self._task.system
+        if timed or (system is not None and system.graph is not None):
+            self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=timed))
+            self._whole.extend(self.stages[-1].seconds)
 
     def prove(
         self,
@@ -442,7 +449,6 @@ class _Look:
         watch: Callable[[Improved], object] | None,
     ) -> None:
         """Search for the optimum by SAT solvers; write the refutation of less, if asked to."""
-        task = self._task
 
         def job(stage: Stage, budget: Budget) -> None:
             def keep(path: CubePath) -> None:
@@ -486,7 +492,7 @@ class _Look:
         return (path.actions[number] for number in np.unique(path.numbers).tolist())
 
     def _plain(self, cubes: Iterable[Iterable[Action]]) -> CubePath:
-        """Return the normal cube path of moves in which each vehicle may have a label of its own."""
+        """Return the normal cube path of moves in which vehicles may have labels of their own."""
         actions = [action for cube in cubes for action in cube]
         return normal_cube_path(actions if self._own is None else self._own.plain(actions))
 
