@@ -134,12 +134,20 @@ def test_every_stage_is_told_with_what_ended_it() -> None:
         == [
             "classes",
             "bounds",
+            "windows",
             "optimum",
             "compile",
             "search",
         ]
     )
-    assert [ended for _, _, ended in stages] == ["done", "done", "limit", "done", "limit"]
+    assert [ended for _, _, ended in stages] == [
+        "done",
+        "done",
+        "done",
+        "limit",
+        "done",
+        "limit",
+    ]
     assert stages[-1][1] == 20
 
 

@@ -6,8 +6,10 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cubepath.coordinator.commands.files import output_path
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import number, whole
 from cubepath.protocol.core.errors import InputError
@@ -20,7 +22,7 @@ if TYPE_CHECKING:  # a command starts faster without them
 
 
 def add_beyond_options(parser: argparse.ArgumentParser) -> None:
-    """Add ``--improve``, ``--effort``, ``--seed``, ``--bounds`` and ``--max-states``."""
+    """Add ``--improve``, ``--effort``, ``--prove``, ``--bounds`` and what belongs to them."""
     parser.add_argument(
         "--improve",
         type=number("a number of seconds, 0 or more", lambda seconds: seconds >= 0),
@@ -49,6 +51,7 @@ def add_beyond_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--proof",
+        type=output_path,
         metavar="FILE.proof",
         help="with --prove: write what was proved, for 'cubepath verify FILE.proof'",
     )
@@ -67,11 +70,7 @@ _BEYOND = ("improve", "effort", "prove")
 def improving(options: argparse.Namespace) -> str | None:
     """Return the option that asks for a path outside the class, None if there is none."""
     return next(
-        (
-            f"--{name}"
-            for name in ("improve", "effort", "prove")
-            if getattr(options, name) is not None
-        ),
+        (f"--{name}" for name in _BEYOND if getattr(options, name) is not None),
         None,
     )
 
@@ -107,6 +106,9 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
                 bar.set_description(stage, refresh=False)
             bar.update(steps - bar.n)
 
+        def between(least: int, cubes: int) -> None:
+            bar.set_postfix_str(f"{cubes} cubes, open: {least}..{cubes - 1}", refresh=False)
+
         return beyond(
             task,
             found,
@@ -118,11 +120,12 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
             proof=options.proof,
             watch=watch,
             tick=tick,
+            between=between,
         )
 
 
-def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
-    """Return the lines of the summary."""
+def beyond_rows(known: Beyond | None, proof: Path | None) -> list[tuple[str, object]]:
+    """Return the lines of the summary; `proof` is the file that was asked for."""
     if known is None:
         return []
     optimal = {True: "yes", False: "no, a shorter one exists", None: "not known"}[known.optimal]
@@ -135,8 +138,8 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
     ]
     if known.agreed is not None:
         rows.append(("agreed", f"{known.agreed} (two solvers, without a proof to check)"))
-    if known.proof is not None:
-        rows.append(("proof", known.proof))
+    if proof is not None:
+        rows.append(("proof", known.proof or "none: no length was refuted by clauses"))
     if known.only_class is not None:
         rows.append(("other classes", "none" if known.only_class else "there are"))
     rows += [
@@ -148,9 +151,10 @@ def beyond_rows(known: Beyond | None) -> list[tuple[str, object]]:
 _STEPS = {
     "classes": "states",
     "bounds": "sites",
+    "windows": "moves",
     "optimum": "states",
     "search": "tries",
-    "windows": "problems",
+    "solver": "problems",
     "proof": "problems",
 }
 """What the steps of each stage count."""
@@ -159,7 +163,6 @@ _ENDED = {
     "time": ", out of time",
     "limit": ", at its limit",
     "interrupt": ", interrupted",
-    "missing": ", left out without python-sat: pip install 'cubepath[proofs]'",
 }
 
 
@@ -167,4 +170,5 @@ def _told(stage: Stage) -> str:
     unit = _STEPS.get(stage.name)
     if unit is None:
         return f"{stage.name} {stage.seconds:.1f} s"
-    return f"{stage.name} {stage.seconds:.1f} s ({stage.steps} {unit}{_ENDED.get(stage.ended, '')})"
+    ended = _ENDED[stage.ended] if stage.why is None else f", {stage.why}"
+    return f"{stage.name} {stage.seconds:.1f} s ({stage.steps} {unit}{ended})"

@@ -12,35 +12,52 @@ from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
     from cubepath.coordinator.satisfiability.clauses import OFF, ON, STAY
-    from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
+    from cubepath.coordinator.satisfiability.encoding import (
+        Encoding,
+        TooLargeError,
+        encode,
+        prepare,
+    )
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
-    from cubepath.coordinator.satisfiability.proving import Prover, Refutation
+    from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
     from cubepath.coordinator.satisfiability.solver_process import (
+        SECOND_SOLVER,
+        SOLVER,
         Answer,
+        Problem,
         SolverError,
         SolverProcess,
         check_installed,
         solvers_installed,
     )
+    from cubepath.coordinator.satisfiability.window_bounds import window_bound
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
             "clauses": "OFF ON STAY",
-            "encoding": "Encoding TooLargeError encode",
+            "encoding": "Encoding TooLargeError encode prepare",
             "met_moves": "MetMoves",
-            "proving": "Prover Refutation",
-            "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
+            "proving": "WINDOWS Prover Refutation",
+            "solver_process": (
+                "Answer Problem SECOND_SOLVER SOLVER SolverError SolverProcess check_installed "
+                "solvers_installed"
+            ),
+            "window_bounds": "window_bound",
         },
     )
 
 __all__ = [
     "OFF",
     "ON",
+    "SECOND_SOLVER",
+    "SOLVER",
     "STAY",
+    "WINDOWS",
     "Answer",
     "Encoding",
     "MetMoves",
+    "Problem",
     "Prover",
     "Refutation",
     "SolverError",
@@ -48,5 +65,7 @@ __all__ = [
     "TooLargeError",
     "check_installed",
     "encode",
+    "prepare",
     "solvers_installed",
+    "window_bound",
 ]

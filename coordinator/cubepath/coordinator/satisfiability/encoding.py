@@ -49,7 +49,7 @@ class Encoding:
     each variable from 1 on: its kind, index and time, as docs/proofs.md defines them; `prefixes` of
     them at the end are of ladders, whose rows are site, round, kind, number of members and first
     prefix, with their members one after another in `members`. `impossible` says that the windows
-    alone refute such a path; then there may be no clauses.
+    alone refute such a path; then the only clause is an empty one.
     """
 
     rounds: int
@@ -114,6 +114,7 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int = LITERALS_MAX) -> E
     out = Written(*_arrays(counted))
     if not impossible:
         write(problem, out, variables, True)
+    ends = np.zeros(1, dtype=np.int64) if impossible else out.ends  # the empty clause
     groups = () if impossible else groups_of(met, moves, windows)
     more, more_ends = _of_groups(groups, value)
     return Encoding(
@@ -123,12 +124,18 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int = LITERALS_MAX) -> E
         windows,
         _meanings(value, windows, lasting, out, sites),
         np.concatenate([out.literals, more]),
-        np.concatenate([out.ends, len(out.literals) + more_ends]),
+        np.concatenate([ends, len(out.literals) + more_ends]),
         out.ladders,
         out.members,
         groups,
         impossible,
     )
+
+
+def prepare() -> None:
+    """Compile all that clauses are built by, which takes some seconds after an installation."""
+    step = Action("ab", "ab", "a", "b")
+    encode(MetMoves(None, [step], frozenset("a"), frozenset("b")), 1)
 
 
 def _values(possible: NDArray[np.bool_]) -> tuple[Numbers, int]:

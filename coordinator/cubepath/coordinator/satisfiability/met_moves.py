@@ -58,13 +58,13 @@ class MetMoves:
         start: State,
         goal: State,
         *,
-        spend: Callable[[], object] = lambda: None,
+        spend: Callable[[int], object] = lambda _steps: None,
     ) -> None:
         """Take the moves of `system`, or without one the `listed` actions.
 
-        `spend` is called for each site or action looked at; what it raises ends the search.
+        `spend` is called with the number of sites or actions looked at; what it raises ends that.
         """
-        self._spend = spend
+        self.spend = spend
         self.sites: list[Site] = []
         self.actions: list[Action] = []
         self.names: list[GeneratorPlacement | None] = []
@@ -79,18 +79,18 @@ class MetMoves:
         self.ends = tuple(tuple(map(self._site, in_order(state))) for state in (start, goal))
         if system is None:
             for action in dict.fromkeys(listed):
-                self._spend()
+                self.spend(1)
                 self._add(action, None)
 
     def between(
-        self, start: State, goal: State, *, spend: Callable[[], object] = lambda: None
+        self, start: State, goal: State, *, spend: Callable[[int], object] = lambda _steps: None
     ) -> Self:
         """Return the moves of paths between two other states.
 
         What one of them learns of sites and moves, all know, so that it is learned once.
         """
         found = copy(self)
-        found._spend, found._depth = spend, 0  # noqa: SLF001 - of this class
+        found.spend, found._depth = spend, 0  # noqa: SLF001 - of this class
         found.ends = tuple(tuple(map(self._site, in_order(state))) for state in (start, goal))
         return found
 
@@ -110,10 +110,11 @@ class MetMoves:
         for site in np.flatnonzero(first[:, 1] <= layer).tolist():
             if site in self._asked:
                 continue
-            self._spend()
-            self._asked.add(site)
+            self.spend(1)
             for move in moves_at(self.sites[site]):
                 self._add(move.action, GeneratorPlacement(move.generator, move.at))
+            # Not before: if it ends in between, the site is asked about once more.
+            self._asked.add(site)
 
     def on(self, end: int) -> NDArray[np.bool_]:
         """Return which sites are on at the start (0) or the goal (1); shape (sites,)."""

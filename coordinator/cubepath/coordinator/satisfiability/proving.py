@@ -5,32 +5,32 @@ quick and in small ones at last; the other refutes one length after another from
 the last length that is open both work at it. A path that has been found is made normal, which may
 shorten it further; a length that is refuted refutes all below it, since rounds may be idle.
 
-Room: coordinator; touches the clock, the processes of solvers, and a folder of its own for logs.
+Room: coordinator; touches the clock, the processes of solvers, and temporary files for logs.
 """
 
 from __future__ import annotations
 
+import os
 import select
-import shutil
 import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import mkdtemp
-from typing import Self
+from tempfile import TemporaryFile
+from typing import IO, Self
 
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.satisfiability.encoding import Encoding, TooLargeError, encode
-from cubepath.coordinator.satisfiability.literal_windows import windows_of
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.solver_process import (
+    LOG_MAX,
     SECOND_SOLVER,
     SOLVER,
     Answer,
     SolverError,
     SolverProcess,
 )
+from cubepath.coordinator.satisfiability.window_bounds import window_bound
 from cubepath.protocol.core.actions import Action
 
 CubePath = tuple[tuple[Action, ...], ...]
@@ -45,12 +45,12 @@ WINDOWS, PROPAGATION, SEARCH = "windows of the moves", "unit propagation", "SAT 
 class Refutation:
     """Why no path has `rounds` rounds or fewer: clauses, and a log (None: propagation does it).
 
-    `why` names the argument, and `log` lies in the folder of the `Prover`, until that is closed.
+    `why` names the argument, and `log` is a file of the `Prover`, until that is closed.
     """
 
     problem: Encoding
     why: str
-    log: Path | None
+    log: IO[bytes] | None
 
     @property
     def rounds(self) -> int:
@@ -75,6 +75,7 @@ class Prover:
     seed: int = 0
     watch: Callable[[CubePath], object] | None = None
     tick: Callable[[], object] | None = None
+    log_max: int = LOG_MAX
     agreed: int = 0
     refutation: Refutation | None = None
     problems: int = 0
@@ -84,13 +85,11 @@ class Prover:
     _stack: ExitStack = field(default_factory=ExitStack)
 
     def __enter__(self) -> Self:
-        """Make the folder for logs."""
-        self._folder = Path(mkdtemp(prefix="cubepath-proof-"))
-        self._stack.callback(shutil.rmtree, self._folder, ignore_errors=True)
+        """Return the prover."""
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End the solvers, and remove the logs."""
+        """End the solvers, and close the logs."""
         self._stack.close()
 
     @property
@@ -107,27 +106,22 @@ class Prover:
         if refute:
             self.bound = min(self.bound, max(0, len(self.best) - 1))
         try:
-            self._raise_by_windows(end)
-            jobs = _Job(0, self._stack), _Job(1, self._stack)
+            window_bound(self.met, self.bound, len(self.best), raised=self._refuted_by_windows)
+            jobs = _Job(0, self._stack, self.log_max), _Job(1, self._stack, self.log_max)
             while self._least < len(self.best) and time.monotonic() < end:
                 self._assign(*jobs, max(1.0, _PATIENCE * seconds))
                 self._wait(jobs, end)
         except (TooLargeError, SolverError) as error:
             self.stopped_by = str(error)
 
-    def _raise_by_windows(self, end: float) -> None:
-        """Raise the bound as far as it goes without a solver."""
-        while self.bound < len(self.best) and time.monotonic() < end:
-            self.met.reach(self.bound)
-            ends = self.met.on(0), self.met.on(1)
-            windows = windows_of(self.met.arrays(), *ends, self.bound)
-            if windows.value_possible().any(axis=1).all():
-                return
-            self._refuted(Refutation(encode(self.met, self.bound), WINDOWS, None))
+    def _refuted_by_windows(self, rounds: int) -> None:
+        self._refuted(Refutation(encode(self.met, rounds), WINDOWS, None))
 
     def _refuted(self, found: Refutation) -> None:
         """Note that no path has so few rounds."""
         if found.rounds >= self.bound:
+            if self.refutation is not None and self.refutation.log is not None:
+                self.refutation.log.close()
             self.bound, self.refutation = found.rounds + 1, found
         if self.tick is not None:
             self.tick()
@@ -175,8 +169,14 @@ class Prover:
             job.begin(problem, SECOND_SOLVER)
             job.until = time.monotonic() + patience
         else:
-            log = self._folder / f"log-{self.problems}"
-            job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=log)
+            job.begin(problem, SOLVER, seed=2 * self.seed + job.number, log=self._log())
+
+    def _log(self) -> IO[bytes]:
+        """Return a file without a name, which is closed with the prover."""
+        try:
+            return self._stack.enter_context(TemporaryFile())
+        except OSError as error:
+            raise SolverError(f"no file for the log of a SAT solver: {error.strerror}") from None
 
     def _wait(self, jobs: Iterable[_Job], end: float) -> None:
         """Wait until some solver answers, a great step takes too long, or the time is up."""
@@ -211,7 +211,7 @@ class Prover:
             self._doubtful = max(self._doubtful, problem.rounds + 1)
         elif answer.log is None:
             self._single[problem.rounds] = problem
-        elif answer.log.stat().st_size == 0:
+        elif os.fstat(answer.log.fileno()).st_size == 0:
             self._refuted(Refutation(problem, PROPAGATION, None))
         else:
             self._refuted(Refutation(problem, SEARCH, answer.log))
@@ -220,10 +220,11 @@ class Prover:
 class _Job:
     """What one of the two solvers is at."""
 
-    def __init__(self, number: int, stack: ExitStack) -> None:
+    def __init__(self, number: int, stack: ExitStack, log_max: int) -> None:
         self.number = number
         self._solvers = {
-            name: stack.enter_context(SolverProcess(name)) for name in (SOLVER, SECOND_SOLVER)
+            name: stack.enter_context(SolverProcess(name, log_max=log_max))
+            for name in (SOLVER, SECOND_SOLVER)
         }
         self.solver = self._solvers[SOLVER]
         self.problem: Encoding | None = None
@@ -238,7 +239,7 @@ class _Job:
         """It has nothing to do while the best path has so many cubes or more."""
 
     def begin(
-        self, problem: Encoding, solver: str, *, seed: int = 0, log: Path | None = None
+        self, problem: Encoding, solver: str, *, seed: int = 0, log: IO[bytes] | None = None
     ) -> None:
         """Ask one of its solvers, by name."""
         self.end()

@@ -55,16 +55,22 @@ def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
             begin = int(some[-1])
         if log is not None:
             # The log goes to a file without a name; who waits can ask the system for its size.
-            _say(answers, {"log": solver.solver.prfile.fileno()})
+            within: Any = solver.solver
+            _say(answers, {"log": within.prfile.fileno()})
         if asked["conflicts"] is None:
             found = solver.solve()
         else:
             solver.conf_budget(asked["conflicts"])
             found = solver.solve_limited()
         if not found:
+            kept = False
             if log is not None and found is False:
-                _copy(solver.solver, log)
-            _say(answers, {"satisfiable": found})
+                try:
+                    kept = _copy(solver.solver, log, asked["log_max"])
+                except OSError as error:
+                    _say(answers, {"error": error.strerror or str(error)})
+                    return
+            _say(answers, {"satisfiable": found, "kept": kept})
             return
         model = np.array(solver.get_model(), dtype=np.int64)
         true = np.zeros(asked["variables"] + 1, dtype=np.bool_)
@@ -74,13 +80,22 @@ def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
         answers.flush()
 
 
-def _copy(solver: Any, log: str) -> None:
+def _copy(solver: Any, log: str, most: int) -> bool:
+    """Copy the log to where it is to be kept, unless it is too long; return whether it was."""
     import pysolvers  # noqa: PLC0415 - of the same library, which parses the log on its own way
 
     pysolvers.flushpr(solver.prfp)
+    written = solver.prfile.fileno()
+    size = os.fstat(written).st_size
+    if size > most:
+        return False
+    # The solver does not say where there was no more room; but then there is none for a byte.
+    os.pwrite(written, b"0", size)
+    os.truncate(written, size)
     solver.prfile.seek(0)
     with open(log, "wb") as file:  # noqa: PTH123 - a path of text, and nothing else is done with it
         shutil.copyfileobj(solver.prfile, file, 1 << 20)
+    return True
 
 
 def _read(told: BinaryIO, count: int, kind: type) -> Any:

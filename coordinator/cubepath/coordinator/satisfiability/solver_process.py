@@ -3,7 +3,7 @@
 A solver that is told to stop after some time may not do so, and while it works in this process
 nothing else can: no interrupt is heard. So it works elsewhere.
 
-Room: coordinator; touches processes, and a folder for logs.
+Room: coordinator; touches processes, and files for logs that it is given.
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ import os
 import select
 import subprocess
 import sys
+from collections.abc import Sized
 from contextlib import suppress
-from pathlib import Path
-from typing import IO, BinaryIO, NamedTuple, Self, cast
+from typing import IO, BinaryIO, NamedTuple, Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.satisfiability.encoding import Encoding
 from cubepath.protocol.core.errors import CubepathError, InputError
 
 SOLVER = "cadical195"
@@ -36,20 +35,39 @@ _BLOCK = 512
 _CHILD = "cubepath.coordinator.satisfiability.solver_child"
 
 
+class Problem(Protocol):
+    """Clauses: clause c is ``literals[ends[c - 1]:ends[c]]``, the first from 0 on."""
+
+    @property
+    def variables(self) -> Sized:
+        """The variables, whose numbers begin with 1."""
+        ...
+
+    @property
+    def literals(self) -> NDArray[np.int32]:
+        """All literals, with shape (literals,)."""
+        ...
+
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """Where each clause ends, with shape (clauses,)."""
+        ...
+
+
 class SolverError(CubepathError):
-    """The process of a solver ended by itself: it was killed, or out of memory."""
+    """The process of a solver ended by itself, or cannot write its log."""
 
 
 class Answer(NamedTuple):
     """What a solver says: whether there is a model, None if its budget of conflicts is spent.
 
     `true` holds the truth of each variable in the model, with shape (variables,). `log` is the file
-    with the refutation, if one was asked for and it is at most `LOG_MAX` bytes.
+    that was given for the refutation, if that is not too long; it is read from its beginning on.
     """
 
     satisfiable: bool | None
     true: NDArray[np.bool_]
-    log: Path | None = None
+    log: IO[bytes] | None = None
 
 
 def solvers_installed() -> bool:
@@ -83,12 +101,16 @@ class SolverProcess:
     [False, True]
     """
 
-    def __init__(self, solver: str = SOLVER) -> None:
-        """Prepare; the process is started with the first problem."""
+    def __init__(self, solver: str = SOLVER, *, log_max: int = LOG_MAX) -> None:
+        """Prepare; the process is started with the first problem.
+
+        A log of more than `log_max` bytes is given up, and the answer comes without it.
+        """
         self._solver = solver
+        self._log_max = log_max
         self._child: _Child | None = None
-        self._asked: Encoding | None = None
-        self._log: Path | None = None
+        self._asked: Problem | None = None
+        self._log: IO[bytes] | None = None
         self._log_file: int | None = None
         self._log_too_long = False
 
@@ -100,7 +122,7 @@ class SolverProcess:
         """End the process."""
         self.end()
 
-    def solve(self, problem: Encoding) -> Answer:
+    def solve(self, problem: Problem) -> Answer:
         """Ask for the answer to one problem, and wait for it."""
         self.ask(problem)
         while (found := self.answer(None)) is None:
@@ -109,15 +131,15 @@ class SolverProcess:
 
     def ask(
         self,
-        problem: Encoding,
+        problem: Problem,
         *,
         seed: int | None = None,
         conflicts: int | None = None,
-        log: Path | None = None,
+        log: IO[bytes] | None = None,
     ) -> None:
         """Begin to solve a problem; what was begun before is given up.
 
-        `log` is where to write the refutation, `conflicts` how many the solver may have.
+        `log` is an empty file for the refutation, `conflicts` how many the solver may have.
         SolverError if the process cannot take the problem.
         """
         if self._asked is not None:
@@ -128,7 +150,9 @@ class SolverProcess:
             "solver": self._solver,
             "seed": seed if self._solver == SOLVER else None,
             "conflicts": conflicts,
-            "log": None if log is None else str(log),
+            # Files without a name are left nowhere, however both processes end.
+            "log": None if log is None else f"/proc/{os.getpid()}/fd/{log.fileno()}",
+            "log_max": self._log_max,
             "variables": len(problem.variables),
             "literals": len(problem.literals),
             "clauses": len(problem.ends),
@@ -159,14 +183,17 @@ class SolverProcess:
             if "log" in said:
                 self._log_file = said["log"]
                 continue
+            if "error" in said:
+                self.end()
+                raise SolverError(f"the log of the SAT solver cannot be written: {said['error']}")
             self._asked = None
             true = np.zeros(len(problem.variables), dtype=np.bool_)
             if said["satisfiable"]:
                 bits = np.frombuffer(self._read(child, -(-len(true) // 8)), dtype=np.uint8)
                 true = np.unpackbits(bits, count=len(true)).astype(np.bool_)
             log = self._log if said["satisfiable"] is False else None
-            if log is not None and (self._log_too_long or log.stat().st_size > LOG_MAX):
-                log.unlink()
+            if log is not None and (self._log_too_long or not said["kept"]):
+                log.truncate(0)
                 log = None
             return Answer(said["satisfiable"], true, log)
         self._watch_log(child.process)
@@ -209,15 +236,15 @@ class SolverProcess:
         with suppress(OSError):
             path = f"/proc/{process.pid}/fd/{self._log_file}"
             status = os.stat(path)  # noqa: PTH116 - a link of the system's, which leads nowhere
-            self._log_too_long |= status.st_size > LOG_MAX
-            if self._log_too_long and status.st_blocks * _BLOCK > LOG_MAX:
+            self._log_too_long |= status.st_size > self._log_max
+            if self._log_too_long and status.st_blocks * _BLOCK > self._log_max:
                 # The solver writes on where it was: what lies before takes no place any more.
                 os.truncate(path, 0)
 
     def _started(self) -> _Child:
         if self._child is None:
             process = subprocess.Popen(
-                [sys.executable, "-m", _CHILD, str(os.getpid())],
+                [sys.executable, "-P", "-m", _CHILD, str(os.getpid())],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,

@@ -18,8 +18,10 @@ from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.heap import Heap
+from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
+from cubepath.coordinator.satisfiability.solver_process import solvers_installed
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
-from cubepath.coordinator.search.sat_windows import STAGE, SatWindows, prepare_windows
+from cubepath.coordinator.search.sat_windows import STAGE, SatWindows
 from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
@@ -141,8 +143,8 @@ def prepare_all(system: System | None, *, with_solver: bool) -> None:
     """Compile what the searches of a system take, or load what was compiled."""
     if system is not None and system.graph is not None:
         prepare()
-    if with_solver:
-        prepare_windows()
+    if with_solver and solvers_installed():
+        prepare_clauses()
 
 
 def _check_given(

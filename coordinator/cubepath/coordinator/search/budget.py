@@ -75,21 +75,23 @@ _TICK = 256
 class Stage:
     """A part of a search: its name, what it took, and how it ended.
 
-    `ended` is "done", or what stopped it: "time", "interrupt", "limit" for a bound on states or
-    steps, or "missing" for a stage that takes a library that is not installed. The meaning of
-    `steps` differs from stage to stage.
+    `ended` is "done", or what stopped it: "time", "interrupt", or "limit" for a bound on states or
+    steps. `why` says more about that where there is more to say. The meaning of `steps` differs
+    from stage to stage.
     """
 
     name: str
     seconds: float = 0.0
     steps: int = 0
-    ended: Literal["done", "time", "limit", "interrupt", "missing"] = "done"
+    ended: Literal["done", "time", "limit", "interrupt"] = "done"
+    why: str | None = None
 
     def document(self) -> dict[str, Any]:
-        """Return the keys of ``--json``."""
-        return {
+        """Return the keys of ``--json``; ``why`` is among them only where it is known."""
+        found = {
             "stage": self.name,
             "seconds": round(self.seconds, 3),
             "steps": self.steps,
             "ended": self.ended,
         }
+        return found if self.why is None else found | {"why": self.why}

@@ -38,7 +38,7 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import System
 
 CubePath = tuple[tuple[Action, ...], ...]
-STAGE = "windows"
+STAGE = "solver"
 """The name of the stage that tells what was spent here."""
 _WIDTH = 8
 """The number of cubes of the windows that are tried first."""
@@ -56,6 +56,8 @@ _START_S = 0.4
 """How long the process takes to start: until then it would not take what it is told."""
 _REST_ON_GRAPH = 5.0
 """For vehicles, other steps get so many times the time that building clauses took."""
+_STALLED_S = 1.0
+"""For vehicles, nothing is asked while other steps find better plans within this time."""
 _LITERALS_MAX = 3_000_000
 """Windows with longer clauses are left out."""
 _ACTIONS_MAX = 200_000
@@ -115,6 +117,7 @@ class SatWindows:
             self._own = OwnEnds.of(system, path, start)
             system, start = self._own.system, self._own.start
         self._system, self._start = system, start
+        self._on_graph = system is not None and system.graph is not None
         self._listed = () if system is not None else [each for cube in best for each in cube]
         self._best, self._budget, self._stage = best, budget, stage
         self._solver = SolverProcess(SECOND_SOLVER)  # the one that finds paths sooner
@@ -139,7 +142,8 @@ class SatWindows:
     def __enter__(self) -> Self:
         """Start the solver, which takes a while to be ready."""
         if not solvers_installed():
-            self._stage.ended = "missing"
+            self._stage.ended = "limit"
+            self._stage.why = "left out without python-sat: pip install 'cubepath[proofs]'"
         if not self._over:
             self._start_solver()
         return self
@@ -159,6 +163,9 @@ class SatWindows:
         """Go on from the best path that is known; return a better one if one was found."""
         if _cost(best) < _cost(self._best):
             self._best = best
+            if self._on_graph:
+                # While replanning gets on, it is quicker.
+                self._ready = max(self._ready, time.monotonic() + _STALLED_S)
         self.advance()
         return self._best if _cost(self._best) < _cost(best) else None
 
@@ -274,9 +281,8 @@ class SatWindows:
             return
         finally:
             # Building leaves this process time for other steps, which serve vehicles well.
-            on_graph = self._system is not None and self._system.graph is not None
             now = time.monotonic()
-            self._ready = now + (now - began) * (_REST_ON_GRAPH if on_graph else 1.0)
+            self._ready = now + (now - began) * (_REST_ON_GRAPH if self._on_graph else 1.0)
         if problem.impossible:
             self._note(question, least=question.rounds + 1)
             return
@@ -351,10 +357,3 @@ def _apply(cubes: Iterable[Iterable[Action]], state: set[Site]) -> None:
 
 def _cost(path: CubePath) -> tuple[int, int]:
     return len(path), sum(map(len, path))
-
-
-def prepare_windows() -> None:
-    """Compile what builds clauses, or load what was compiled, if there is a solver for them."""
-    if solvers_installed():
-        move = Action(["a", "b"], ["a", "b"], ["a"], ["b"])
-        encode(MetMoves(None, [move], {"a"}, {"b"}), 2)

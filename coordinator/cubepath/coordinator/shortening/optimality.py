@@ -22,9 +22,11 @@ import numpy as np
 from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state, is_normal
 from cubepath.coordinator.normal_form.heap import normal_cube_path
+from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.satisfiability.met_moves import MetMoves
-from cubepath.coordinator.satisfiability.proving import Prover
+from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover
 from cubepath.coordinator.satisfiability.solver_process import check_installed
+from cubepath.coordinator.satisfiability.window_bounds import window_bound
 from cubepath.coordinator.search.anytime import CubePath, Improved, improve, prepare_all
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
@@ -32,7 +34,7 @@ from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
 from cubepath.coordinator.search.sat_windows import STAGE
 from cubepath.coordinator.search.simply_connected import only_class
-from cubepath.coordinator.search.transitions import Transitions, maskable
+from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.optimality_proof import proof_of
 from cubepath.coordinator.shortening.path_input import PathInput
@@ -161,6 +163,7 @@ def beyond(
     proof: Path | str | None = None,
     watch: Callable[[Improved], object] | None = None,
     tick: Tick | None = None,
+    between: Between | None = None,
 ) -> Beyond:
     """Look beyond the class of a path: improve it if time is given, and bound what is possible.
 
@@ -175,7 +178,8 @@ def beyond(
     legal normal cube path to the same end. `found` is the shortened path, if it is known already,
     and gives the moves their names; without it they have none. An interrupt (KeyboardInterrupt)
     ends the search with what is known so far, as running out of time does. `tick` is called now and
-    then with the current stage and the steps that it took, `watch` with every better path.
+    then with the current stage and the steps that it took, `watch` with every better path, and
+    `between`, while a proof is searched for, with the lower bound and the best number of cubes.
     InputError as for `improve`, and if a proof is asked for without the library that it takes.
 
     >>> found = shorten(play("agv:graph=grid3x3,n=3", "random", seed=2, max_rounds=30))
@@ -192,11 +196,12 @@ def beyond(
     look = _Look(task, found, seconds=seconds, max_states=max_states, tick=tick)
     look.ask_for_classes()
     look.bound_from_below()
+    look.bound_by_windows()
     look.search_all(take=asked)
     if asked:
         look.improve(iterations=iterations, seed=seed, watch=watch)
     if prove is not None:
-        look.prove(prove, seed=seed, proof=proof, watch=watch)
+        look.prove(prove, seed=seed, proof=proof, watch=watch, between=between)
     if look.better is not None:
         _check(task, look.better)
     return Beyond(
@@ -215,12 +220,18 @@ def beyond(
 
 Tick = Callable[[str, int], object]
 """Called with the name of a stage and the steps that it took so far."""
-_SHARES = {"classes": 0.1, "bounds": 0.2, "optimum": 0.25, "proof": 1.0}
+Between = Callable[[int, int], object]
+"""Called with what is proved, a lower bound, and the number of cubes of the best path."""
+_SHARES = {"classes": 0.1, "bounds": 0.2, "windows": 0.2, "optimum": 0.25, "proof": 1.0}
 """Shares of the time that these stages may take; the search gets the rest, a proof its own time."""
 _BEFORE_PROOF = 0.15
 """Share of the time for a proof that all other stages may take together."""
 _BOUND_STEPS = 20_000_000
 """Without a time limit, the bounds may look at so many sites on the way of modules, and pairs."""
+_WINDOW_STEPS = 1_000_000
+"""Without a time limit, the windows may look at so many sites and moves."""
+_LISTED_MAX = 20_000
+"""Clauses are made of so many listed moves at most: where they are more, they are not built."""
 _SETS_A_STATE = 40
 """Without a time limit, the exhaustive search may look at so many sets of moves per state."""
 
@@ -251,6 +262,7 @@ class _Look:
         self._small = maskable(self._system)
         self._found = found
         self._stopped = False
+        self._compiled = False
         self.stages: list[Stage] = []
         self.better: CubePath | None = None
         """The best path, if it is not the normal cube path."""
@@ -348,6 +360,42 @@ class _Look:
         if not self._stopped:
             self._stage("bounds", job, _BOUND_STEPS)
 
+    def bound_by_windows(self) -> None:
+        """Bound the cubes of every path by when each site can have which value."""
+
+        def job(stage: Stage, budget: Budget) -> None:
+            def raised(rounds: int) -> None:
+                stage.steps = len(self._met.actions)
+                self._raise_bound(Bound(rounds + 1, WINDOWS))
+
+            with suppress(SpentError):
+                self._met.spend = budget.spend
+                window_bound(self._met, self.bound.cubes, self.cubes, raised=raised)
+                stage.steps = len(self._met.actions)
+
+        # Without a system it would be all moves of the input, and few need to be built otherwise.
+        known = self._system is not None and self._small and not self._stopped
+        if known and 0 < self.bound.cubes < self.cubes:
+            self._compile()
+            if not self._stopped:
+                self._stage("windows", job, _WINDOW_STEPS)
+
+    def _compile(self) -> None:
+        """Compile what clauses need, once for an installation; other stages keep their time."""
+        if not self._compiled:
+            self._stage("compile", lambda _stage, _budget: prepare_clauses())
+            self._whole.extend(self.stages[-1].seconds)
+            self._compiled = True
+
+    @property
+    def _listed_count(self) -> int:
+        """Return how many moves occur, without looking at them one by one."""
+        return len(self._task.path if self._found is None else self._found.path.actions)
+
+    @cached_property
+    def _met(self) -> MetMoves:
+        return MetMoves(self._system, self._listed(), self._start, self._goal)
+
     def search_all(self, *, take: bool) -> None:
         """Search the states around both ends; with `take`, an optimum becomes the best path."""
         most = self.cubes - 1
@@ -426,18 +474,19 @@ class _Look:
                 stage.ended = "time" if self._whole.spent else "limit"
 
         if not self._stopped and self.bound.cubes < self.cubes:
-            self._compile(timed=timed)
+            self._compile_search(timed=timed)
             self._stage("search", job)
             if timed:
                 self.stages.append(by_sat)
         if kept:
             self.better = min(kept, key=lambda path: (len(path), sum(map(len, path))))
 
-    def _compile(self, *, timed: bool) -> None:
+    def _compile_search(self, *, timed: bool) -> None:
         """Compile, once for an installation; the search gets its time all the same."""
         system = self._task.system
-        if timed or (system is not None and system.graph is not None):
-            self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=timed))
+        clauses = timed and not self._compiled
+        if clauses or (system is not None and system.graph is not None):
+            self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=clauses))
             self._whole.extend(self.stages[-1].seconds)
 
     def prove(
@@ -447,42 +496,75 @@ class _Look:
         seed: int,
         proof: Path | str | None,
         watch: Callable[[Improved], object] | None,
+        between: Between | None,
     ) -> None:
         """Search for the optimum by SAT solvers; write the refutation of less, if asked to."""
+        if self._stopped or (proof is None and self.bound.cubes == self.cubes):
+            return
 
         def job(stage: Stage, budget: Budget) -> None:
-            def keep(path: CubePath) -> None:
-                self.better = self._plain(path)
-                if watch is not None:
-                    watch(Improved(self.better, stage.steps, 0))
-
-            def count() -> None:
-                stage.steps = prover.problems
-                if self._tick is not None:
-                    self._tick(stage.name, prover.problems)
-                budget.spend(0)
-
-            stage.ended = "time"
+            if not self._has_clauses(stage):
+                return
             with suppress(SpentError):
-                listed = self._listed()
-                met = MetMoves(self._system, listed, self._start, self._goal, spend=budget.spend)
-                prover = Prover(met, self._labelled, self.bound.cubes, seed, keep, count)
-                with prover:
-                    try:
-                        prover.run(budget.seconds_left or 0.0, refute=proof is not None)
-                    finally:
-                        stage.steps = prover.problems
-                        self._take_proof(prover, proof)
-                if prover.stopped_by is not None:
-                    stage.ended = "limit"
-                elif self.bound.cubes == self.cubes:
-                    stage.ended = "done"
+                self._ask_solvers(
+                    stage, budget, seed=seed, proof=proof, watch=watch, between=between
+                )
+            if stage.ended == "done" and self.bound.cubes < self.cubes:
+                stage.ended = "time"
 
-        if self._stopped or not self._small or self._start == self._goal:
-            return
-        if proof is not None or self.bound.cubes < self.cubes:
+        self._compile()
+        if not self._stopped:
             self._whole, self._seconds = Budget(seconds), seconds
             self._stage("proof", job)
+
+    def _has_clauses(self, stage: Stage) -> bool:
+        """Return whether clauses can be built; note why not."""
+        if self._start == self._goal:
+            stage.why = "a path without cubes needs no proof"
+        elif not self._small:
+            labels = 0 if self._system is None else self._system.labels
+            stage.ended = "limit"
+            stage.why = f"clauses for {labels} labels, {LABELS_MAX} at most"
+        elif self._system is None and self._listed_count > _LISTED_MAX:
+            stage.ended = "limit"
+            stage.why = f"clauses for {self._listed_count:,} moves, {_LISTED_MAX:,} at most"
+        return stage.why is None
+
+    def _ask_solvers(
+        self,
+        stage: Stage,
+        budget: Budget,
+        *,
+        seed: int,
+        proof: Path | str | None,
+        watch: Callable[[Improved], object] | None,
+        between: Between | None,
+    ) -> None:
+        """Search until the budget is spent, and take what was found, however that ends."""
+
+        def keep(path: CubePath) -> None:
+            self.better = self._plain(path)
+            if watch is not None:
+                watch(Improved(self.better, stage.steps, 0))
+
+        def count() -> None:
+            stage.steps = prover.problems
+            if self._tick is not None:
+                self._tick(stage.name, prover.problems)
+            if between is not None:
+                between(prover.bound, len(prover.best))
+            budget.spend(0)
+
+        self._met.spend = budget.spend
+        prover = Prover(self._met, self._labelled, self.bound.cubes, seed, keep, count)
+        with prover:
+            try:
+                prover.run(budget.seconds_left or 0.0, refute=proof is not None)
+            finally:
+                stage.steps = prover.problems
+                self._take_proof(prover, proof)
+        if prover.stopped_by is not None:
+            stage.ended, stage.why = "limit", prover.stopped_by
 
     def _listed(self) -> Iterable[Action]:
         """Return the moves that occur, where there is no system; no others exist."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import IO
 
 from cubepath.coordinator.satisfiability.clauses import OFF, ON
 from cubepath.coordinator.satisfiability.proving import Refutation
@@ -90,8 +90,8 @@ def _ladders(refuted: Refutation) -> list[Ladder]:
     return found
 
 
-def _log(path: Path | None) -> Iterator[bytes]:
-    if path is not None:
-        with path.open("rb") as file:
-            while chunk := file.read(_CHUNK):
-                yield chunk
+def _log(file: IO[bytes] | None) -> Iterator[bytes]:
+    if file is not None:
+        file.seek(0)
+        while chunk := file.read(_CHUNK):
+            yield chunk
