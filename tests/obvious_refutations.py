@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -223,7 +224,7 @@ class Refutation:
                     self.site_is(site, time - 1, not value),
                     self.site_is(site, time, value),
                 )
-        for one, other in in_order(move[0].guards):
+        for one, other in move[0].guards:
             self.clause(
                 -made, self.site_is(one, time - 1, False), self.site_is(other, time - 1, True)
             )
@@ -284,35 +285,39 @@ class Refutation:
 
     def rows(self, actions: Sequence[Action]) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
         """Return the variables as the file has them."""
-        site = {each: number for number, each in enumerate(self.sites)}
-        action = {each: number for number, each in enumerate(actions)}
+        site: dict[object, int] = {each: number for number, each in enumerate(self.sites)}
+        action: dict[object, int] = {each: number for number, each in enumerate(actions)}
         found: list[tuple[int, int, int]] = []
         for meaning in self.variables:
             match meaning:
                 case ("site", each, int(time)):
-                    found.append((0, site[each], time))  # type: ignore[index]
+                    found.append((0, site[each], time))
                 case ("move", (each, int(end)), int(time)):
-                    found.append((1, 2 * action[each] + end, time))  # type: ignore[index]
+                    found.append((1, 2 * action[each] + end, time))
                 case (_, int(ladder), int(place)):
                     found.append((2, ladder, place))
+                case _:
+                    raise AssertionError(meaning)
         return np.array(found, dtype=np.int32).reshape(-1, 3)
 
 
 def log_of(variables: int, clauses: Sequence[Sequence[int]]) -> bytes | None:
     """Return a solver's log that refutes the clauses, None if there is a schedule."""
     import pysolvers
-    from pysat.solvers import Solver
+    from pysat.solvers import Cadical195
 
     if any(not clause for clause in clauses):
         return b""
-    with Solver(name="cadical195", bootstrap_with=clauses, with_proof=True) as solver:
+    solver: Any = Cadical195(bootstrap_with=clauses, with_proof=True)
+    try:
         if solver.solve():
             return None
-        pysolvers.flushpr(solver.solver.prfp)
-        log = solver.solver.prfile
-        log.seek(0)
-        found: bytes = log.read()
+        pysolvers.flushpr(solver.prfp)
+        solver.prfile.seek(0)
+        found: bytes = solver.prfile.read()
         return found
+    finally:
+        solver.delete()
 
 
 def proof_of(

@@ -111,7 +111,11 @@ def test_unequal_times_write_when_moves_begin_and_end(
     [
         (["--following", "cgshop"], "round 1: vehicles 0, 3, 2 and 1 rotate at [0, 0]"),
         (["--following", "mapf", "--improve", "1"], "--improve is for cubes"),
+        (["--following", "mapf", "--improve", "0"], "--improve is for cubes"),
         (["--following", "mapf", "--bounds"], "--bounds is for cubes"),
+        (["--following", "mapf", "--max-states", "9"], "--max-states is for cubes"),
+        (["--following", "mapf", "--prove", "1", "--duration", "edge=2"], "--prove counts rounds"),
+        (["--following", "mapf", "--prove", "1", "--proof", "a.proof"], "--proof is for cubes"),
         (["--following", "mapf", "--certificate", "a.json"], "--certificate is for cubes"),
         (["--following", "mapf", "-o", "a.npz"], "expected one of .jsonl"),
         (["--following", "mapf", "--with", "a.json"], "expected no --with"),

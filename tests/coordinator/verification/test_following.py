@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
+import re
 from collections.abc import Callable
+from pathlib import Path
 from random import Random
 
 import msgspec
@@ -13,7 +16,14 @@ from cubepath.coordinator.following.rules import RULES
 from cubepath.coordinator.following.timetable import following_timetable
 from cubepath.coordinator.verification.following import FOLLOWING_CHECKS, check_following
 from cubepath.coordinator.verification.following_rules import why_illegal
-from cubepath.protocol.path_files.following import FollowingFile, FollowingHead, FollowingLine
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile
+from cubepath.protocol.path_files.following import (
+    FollowingFile,
+    FollowingHead,
+    FollowingLine,
+    read_following,
+)
 from cubepath.protocol.plans.vehicle_plan import VehiclePlan
 from vehicle_rounds import Drawn, Move, draw_plan, is_legal
 
@@ -203,3 +213,25 @@ def test_a_timetable_without_moves_of_the_input() -> None:
     assert check_following(away, plan)["form"] is not None
     short = FollowingFile(file.head, file.lines[:-1])
     assert check_following(short, plan)["end"] is not None
+
+
+def test_whatever_a_file_says_is_judged() -> None:
+    """Numbers in a file changed at random, one or many: each is refused or checked, or holds."""
+    judged = 0
+    for seed in range(1500):
+        random = Random(seed)  # noqa: S311 - to be repeated
+        file, plan = timetable(seed % 50, RULES[seed % 2])
+        words = re.split(
+            rb"(-?\d+)", b"\n".join(map(msgspec.json.encode, [file.head, *file.lines]))
+        )
+        for _ in range(random.randint(1, 4)):
+            place = random.randrange(3, len(words), 2)  # the first number is of the format
+            words[place] = str(random.choice([0, 1, 2, random.randint(-2, 30)])).encode()
+        try:
+            changed = read_following(InputFile(Path("changed"), io.BytesIO(b"".join(words))))
+        except InputError:
+            continue
+        found = check_following(changed, plan)
+        assert changed == file or any(found.values()), (seed, words)
+        judged += changed != file
+    assert judged > 200

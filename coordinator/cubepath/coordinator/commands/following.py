@@ -26,6 +26,20 @@ if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.protocol.plans.vehicle_plan import VehiclePlan
 
 
+_FOR_CUBES = {
+    "improve": "--improve",
+    "effort": "--effort",
+    "bounds": "--bounds",
+    "proof": "--proof",
+    "max_states": "--max-states",
+}
+"""Options that look for schedules of cubes."""
+
+
+def _is_given(value: object) -> bool:
+    return value is not None and value is not False  # 0 is given
+
+
 def add_following_options(shorten: argparse.ArgumentParser) -> None:
     """Add ``--following``."""
     shorten.add_argument(
@@ -40,8 +54,8 @@ def add_following_options(shorten: argparse.ArgumentParser) -> None:
 
 def check_following_options(options: argparse.Namespace) -> None:
     """Check that the other options fit ``--following``; InputError if one does not."""
-    given = {"improve", "effort", "bounds", "proof"}
-    beyond = next((f"--{name}" for name in sorted(given) if getattr(options, name)), None)
+    given = [each for name, each in _FOR_CUBES.items() if _is_given(getattr(options, name))]
+    beyond = next(iter(given), None)
     if beyond is not None:
         raise InputError(
             f"{beyond} is for cubes, in which no vehicle follows: expected no --following with it"

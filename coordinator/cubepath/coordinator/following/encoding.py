@@ -18,6 +18,7 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -101,8 +102,8 @@ class Clauses:
     rounds: int
     at: list[list[dict[Site, int]]] = field(default_factory=list[list[dict[Site, int]]])
     """The variable of a vehicle at a vertex: by vehicle, time and vertex."""
-    flat: list[int] = field(default_factory=list[int])
-    cuts: list[int] = field(default_factory=list[int])
+    flat: array[int] = field(default_factory=lambda: array("i"))
+    cuts: array[int] = field(default_factory=lambda: array("q"))
     count: int = 0
 
     def new(self) -> int:
@@ -112,7 +113,7 @@ class Clauses:
 
     def add(self, *clause: int) -> None:
         """Add a clause; TooLargeError if there are too many."""
-        self.flat += clause
+        self.flat.extend(clause)
         self.cuts.append(len(self.flat))
         if len(self.flat) > LITERALS_MAX:
             raise TooLargeError(
@@ -124,12 +125,12 @@ class Clauses:
         """The variables, from 1 on."""
         return range(1, self.count + 1)
 
-    @cached_property
+    @property
     def literals(self) -> NDArray[np.int32]:
         """All literals, with shape (literals,)."""
         return np.array(self.flat, dtype=np.int32)
 
-    @cached_property
+    @property
     def ends(self) -> NDArray[np.int64]:
         """Where each clause ends, with shape (clauses,)."""
         return np.array(self.cuts, dtype=np.int64)
@@ -138,7 +139,7 @@ class Clauses:
         """Yield the clauses one by one."""
         begin = 0
         for end in self.cuts:
-            yield self.flat[begin:end]
+            yield self.flat[begin:end].tolist()
             begin = end
 
     def schedule(self, true: NDArray[np.bool_]) -> Schedule:

@@ -3,31 +3,33 @@
 The normal cube path is the shortest in its class, so any shorter path lies in another. The search
 keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
 the routes of a few vehicles, with all others unchanged (`vehicle_lns`). Each names its sources. In
-both, a step never makes the path worse. Beside them a SAT solver looks for shorter windows in a
-process of its own (`sat_windows`), if time alone bounds the search.
+both, a step never makes the path worse. A system may have a search of its own (`System.paths`); the
+path that it finds is taken only if it is one from the start to the end. Beside them a SAT solver
+looks for shorter windows in a process of its own (`sat_windows`), if time alone bounds the search.
 
 Room: coordinator; touches the clock, to know when to stop, and the process of a solver.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
+from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
 from cubepath.coordinator.satisfiability.solver_process import solvers_installed
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
+from cubepath.coordinator.search.said import paths_of, prepare_for
 from cubepath.coordinator.search.sat_windows import STAGE, SatWindows
-from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.search.windows import Windows
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import System
 
 CubePath = tuple[tuple[Action, ...], ...]
@@ -35,6 +37,10 @@ _IDLE = 0.2
 """For vehicles, the share of steps that try a window instead of a neighbourhood."""
 _SITES_MAX = 4096
 """Systems of vehicles with more sites than this are searched by neighbourhoods only."""
+_OWN = 0.8
+"""Where a system has a search of its own, the share of steps that it gets."""
+_WORK_MAX = 200_000
+"""Then windows are tried only for paths with at most so many moves times sites that are on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +127,9 @@ def improve(
                 stage=by_sat or Stage(STAGE),
             )
             stack.enter_context(solver)
-        search = _Search(transitions, start, best, labelled_goals=labelled_goals, solver=solver)
+        search = _Search(
+            transitions, start, best, labelled_goals=labelled_goals, solver=solver, seed=seed
+        )
         while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
             proposal = search.step(random, best.cube_path)
             steps += 1
@@ -141,8 +149,8 @@ def improve(
 
 def prepare_all(system: System | None, *, with_solver: bool) -> None:
     """Compile what the searches of a system take, or load what was compiled."""
-    if system is not None and system.graph is not None:
-        prepare()
+    if system is not None:
+        prepare_for(system)
     if with_solver and solvers_installed():
         prepare_clauses()
 
@@ -184,6 +192,7 @@ class _Search:
         *,
         labelled_goals: bool,
         solver: SatWindows | None,
+        seed: int,
     ) -> None:
         self._solver = solver
         self._start = start
@@ -192,18 +201,42 @@ class _Search:
         self._labelled_goals = labelled_goals
         self._windows: Windows | None = None
         self._vehicles: Replanner | None = None
+        self._own: Iterator[Sequence[Action] | None] | None = None
         self.possible = bool(best.cube_path)
         if not self.possible:
             return
+        self._begin_own(best, seed, labelled_goals=labelled_goals)
         graph = None if system is None else system.graph
         if graph is not None and Replanner.fits(graph, len(start), best.cubes):
             self._vehicles = self._replanner(best.cube_path)
         labels = 1 if system is None else system.labels or 1
         sites = 0 if graph is None else len(graph.vertices) * labels
-        if not labelled_goals and sites <= _SITES_MAX:
-            self._windows = Windows(self._steps, start, best.cube_path)
-            self._fresh = True
-        self.possible = self._windows is not None or self._vehicles is not None
+        self._may_cut = not labelled_goals and sites <= _SITES_MAX
+        self._fresh = True
+        self._cut(best)
+        if self._windows is None and self._vehicles is None:
+            # States too many and too long for windows are so for clauses as well.
+            self._solver = None
+        self._ask()
+
+    def _ask(self) -> None:
+        """Note whether there is anything left to try."""
+        self.possible = any(each is not None for each in (self._own, self._windows, self._vehicles))
+
+    def _begin_own(self, best: Improved, seed: int, *, labelled_goals: bool) -> None:
+        """Begin the system's own search, which knows nothing of vehicles with own ends."""
+        system, start = self._system, self._start
+        if system is None or labelled_goals:
+            return
+        path = [action for cube in best.cube_path for action in cube]
+        self._goal = end_state(best.cube_path, start)
+        self._own = paths_of(system, start, self._goal, seed=seed, known=path)
+
+    def _cut(self, best: Improved) -> None:
+        """Search the windows of a path from now on, unless its states are too many and too long."""
+        if not self._may_cut or (self._own and best.moves * len(self._start) > _WORK_MAX):
+            return
+        self._windows = Windows(self._steps, self._start, best.cube_path)
 
     def step(self, random: Random, best: CubePath) -> _Proposal | None:
         """Let one of the searches take a step; return the path if it got better."""
@@ -213,6 +246,10 @@ class _Search:
             actions = [action for cube in found for action in cube]
             return _Proposal((len(found), len(actions)), lambda: actions)
         windows, vehicles = self._windows, self._vehicles
+        if self._own is not None and (
+            (windows is None and vehicles is None) or random.random() < _OWN
+        ):
+            return self._own_step(self._own)
         if windows is not None and (vehicles is None or random.random() < _IDLE):
             # Cutting the path at the beginning counts as the first step.
             fresh, self._fresh = self._fresh, False
@@ -235,6 +272,33 @@ class _Search:
         if self._windows is not None:
             self._windows = Windows(self._steps, self._start, best)
             self._fresh = True
+
+    def _own_step(self, own: Iterator[Sequence[Action] | None]) -> _Proposal | None:
+        """Let the system's own search take a step; CheckError if its answer is not a path."""
+        try:
+            found = next(own)
+        except StopIteration:
+            self._own = None
+            self._ask()
+            return None
+        if found is None:
+            return None
+        path = list(found)
+        self._check(path)
+        best = _normal(path, 0, 0)
+        cost = best.cubes, best.moves
+        if self._windows is None or cost < self._windows.cost:
+            self._cut(best)
+        return _Proposal(cost, lambda: path)
+
+    def _check(self, path: Sequence[Action]) -> None:
+        name = type(self._system).__name__
+        try:
+            end = end_state(path, self._start)
+        except InputError as error:
+            raise CheckError(f"a path that {name}.paths has found is not legal: {error}") from None
+        if end != self._goal:
+            raise CheckError(f"a path that {name}.paths has found does not end at the goal")
 
     def _replanner(self, cubes: CubePath) -> Replanner | None:
         system = self._system

@@ -32,6 +32,7 @@ from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
+from cubepath.coordinator.search.said import prepares
 from cubepath.coordinator.search.sat_windows import STAGE
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
@@ -485,7 +486,7 @@ class _Look:
         """Compile, once for an installation; the search gets its time all the same."""
         system = self._task.system
         clauses = timed and not self._compiled
-        if clauses or (system is not None and system.graph is not None):
+        if clauses or (system is not None and prepares(system)):
             self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=clauses))
             self._whole.extend(self.stages[-1].seconds)
 
