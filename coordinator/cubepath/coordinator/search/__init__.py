@@ -10,48 +10,57 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.search.anytime import CubePath, Improved, improve
+    from cubepath.coordinator.search.anytime import CubePath, Improved, improve, prepare_all
     from cubepath.coordinator.search.budget import Budget, SpentError, Stage
     from cubepath.coordinator.search.endless import wandering
     from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
     from cubepath.coordinator.search.heuristics import Potential, Ways
     from cubepath.coordinator.search.lower_bounds import lower_bound
+    from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
+    from cubepath.coordinator.search.said import prepares
+    from cubepath.coordinator.search.sat_windows import STAGE
     from cubepath.coordinator.search.simply_connected import only_class
-    from cubepath.coordinator.search.space_time_routes import prepare
-    from cubepath.coordinator.search.transitions import Transitions, maskable
+    from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "anytime": "CubePath Improved improve",
+            "anytime": "CubePath Improved improve prepare_all",
             "budget": "Budget SpentError Stage",
             "endless": "wandering",
             "exact": "MAX_STATES Optimum optimum too_wide",
             "heuristics": "Potential Ways",
             "lower_bounds": "lower_bound",
+            "own_ends": "OwnEnds ends_of",
+            "said": "prepares",
+            "sat_windows": "STAGE",
             "simply_connected": "only_class",
-            "space_time_routes": "prepare",
-            "transitions": "Transitions maskable",
+            "transitions": "LABELS_MAX Transitions maskable",
         },
     )
 
 __all__ = [
+    "LABELS_MAX",
     "MAX_STATES",
+    "STAGE",
     "Budget",
     "CubePath",
     "Improved",
     "Optimum",
+    "OwnEnds",
     "Potential",
     "SpentError",
     "Stage",
     "Transitions",
     "Ways",
+    "ends_of",
     "improve",
     "lower_bound",
     "maskable",
     "only_class",
     "optimum",
-    "prepare",
+    "prepare_all",
+    "prepares",
     "too_wide",
     "wandering",
 ]
