@@ -19,10 +19,11 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search.anytime import Improved, improve
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.coordinator.search.own_ends import ends_of
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import Task, beyond, ends_of, task_of
+from cubepath.coordinator.shortening.optimality import Task, beyond, task_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
@@ -109,6 +110,7 @@ def test_the_same_seed_finds_the_same_path(spec: str) -> None:
 
 HASHED = """
 from cubepath.coordinator.search.anytime import improve
+from cubepath.coordinator.search.own_ends import ends_of
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol.scenes.specs import scene_from_spec
 from random import Random

@@ -154,6 +154,7 @@ _STEPS = {
     "windows": "moves",
     "optimum": "states",
     "search": "tries",
+    "solver": "problems",
     "proof": "problems",
 }
 """What the steps of each stage count."""

@@ -81,10 +81,10 @@ class Encoding:
         return tuple(tuple(cube) for cube in cubes if cube)
 
 
-def encode(met: MetMoves, rounds: int) -> Encoding:
+def encode(met: MetMoves, rounds: int, *, literals_max: int = LITERALS_MAX) -> Encoding:
     """Return the clauses of a path of at most `rounds` rounds between the ends of `met`.
 
-    Raises TooLargeError if these are more than `LITERALS_MAX` literals.
+    Raises TooLargeError if those about moves have more than `literals_max` literals.
     """
     met.reach(rounds)
     moves, start, goal = met.arrays(), met.on(0), met.on(1)
@@ -107,9 +107,9 @@ def encode(met: MetMoves, rounds: int) -> Encoding:
     )
     empty = Written(*_arrays(np.zeros(5, dtype=np.int64)))
     counted = np.zeros(5, dtype=np.int64) if impossible else write(problem, empty, variables, False)
-    if counted[0] > LITERALS_MAX:
+    if counted[0] > literals_max:
         raise TooLargeError(
-            f"clauses for {rounds} rounds have {counted[0]:,} literals, {LITERALS_MAX:,} at most"
+            f"clauses for {rounds} rounds have {counted[0]:,} literals, {literals_max:,} at most"
         )
     out = Written(*_arrays(counted))
     if not impossible:

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable, Iterable
-from typing import NamedTuple
+from copy import copy
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,6 +81,18 @@ class MetMoves:
             for action in dict.fromkeys(listed):
                 self.spend(1)
                 self._add(action, None)
+
+    def between(
+        self, start: State, goal: State, *, spend: Callable[[int], object] = lambda _steps: None
+    ) -> Self:
+        """Return the moves of paths between two other states.
+
+        What one of them learns of sites and moves, all know, so that it is learned once.
+        """
+        found = copy(self)
+        found.spend, found._depth = spend, 0  # noqa: SLF001 - of this class
+        found.ends = tuple(tuple(map(self._site, in_order(state))) for state in (start, goal))
+        return found
 
     def reach(self, rounds: int) -> None:
         """Find all moves that paths of up to so many rounds could use."""

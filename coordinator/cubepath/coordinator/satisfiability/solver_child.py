@@ -36,10 +36,10 @@ def main() -> None:
 
 
 def _answer(asked: dict[str, Any], told: BinaryIO, answers: BinaryIO) -> None:
-    from pysat.solvers import Solver  # noqa: PLC0415 - the process is there before it is needed
-
     literals = _read(told, asked["literals"], np.int32)
     ends = _read(told, asked["clauses"], np.int64)
+    from pysat.solvers import Solver  # noqa: PLC0415 - whoever asks need not wait for it
+
     log = asked["log"]
     with Solver(name=asked["solver"], with_proof=log is not None) as solver:
         if asked["seed"] is not None:

@@ -199,6 +199,10 @@ class SolverProcess:
         self._watch_log(child.process)
         return None
 
+    def start(self) -> None:
+        """Start the process, if there is none, so that the first problem need not wait for it."""
+        self._started()
+
     def fileno(self) -> int:
         """Return what `select` waits for; SolverError if nothing was asked."""
         if self._child is None:

@@ -5,23 +5,27 @@ keeps the best path found so far, and replaces parts of it: windows, for any sys
 the routes of a few vehicles, with all others unchanged (`vehicle_lns`) or thrown out where they are
 in the way (`conflict_optimizer`). Each names its sources. A step never makes the path worse. A
 system may have a search of its own (`System.paths`); the path that it finds is taken only if it is
-one from the start to the end.
+one from the start to the end. Beside them a SAT solver looks for shorter windows in a process of
+its own (`sat_windows`), if time alone bounds the search.
 
-Room: coordinator; touches only the clock, to know when to stop.
+Room: coordinator; touches the clock, to know when to stop, and the process of a solver.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
-from cubepath.coordinator.search.budget import Budget, SpentError
+from cubepath.coordinator.satisfiability.encoding import prepare as prepare_clauses
+from cubepath.coordinator.satisfiability.solver_process import solvers_installed
+from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.said import paths_of, prepare_for
+from cubepath.coordinator.search.sat_windows import STAGE, SatWindows
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.search.windows import Windows
@@ -75,6 +79,7 @@ def improve(
     tick: Callable[[int], object] | None = None,
     normal: CubePath | None = None,
     transitions: Transitions | None = None,
+    by_sat: Stage | None = None,
 ) -> Improved:
     """Return the best path from `start` to the end of `path` that is found in the given time.
 
@@ -85,10 +90,11 @@ def improve(
     system gives the vehicles no labels.
 
     The search ends after `seconds` or `iterations`, whichever comes first, if necessary in the
-    middle of a step, or as soon as the path has at most `enough` cubes. Bounded by iterations
-    alone, the result depends only on the input and `seed`. `watch` is called with every better path
-    as it is found, `tick` after each step with the number of steps. `normal` is the normal cube
-    path of the path, and `transitions` those of the system, if they are known already.
+    middle of a step, or as soon as the path has at most `enough` cubes. Without `iterations` a SAT
+    solver takes part, if python-sat is installed; `by_sat` is told what it spent. Bounded by
+    iterations alone, the result depends only on the input and `seed`. `watch` is called with every
+    better path as it is found, `tick` after each step with the number of steps. `normal` is the
+    normal cube path of the path, and `transitions` those of the system, if they are known already.
 
     InputError if neither bound is given, or if `labelled_goals` is given for a system that is not
     on a graph.
@@ -99,14 +105,10 @@ def improve(
     >>> len(normal_cube_path(played.path)), better.cubes, better.moves
     (9, 2, 3)
     """
-    if seconds is None and iterations is None:
-        raise InputError("an improvement needs seconds or iterations to know when to stop")
-    if labelled_goals and (system is None or system.graph is None):
-        raise InputError("own ends are those of vehicles on a graph, expected such a system")
+    _check_given(system, seconds, iterations, labelled_goals=labelled_goals)
     actions = list(path)
     best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
-    if system is not None:
-        prepare_for(system)
+    prepare_all(system, with_solver=iterations is None)
     budget = Budget(seconds)
     if transitions is None:
         transitions = Transitions(system, actions if system is None else ())
@@ -115,13 +117,27 @@ def improve(
     steps = 0
     record = _Record(best, watch)
     try:
-        with suppress(SpentError):
+        with ExitStack() as stack, suppress(SpentError):
             budget.spend(0)
-            search = _Search(transitions, start, best, labelled_goals=labelled_goals, seed=seed)
+            solver: SatWindows | None = None
+            if iterations is None:
+                # How far a solver gets in some time is not the same on every machine.
+                solver = SatWindows(
+                    system,
+                    start,
+                    best.cube_path,
+                    own_ends=labelled_goals,
+                    budget=budget,
+                    stage=by_sat or Stage(STAGE),
+                )
+                stack.enter_context(solver)
+            search = _Search(
+                transitions, start, best, labelled_goals=labelled_goals, solver=solver, seed=seed
+            )
             while record.cubes > enough and search.possible:
                 if steps == iterations or budget.spent:
                     break
-                proposal = search.step(random)
+                proposal = search.step(random, record.best.cube_path)
                 steps += 1
                 if tick is not None:
                     tick(steps)
@@ -172,6 +188,27 @@ class _Record:
                 self._watch(new)
 
 
+def prepare_all(system: System | None, *, with_solver: bool) -> None:
+    """Compile what the searches of a system take, or load what was compiled."""
+    if system is not None:
+        prepare_for(system)
+    if with_solver and solvers_installed():
+        prepare_clauses()
+
+
+def _check_given(
+    system: System | None,
+    seconds: float | None,
+    iterations: int | None,
+    *,
+    labelled_goals: bool,
+) -> None:
+    if seconds is None and iterations is None:
+        raise InputError("an improvement needs seconds or iterations to know when to stop")
+    if labelled_goals and (system is None or system.graph is None):
+        raise InputError("own ends are those of vehicles on a graph, expected such a system")
+
+
 def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
     heap = Heap()
     heap.extend(path)
@@ -198,8 +235,10 @@ class _Search:
         best: Improved,
         *,
         labelled_goals: bool,
+        solver: SatWindows | None,
         seed: int,
     ) -> None:
+        self._solver = solver
         self._start = start
         self._system = system = steps.system
         self._steps = steps
@@ -219,6 +258,9 @@ class _Search:
         self._may_cut = not labelled_goals and sites <= _SITES_MAX
         self._fresh = True
         self._cut(best)
+        if self._windows is None and self._vehicles is None:
+            # States too many and too long for windows are so for clauses as well.
+            self._solver = None
         self._ask()
 
     def _ask(self) -> None:
@@ -240,8 +282,13 @@ class _Search:
             return
         self._windows = Windows(self._steps, self._start, best.cube_path)
 
-    def step(self, random: Random) -> _Proposal | None:
+    def step(self, random: Random, best: CubePath) -> _Proposal | None:
         """Let one of the searches take a step; return the path if it got better."""
+        found = None if self._solver is None else self._solver.step(best)
+        if found is not None:
+            self._take(found)
+            actions = [action for cube in found for action in cube]
+            return _Proposal((len(found), len(actions)), lambda: actions)
         windows, vehicles = self._windows, self._vehicles
         if self._own is not None and (
             (windows is None and vehicles is None) or random.random() < _OWN
@@ -258,9 +305,17 @@ class _Search:
         if vehicles is None or not vehicles.step(random):
             return None
         if windows is not None and vehicles.rounds < windows.cost[0]:
-            best = _normal(vehicles.actions(), 0, 0)
-            self._windows = Windows(self._steps, self._start, best.cube_path)
+            cubes = _normal(vehicles.actions(), 0, 0).cube_path
+            self._windows = Windows(self._steps, self._start, cubes)
         return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
+
+    def _take(self, best: CubePath) -> None:
+        """Go on from a better path that was found elsewhere."""
+        if self._vehicles is not None and len(best) < self._vehicles.rounds:
+            self._vehicles = self._replanner(best)
+        if self._windows is not None:
+            self._windows = Windows(self._steps, self._start, best)
+            self._fresh = True
 
     def _own_step(self, own: Iterator[Sequence[Action] | None]) -> _Proposal | None:
         """Let the system's own search take a step; CheckError if its answer is not a path."""

@@ -29,20 +29,23 @@ class Budget:
         tick: Callable[[int], object] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Begin to count; `tick` is called now and then with the number of steps taken."""
+        """Begin to count; `tick` is called now and then with the number of steps taken.
+
+        It may be set later.
+        """
         self._clock = clock
         self.steps = 0
         self._most = steps
         self._end = None if seconds is None else clock() + seconds
-        self._tick = tick
+        self.tick = tick
         self._told = 0
 
     def spend(self, steps: int = 1) -> None:
         """Count steps; SpentError if they exceed the budget, or the time is up."""
         self.steps += steps
-        if self._tick is not None and self.steps - self._told >= _TICK:
+        if self.tick is not None and self.steps - self._told >= _TICK:
             self._told = self.steps
-            self._tick(self.steps)
+            self.tick(self.steps)
         if self.spent:
             raise SpentError
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
         timed_path,
     )
     from cubepath.coordinator.shortening.normal_path import Shortened, shorten, shortened
-    from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, ends_of, task_of
+    from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, task_of
     from cubepath.coordinator.shortening.path_input import PathInput, read_input
     from cubepath.coordinator.shortening.path_steps import (
         certified_steps,
@@ -34,7 +34,7 @@ else:
             "conversion": "Converted convert",
             "explain": "TimedPath certificate_in_words certified_path timed_path",
             "normal_path": "Shortened shorten shortened",
-            "optimality": "Beyond Task beyond ends_of task_of",
+            "optimality": "Beyond Task beyond task_of",
             "path_input": "PathInput read_input",
             "path_steps": "certified_steps is_certificate read_steps",
         },
@@ -53,7 +53,6 @@ __all__ = [
     "certified_steps",
     "convert",
     "difference_of",
-    "ends_of",
     "is_certificate",
     "read_input",
     "read_steps",

@@ -27,11 +27,13 @@ from cubepath.coordinator.satisfiability.met_moves import MetMoves
 from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover
 from cubepath.coordinator.satisfiability.solver_process import check_installed
 from cubepath.coordinator.satisfiability.window_bounds import window_bound
-from cubepath.coordinator.search.anytime import CubePath, Improved, improve
+from cubepath.coordinator.search.anytime import CubePath, Improved, improve, prepare_all
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
-from cubepath.coordinator.search.said import prepare_for, prepares
+from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
+from cubepath.coordinator.search.said import prepares
+from cubepath.coordinator.search.sat_windows import STAGE
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened
@@ -40,7 +42,7 @@ from cubepath.coordinator.shortening.path_input import PathInput
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
-from cubepath.protocol.core.sites import Site, in_order
+from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Bound, System
 from cubepath.protocol.path_files.moves import CubeName
 from cubepath.protocol.path_files.optimality_proofs import write_proof
@@ -252,7 +254,12 @@ class _Look:
         self._whole = Budget(seconds)
         self._max_states = max_states
         self._tick = tick
-        self._system, self._start, self._goal = _as_labelled(task)
+        self._system, self._start, self._goal = task.system, task.start, task.goal
+        self._own: OwnEnds | None = None
+        if task.labelled_goals and task.system is not None:
+            # Each vehicle must keep its own end: a label says which it is.
+            self._own = own = OwnEnds.of(task.system, task.path, task.start)
+            self._system, self._start, self._goal = own.system, own.start, own.goal
         self._small = maskable(self._system)
         self._found = found
         self._stopped = False
@@ -410,7 +417,8 @@ class _Look:
                 self.bound = Bound(len(exact.cubes), "exhaustive search")
                 self.shorter = not take
                 if take:
-                    self.better = _of_optimum(self._task, self._steps, exact)
+                    actions, cubes = self._steps.actions, exact.cubes
+                    self.better = self._plain([[actions[each] for each in cube] for cube in cubes])
 
         if self._small and not self._stopped and self.bound.cubes <= most:
             self._stage("optimum", job, _SETS_A_STATE * self._max_states)
@@ -434,7 +442,7 @@ class _Look:
         watch: Callable[[Improved], object] | None,
     ) -> None:
         """Search for a better path in the remaining time."""
-        task = self._task
+        task, timed, by_sat = self._task, iterations is None, Stage(STAGE)
         kept: list[CubePath] = []
 
         def keep(better: Improved) -> None:
@@ -461,19 +469,26 @@ class _Look:
                 tick=count,
                 normal=self.best,
                 transitions=None if task.labelled_goals else self._steps,
+                by_sat=by_sat,
             )
             if len(kept[-1] if kept else self.best) > self.bound.cubes:
                 stage.ended = "time" if self._whole.spent else "limit"
 
         if not self._stopped and self.bound.cubes < self.cubes:
-            system = task.system
-            if system is not None and prepares(system):
-                # Once for an installation; the search gets its time all the same.
-                self._stage("compile", lambda _stage, _budget: prepare_for(system))
-                self._whole.extend(self.stages[-1].seconds)
+            self._compile_search(timed=timed)
             self._stage("search", job)
+            if timed:
+                self.stages.append(by_sat)
         if kept:
             self.better = min(kept, key=lambda path: (len(path), sum(map(len, path))))
+
+    def _compile_search(self, *, timed: bool) -> None:
+        """Compile, once for an installation; the search gets its time all the same."""
+        system = self._task.system
+        clauses = timed and not self._compiled
+        if clauses or (system is not None and prepares(system)):
+            self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=clauses))
+            self._whole.extend(self.stages[-1].seconds)
 
     def prove(
         self,
@@ -529,7 +544,7 @@ class _Look:
         """Search until the budget is spent, and take what was found, however that ends."""
 
         def keep(path: CubePath) -> None:
-            self.better = _without_labels(self._task, self._system, path)
+            self.better = self._plain(path)
             if watch is not None:
                 watch(Improved(self.better, stage.steps, 0))
 
@@ -559,23 +574,15 @@ class _Look:
         path = self._found.path
         return (path.actions[number] for number in np.unique(path.numbers).tolist())
 
-    @cached_property
+    def _plain(self, cubes: Iterable[Iterable[Action]]) -> CubePath:
+        """Return the normal cube path of moves in which vehicles may have labels of their own."""
+        actions = [action for cube in cubes for action in cube]
+        return normal_cube_path(actions if self._own is None else self._own.plain(actions))
+
+    @property
     def _labelled(self) -> CubePath:
         """The best path, as moves of the system in which each vehicle keeps its own end."""
-        task, system = self._task, self._system
-        if not task.labelled_goals or system is None:
-            return self.best
-        at = {site: label for label, site in enumerate(ends_of(task.path, task.start))}
-        found: list[tuple[Action, ...]] = []
-        for cube in self.best:
-            moves: list[Action] = []
-            for action in cube:
-                one, other = in_order(action.trace)
-                here, there = (one, other) if one in at else (other, one)
-                label = at[there] = at.pop(here)
-                moves.append(system.action("edge", (one, other, label)))
-            found.append(tuple(moves))
-        return tuple(found)
+        return self.best if self._own is None else self._own.labelled(self.best)
 
     def _take_proof(self, prover: Prover, proof: Path | str | None) -> None:
         """Take over what was proved, and write it."""
@@ -590,50 +597,6 @@ class _Look:
         ends = self._start, self._goal
         write_proof(proof, proof_of(refuted, prover.best, scene, self._system, ends))
         self.written = str(proof)
-
-
-def _as_labelled(task: Task) -> tuple[System | None, State, State]:
-    """Return system, start and goal, with labels if each vehicle must keep its own end."""
-    if not task.labelled_goals or task.system is None:
-        return task.system, task.start, task.goal
-    ends = ends_of(task.path, task.start)
-    system = task.system.with_labels(len(ends))
-    start = frozenset((site, label) for label, site in enumerate(ends))
-    return system, start, frozenset((site, label) for label, site in enumerate(ends.values()))
-
-
-def ends_of(path: Iterable[Action], start: State) -> dict[Site, Site]:
-    """Return where the path takes each vehicle, by its start, in canonical order.
-
-    Each move must be along an edge and admissible, which is not checked.
-    """
-    origin = {site: site for site in start}
-    for action in path:
-        one, other = action.trace
-        here, there = (one, other) if one in origin else (other, one)
-        origin[there] = origin.pop(here)
-    found = {begin: end for end, begin in origin.items()}
-    return {begin: found[begin] for begin in in_order(found)}
-
-
-def _of_optimum(task: Task, steps: Transitions, exact: Optimum) -> CubePath:
-    """Return the normal cube path of the path that the exhaustive search found."""
-    cubes = [[steps.actions[number] for number in cube] for cube in exact.cubes or ()]
-    return _without_labels(task, steps.system, cubes)
-
-
-def _without_labels(
-    task: Task, labelled: System | None, cubes: Iterable[Iterable[Action]]
-) -> CubePath:
-    """Return the normal cube path of moves in which each vehicle may have a label of its own."""
-    actions = [action for cube in cubes for action in cube]
-    if task.labelled_goals and task.system is not None and labelled is not None:
-        edge, place_of = task.system.action, labelled.place_of
-        actions = [
-            edge("edge", tuple(place_of(site) for site in in_order(action.trace)))
-            for action in actions
-        ]
-    return normal_cube_path(actions)
 
 
 def _check(task: Task, cubes: CubePath) -> None:
