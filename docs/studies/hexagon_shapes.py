@@ -33,8 +33,8 @@ Cells = NDArray[np.int16]
 Codes = NDArray[np.uint64]
 Numbers = NDArray[np.int32]
 
-MOST = 12
-"""Larger shapes are too many; 9 bits a cell suffice up to 15."""
+LOCKED_MOST = 8
+"""Up to so many hexagons the shapes of small components are kept."""
 WIDTH = 48
 """The side of a grid that holds any shape with its first cell in the middle, and its moves."""
 DIRECTIONS = np.array(HEX_DIRECTIONS, dtype=np.int16)
@@ -277,7 +277,9 @@ class Row:
     `free` counts are up to rotation and reflection as well. `by_size` has the number of components
     by size, `holes` for each number of holes the shapes and the components (of catalogue 1; under
     catalogue 2 holes come and go). A `stuck` shape has no pivot that
-    keeps it connected; `stuck_shapes` has one of each up to symmetry.
+    keeps it connected; `stuck_shapes` has one of each up to symmetry. `locked` has for up to
+    `LOCKED_MOST` hexagons the other components without holes but the largest, one of each up to
+    symmetry: its size, and its first shape.
     """
 
     n: int
@@ -292,6 +294,7 @@ class Row:
     stuck: int
     free_stuck: int
     stuck_shapes: list[list[tuple[int, int]]]
+    locked: list[tuple[int, list[tuple[int, int]]]]
 
 
 def roots(above: Numbers) -> Numbers:
@@ -301,6 +304,10 @@ def roots(above: Numbers) -> Numbers:
         if np.array_equal(next_, above):
             return next_
         above = next_
+
+
+def _plain(cells: Cells) -> list[tuple[int, int]]:
+    return sorted((int(q), int(r)) for q, r in cells)
 
 
 def measure(shapes: Shapes, catalogue: int) -> Row:
@@ -318,7 +325,7 @@ def measure(shapes: Shapes, catalogue: int) -> Row:
     free_component = np.arange(count, dtype=np.int32)
     unite_images(shapes.cells, *packed, component, free_component)
     free, free_component = roots(free), roots(free_component)
-    sizes = np.unique(component, return_counts=True)[1]
+    labels, sizes = np.unique(component, return_counts=True)
     by_size = Counter(map(int, sizes))
     holes = np.empty(count, dtype=np.int32)
     holes_of(shapes.cells, DIRECTIONS, holes)
@@ -329,6 +336,12 @@ def measure(shapes: Shapes, catalogue: int) -> Row:
             by_holes[str(each)] = int(here.sum()), len(np.unique(component[here]))
     stuck = np.flatnonzero(moves == 0)
     firsts = np.unique(free[stuck])
+    locked = [
+        (int(many), _plain(shapes.cells[label]))
+        for label, many in zip(labels, sizes, strict=True)
+        if size <= LOCKED_MOST and 1 < many < sizes.max() and not holes[label]
+        if free_component[label] == label
+    ]
     return Row(
         n=size,
         catalogue=catalogue,
@@ -341,9 +354,8 @@ def measure(shapes: Shapes, catalogue: int) -> Row:
         holes=by_holes,
         stuck=len(stuck),
         free_stuck=len(firsts),
-        stuck_shapes=[
-            sorted((int(q), int(r)) for q, r in shapes.cells[number]) for number in firsts
-        ],
+        stuck_shapes=[_plain(shapes.cells[number]) for number in firsts],
+        locked=locked,
     )
 
 
