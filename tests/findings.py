@@ -158,7 +158,7 @@ def flips_picture(rows: Rows) -> bytes:
         for axes, chords, color in zip(polygons, last["pair"], (_BLUE, _RED), strict=True):
             _polygon(axes, last["n"], chords, color)
         said = f"n = {last['n']}: {last['diameter']} rounds apart"
-        polygons[0].set_title(said, fontsize=9, loc="left", pad=14)
+        figure.suptitle(said, fontsize=9, x=0.7)
         return _png(figure)
 
 
@@ -229,7 +229,8 @@ def _panel(axes: Axes, kind: str, several: Rows) -> None:
     axes.fill_between(sizes, classes, beat, color=_RED, alpha=0.5, linewidth=0, label="timing, h 0")
     axes.plot(sizes, none, "--", color=_INK, linewidth=1.2, label="rounds, h ½")
     open_ = [size for size, row in zip(sizes, several, strict=True) if row["best"] > row["bound"]]
-    axes.plot(open_, [1.0] * len(open_), "x", color=_INK, markersize=5, label="not proved")
+    if open_:
+        axes.plot(open_, [1.0] * len(open_), "x", color=_INK, markersize=5, label="not proved")
     axes.set_yscale("log")
     axes.set_yticks([1, 2, 5, 10], ["1", "2", "5", "10"])
     axes.minorticks_off()
