@@ -25,6 +25,8 @@ from cubepath.coordinator.complexes.shape_complexes import (
     steps_at,
 )
 from cubepath.coordinator.experiments.instances import standard
+from cubepath.coordinator.satisfiability import MetMoves, encode
+from cubepath.coordinator.satisfiability.solver_process import SolverProcess
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.protocol import scene_from_spec
@@ -180,6 +182,21 @@ def test_the_farthest_pairs_are_as_far_apart_as_said(corners: int) -> None:
     found = optimum(steps, *ends)
     assert found.cubes is not None
     assert len(found.cubes) == row["diameter"]
+
+
+@pytest.mark.parametrize("row", _flip_rows()[2:], ids=lambda row: f"{row['n']} corners")
+def test_a_solver_says_the_same_of_the_farthest_pairs(row: dict[str, Any]) -> None:
+    """A round fewer than the diameter is refuted, and that many rounds are enough."""
+    pytest.importorskip("pysat")
+    system = scene_from_spec(f"polygon:n={row['n']}").system
+    ends = [system.filled.union(map(tuple, state)) for state in row["pair"]]
+    met = MetMoves(system, (), *ends)
+    with SolverProcess() as solver:
+        answers = [
+            solver.solve(encode(met, rounds)).satisfiable
+            for rounds in (row["diameter"] - 1, row["diameter"])
+        ]
+    assert answers == [False, True]
 
 
 # Hexagons.
