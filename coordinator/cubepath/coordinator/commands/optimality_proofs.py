@@ -162,7 +162,7 @@ def _document(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> d
 def _another_task(refutation: Refutation, given: PathInput) -> str | None:
     """Return why a proof is not about the start, the end and the moves of an input."""
     from cubepath.coordinator.normal_form.admissibility import end_of  # noqa: PLC0415
-    from cubepath.coordinator.shortening.optimality import ends_of  # noqa: PLC0415
+    from cubepath.coordinator.search.own_ends import ends_of  # noqa: PLC0415
 
     scene = given.scene
     start = given.start if scene is None else scene.start_state
