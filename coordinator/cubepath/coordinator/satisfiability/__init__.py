@@ -11,32 +11,21 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.satisfiability.clauses import OFF, ON, STAY
-    from cubepath.coordinator.satisfiability.encoding import (
-        Encoding,
-        TooLargeError,
-        encode,
-        prepare,
-    )
+    from cubepath.coordinator.satisfiability.clauses import OFF, ON
+    from cubepath.coordinator.satisfiability.encoding import prepare
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
     from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
-    from cubepath.coordinator.satisfiability.solver_process import (
-        Answer,
-        SolverError,
-        SolverProcess,
-        check_installed,
-        solvers_installed,
-    )
+    from cubepath.coordinator.satisfiability.solver_process import check_installed
     from cubepath.coordinator.satisfiability.window_bounds import window_bound
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "clauses": "OFF ON STAY",
-            "encoding": "Encoding TooLargeError encode prepare",
+            "clauses": "OFF ON",
+            "encoding": "prepare",
             "met_moves": "MetMoves",
-            "proving": "WINDOWS Prover Refutation",
-            "solver_process": "Answer SolverError SolverProcess check_installed solvers_installed",
+            "proving": "Prover Refutation WINDOWS",
+            "solver_process": "check_installed",
             "window_bounds": "window_bound",
         },
     )
@@ -44,19 +33,11 @@ else:
 __all__ = [
     "OFF",
     "ON",
-    "STAY",
     "WINDOWS",
-    "Answer",
-    "Encoding",
     "MetMoves",
     "Prover",
     "Refutation",
-    "SolverError",
-    "SolverProcess",
-    "TooLargeError",
     "check_installed",
-    "encode",
     "prepare",
-    "solvers_installed",
     "window_bound",
 ]

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.simply_connected import only_class
     from cubepath.coordinator.search.space_time_routes import prepare
-    from cubepath.coordinator.search.transitions import Transitions, maskable
+    from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -31,11 +31,12 @@ else:
             "lower_bounds": "lower_bound",
             "simply_connected": "only_class",
             "space_time_routes": "prepare",
-            "transitions": "Transitions maskable",
+            "transitions": "LABELS_MAX Transitions maskable",
         },
     )
 
 __all__ = [
+    "LABELS_MAX",
     "MAX_STATES",
     "Budget",
     "CubePath",
