@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def test_vehicles_with_goals_of_their_own_keep_them(tmp_path: Path, capsys: Capt
     assert len(cubes.read_text().splitlines()) == 11
 
 
-def moves_of(folder: Path, *moves: tuple[str, ...]) -> str:
+def moves_of(folder: Path, *moves: Sequence[str]) -> str:
     """Write self-contained moves, each from one site to another, and return the file."""
     path = folder / "moves.jsonl"
     lines = [
