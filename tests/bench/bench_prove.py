@@ -1,8 +1,8 @@
 """What a proof of optimality takes: clauses, the solver, and its log.
 
-``python tests/bench/bench_prove.py [--quick]``. Each row is a chain of
-hexagons or a random walk, and the refutation of one round less than the optimum: seconds to build its clauses, of the solver alone, their ratio, and sizes. Compiling is
-not counted.
+``python tests/bench/bench_prove.py [--quick]``. Each row is a chain of hexagons or a random walk,
+and the refutation of one round less than the optimum: seconds to build its clauses, of the solver
+alone, their ratio, and sizes. Compiling is not counted.
 """
 
 from __future__ import annotations
