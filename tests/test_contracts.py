@@ -72,12 +72,16 @@ BREAKS = {
         "coordinator.runs.contents",
         "coordinator.commands.console",
     ),
+    "solvers know the core and shortening itself": (
+        "coordinator.satisfiability.clauses",
+        "protocol.recordings.salvaging",
+    ),
     "verification reaches nothing that runs, shortens or searches": (
         "coordinator.verification.proof",
         "coordinator.normal_form.heap",
     ),
     "shortening itself knows actions and files of paths, and no system": (
-        "coordinator.normal_form.heap",
+        "coordinator.normal_form.timetable",
         "protocol.systems.graphs",
     ),
     "complexes know no paths": (

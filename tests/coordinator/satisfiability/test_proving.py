@@ -109,6 +109,17 @@ def test_what_is_known_to_be_optimal_is_refuted_once_more_if_asked_for() -> None
     assert told.refutation.rounds == len(best) - 1
 
 
+def test_a_bound_that_was_known_is_refuted_where_a_path_meets_it() -> None:
+    """The bound comes from elsewhere, the path from here: clauses prove that none is shorter."""
+    met, path = given("hex:n=5", 60, 4)
+    best = len(proved(Prover(met, path, 0)).best)
+    assert best < len(path)
+    told = proved(Prover(met, path, best), refute=True)
+    assert len(told.best) == told.bound == best
+    assert told.refutation is not None
+    assert told.refutation.rounds == best - 1
+
+
 def test_two_solvers_agree_where_the_log_is_too_long() -> None:
     """That is no proof: the bound stays at what is refuted by a log that can be checked."""
     task = task_of(shorten(GOLDEN / "hex-5.mcap"))

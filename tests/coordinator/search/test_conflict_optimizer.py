@@ -15,10 +15,11 @@ from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.search import conflict_kernel as kernel
 from cubepath.coordinator.search.anytime import Improved, improve
 from cubepath.coordinator.search.conflict_optimizer import ConflictOptimizer, Ends
+from cubepath.coordinator.search.own_ends import ends_of
 from cubepath.coordinator.search.space_time_routes import FREE, Numbers
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import ends_of, task_of
+from cubepath.coordinator.shortening.optimality import task_of
 from strategies import random_walk, scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"

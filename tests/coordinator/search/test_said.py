@@ -55,7 +55,7 @@ def measured(system: GraphSystem) -> object:
 
 
 def bounds(system: GraphSystem) -> object:
-    return bounds_of(system, frozenset({0}), frozenset({1}))
+    return bounds_of(system, frozenset({0}), frozenset({1}), within=9)
 
 
 @pytest.mark.parametrize(

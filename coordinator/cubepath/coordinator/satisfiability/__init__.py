@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.coordinator.satisfiability.clauses import OFF, ON, STAY
+    from cubepath.coordinator.satisfiability.clauses import OFF, ON
     from cubepath.coordinator.satisfiability.encoding import (
         Encoding,
         TooLargeError,
@@ -35,7 +35,7 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "clauses": "OFF ON STAY",
+            "clauses": "OFF ON",
             "encoding": "Encoding TooLargeError encode prepare",
             "met_moves": "MetMoves",
             "proving": "WINDOWS Prover Refutation",
@@ -52,7 +52,6 @@ __all__ = [
     "ON",
     "SECOND_SOLVER",
     "SOLVER",
-    "STAY",
     "WINDOWS",
     "Answer",
     "Encoding",

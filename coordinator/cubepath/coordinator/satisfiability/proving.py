@@ -103,16 +103,22 @@ class Prover:
         With `refute`, a path that is known to be optimal is proved to be once more, by clauses.
         """
         end = time.monotonic() + seconds
-        if refute:
-            self.bound = min(self.bound, max(0, len(self.best) - 1))
+        patience = max(1.0, _PATIENCE * seconds)
         try:
-            window_bound(self.met, self.bound, len(self.best), raised=self._refuted_by_windows)
             jobs = _Job(0, self._stack, self.log_max), _Job(1, self._stack, self.log_max)
-            while self._least < len(self.best) and time.monotonic() < end:
-                self._assign(*jobs, max(1.0, _PATIENCE * seconds))
-                self._wait(jobs, end)
+            self._search(jobs, end, patience)
+            refuted = 0 if self.refutation is None else self.refutation.rounds + 1
+            if refute and refuted < self.bound == len(self.best):
+                self.bound -= 1
+                self._search(jobs, end, patience)
         except (TooLargeError, SolverError) as error:
             self.stopped_by = str(error)
+
+    def _search(self, jobs: tuple[_Job, _Job], end: float, patience: float) -> None:
+        window_bound(self.met, self.bound, len(self.best), raised=self._refuted_by_windows)
+        while self._least < len(self.best) and time.monotonic() < end:
+            self._assign(*jobs, patience)
+            self._wait(jobs, end)
 
     def _refuted_by_windows(self, rounds: int) -> None:
         self._refuted(Refutation(encode(self.met, rounds), WINDOWS, None))

@@ -92,7 +92,8 @@ class _Child(NamedTuple):
 class SolverProcess:
     """A process that answers one problem after another; a context manager that ends it.
 
-    >>> from cubepath.coordinator.satisfiability import MetMoves, encode
+    >>> from cubepath.coordinator.satisfiability.encoding import encode
+    >>> from cubepath.coordinator.satisfiability.met_moves import MetMoves
     >>> scene = scene_from_spec("agv:graph=grid3x3,n=2")
     >>> met = MetMoves(scene.system, (), scene.start_state, scene.goal)
     >>> with SolverProcess() as solver:
