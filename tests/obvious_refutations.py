@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from cubepath.protocol.scenes.toml import scene_to_toml
 Directed = tuple[Action, int]
 State = frozenset[Site]
 Meaning = tuple[object, ...]
+Cubes = Sequence[Sequence[Action]]
 
 
 def before(move: Directed, site: Site) -> bool:
@@ -222,7 +224,7 @@ class Refutation:
                     self.site_is(site, time - 1, not value),
                     self.site_is(site, time, value),
                 )
-        for one, other in in_order(move[0].guards):
+        for one, other in move[0].guards:
             self.clause(
                 -made, self.site_is(one, time - 1, False), self.site_is(other, time - 1, True)
             )
@@ -230,17 +232,19 @@ class Refutation:
     def at_most_one(
         self, site: Site, time: int, kind: str, members: list[int], readers: Sequence[int] = ()
     ) -> None:
-        if kind == "stay":
-            few = len(members) * (len(members) + len(readers)) <= 36
-        else:
-            few = len(members) <= 6
-        if few:
+        count = len(members)
+        if count * (count + len(readers)) <= 36 if kind == "stay" else count <= 6:
             for one, other in combinations(members, 2):
                 self.clause(-one, -other)
             for one in members:
                 for reader in readers:
                     self.clause(-one, -reader)
             return
+        self.ladder(site, time, kind, members, readers)
+
+    def ladder(
+        self, site: Site, time: int, kind: str, members: list[int], readers: Sequence[int]
+    ) -> None:
         number = len(self.ladders)
         self.ladders.append(Ladder(self.sites.index(site), time, kind, members))  # type: ignore[arg-type]
         prefixes = [
@@ -263,97 +267,116 @@ class Refutation:
         for number, site in enumerate(self.sites):
             labels[system.label_of(site)].append(number)
             places[system.place_of(site)].append(number)
-        self.groups += [Group("exactly one", sites) for sites in labels.values()]
-        self.groups += [Group("at most one", sites) for sites in places.values()]
-        for group in self.groups:
-            for time in range(self.rounds + 1):
-                on = [self.sites[number] for number in group.sites]
-                on = [site for site in on if True in self.possible(site, time)]
-                if len(on) <= 64:
-                    for one, other in combinations(on, 2):
-                        self.clause(
-                            self.site_is(one, time, False), self.site_is(other, time, False)
-                        )
-                if group.kind == "exactly one":
-                    self.clause(*(self.site_is(site, time, True) for site in on))
+        for sites in labels.values():
+            self.say_group(Group("exactly one", sites))
+        for sites in places.values():
+            self.say_group(Group("at most one", sites))
+
+    def say_group(self, group: Group) -> None:
+        self.groups.append(group)
+        for time in range(self.rounds + 1):
+            on = [self.sites[number] for number in group.sites]
+            on = [site for site in on if True in self.possible(site, time)]
+            if len(on) <= 64:
+                for one, other in combinations(on, 2):
+                    self.clause(self.site_is(one, time, False), self.site_is(other, time, False))
+            if group.kind == "exactly one":
+                self.clause(*(self.site_is(site, time, True) for site in on))
 
     def rows(self, actions: Sequence[Action]) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
         """Return the variables as the file has them."""
-        site = {each: number for number, each in enumerate(self.sites)}
-        action = {each: number for number, each in enumerate(actions)}
+        site: dict[object, int] = {each: number for number, each in enumerate(self.sites)}
+        action: dict[object, int] = {each: number for number, each in enumerate(actions)}
         found: list[tuple[int, int, int]] = []
         for meaning in self.variables:
             match meaning:
                 case ("site", each, int(time)):
-                    found.append((0, site[each], time))  # type: ignore[index]
+                    found.append((0, site[each], time))
                 case ("move", (each, int(end)), int(time)):
-                    found.append((1, 2 * action[each] + end, time))  # type: ignore[index]
+                    found.append((1, 2 * action[each] + end, time))
                 case (_, int(ladder), int(place)):
                     found.append((2, ladder, place))
+                case _:
+                    raise AssertionError(meaning)
         return np.array(found, dtype=np.int32).reshape(-1, 3)
 
 
 def log_of(variables: int, clauses: Sequence[Sequence[int]]) -> bytes | None:
     """Return a solver's log that refutes the clauses, None if there is a schedule."""
     import pysolvers
-    from pysat.solvers import Solver
+    from pysat.solvers import Cadical195
 
     if any(not clause for clause in clauses):
         return b""
-    with Solver(name="cadical195", bootstrap_with=clauses, with_proof=True) as solver:
+    solver: Any = Cadical195(bootstrap_with=clauses, with_proof=True)
+    try:
         if solver.solve():
             return None
-        pysolvers.flushpr(solver.solver.prfp)
-        log = solver.solver.prfile
-        log.seek(0)
-        found: bytes = log.read()
+        pysolvers.flushpr(solver.prfp)
+        solver.prfile.seek(0)
+        found: bytes = solver.prfile.read()
         return found
+    finally:
+        solver.delete()
 
 
 def proof_of(
-    scene: Scene,
-    cubes: Sequence[Sequence[Action]],
-    goal: State,
-    *,
-    listed: Sequence[Action] | None = None,
-    refuted: int | None = None,
+    scene: Scene, cubes: Cubes, goal: State, *, listed: Sequence[Action] | None = None
 ) -> OptimalityProof | None:
     """Return a proof that a schedule is a shortest one; None if it is not.
 
     With `listed` moves there is no system, and no others exist.
     """
-    refuted = len(cubes) - 1 if refuted is None else refuted
-    start = scene.start_state
-    if listed is not None:
-        named: dict[Action, GeneratorPlacement] | None = None
-        actions = list(dict.fromkeys(listed))
-    elif scene.system.bounded:
-        named = moves_met(scene.system, (start, goal))
-        actions = list(named)
-    else:
-        named = moves_near(scene.system, (start, goal), (refuted + 1) // 2 + 1)
-        actions = list(named)
-    labelled = scene.system if scene.system.labels is not None and listed is None else None
-    found = Refutation(actions, start, goal, refuted, labelled)
+    claim, found = claim_of(scene, cubes, goal, listed=listed)
     log = log_of(len(found.variables), found.clauses)
-    if log is None:
-        return None
-    used = dict.fromkeys(move[0] for move in found.moves)
-    used |= dict.fromkeys(action for cube in cubes for action in cube)
-    mine = list(used)
-    return OptimalityProof(
+    return None if log is None else replace(claim, log=[log])
+
+
+def claim_of(
+    scene: Scene,
+    cubes: Cubes,
+    goal: State,
+    *,
+    listed: Sequence[Action] | None = None,
+    refuted: int | None = None,
+) -> tuple[OptimalityProof, Refutation]:
+    """Return a proof without its log, and its clauses."""
+    refuted = len(cubes) - 1 if refuted is None else refuted
+    start, system = scene.start_state, scene.system
+    named: dict[Action, GeneratorPlacement] | None = None
+    if listed is not None:
+        actions = list(dict.fromkeys(listed))
+    else:
+        near = (refuted + 1) // 2 + 1
+        named = (
+            moves_met(system, (start, goal))
+            if system.bounded
+            else moves_near(system, (start, goal), near)
+        )
+        actions = list(named)
+    labelled = system if system.labels is not None and listed is None else None
+    found = Refutation(actions, start, goal, refuted, labelled)
+    mine = list(
+        dict.fromkeys(
+            [
+                *(listed or ()),
+                *(move[0] for move in found.moves),
+                *(action for cube in cubes for action in cube),
+            ]
+        )
+    )
+    claim = OptimalityProof(
         system=None if named is None else scene_to_toml(scene),
         start=in_order(start),
         goal=in_order(goal),
         refuted=refuted,
         cubes=len(cubes),
         solver="cadical195",
-        standing="proved",
         moves=mine if named is None else [named[action] for action in mine],
         sites=found.sites,
         variables=found.rows(mine),
         ladders=found.ladders,
         groups=found.groups,
-        log=[log],
         schedule=[[mine.index(action) for action in cube] for cube in cubes],
     )
+    return claim, found

@@ -104,6 +104,10 @@ BREAKS = {
         "coordinator.shortening.conversion",
         "coordinator.complexes.cliques",
     ),
+    "plans that follow know neither the heap nor cubes": (
+        "coordinator.following.rules",
+        "coordinator.normal_form.heap",
+    ),
     "the paper's claims use complexes and shortening itself": (
         "coordinator.paper.envelope",
         "coordinator.verification.proof",

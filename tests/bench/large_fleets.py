@@ -9,6 +9,7 @@ rounds are cubes, and every order of the moves of a round is admissible.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from random import Random
@@ -92,3 +93,17 @@ def write_map(target: Path, side: int = SIDE) -> None:
     """Write an empty map in the form of movingai.com."""
     rows = "\n".join("." * side for _ in range(side))
     target.write_text(f"type octile\nheight {side}\nwidth {side}\nmap\n{rows}\n")
+
+
+def write_scenario(
+    target: Path, starts: list[Cell], rounds: list[list[tuple[int, Cell]]], side: int = SIDE
+) -> None:
+    """Write a scenario whose goals are where the vehicles are in the end, each its own."""
+    goals = list(starts)
+    for moved in rounds:
+        for who, there in moved:
+            goals[who] = there
+    moves = [*steps(starts, rounds)]
+    target.write_text(
+        json.dumps({"grid": [side, side], "starts": starts, "goals": goals, "moves": moves})
+    )

@@ -16,6 +16,7 @@ module that defines it.
 | `playback` | recordings put back on zenoh, under control | `runs`, `verification` |
 | `simulation` | whole runs under faults, each from its seed | `runs`, `verification` |
 | `shortening` | paths from files and recordings | `runs`, `search`, `verification`, `normal_form` |
+| `following` | plans whose vehicles follow | `satisfiability`, `verification` |
 | `comparison` | two runs, where they part and why | `auditing`, `verification`, `shortening` |
 | `paper` | the paper's claims, computed | `complexes`, `normal_form` |
 | `viewing` | a run as a page in a browser | `runs`, `complexes`, `normal_form` |
@@ -76,6 +77,14 @@ if TYPE_CHECKING:
         write_report,
     )
     from cubepath.coordinator.exports import Exported, export
+    from cubepath.coordinator.following import (
+        FewestRounds,
+        FollowingTimetable,
+        fewest_rounds,
+        following_timetable,
+        read_vehicle_plan,
+        timetable_file,
+    )
     from cubepath.coordinator.live import Live, watch_run
     from cubepath.coordinator.normal_form import (
         Timetable,
@@ -132,9 +141,12 @@ if TYPE_CHECKING:
         task_of,
     )
     from cubepath.coordinator.verification import (
+        ProvedOptimal,
         Recovered,
         Verification,
         check_certificate,
+        check_following,
+        check_optimality,
         check_proof,
         recover,
         verify,
@@ -158,6 +170,10 @@ else:
                 "write_report"
             ),
             "exports": "Exported export",
+            "following": (
+                "FewestRounds FollowingTimetable fewest_rounds following_timetable "
+                "read_vehicle_plan timetable_file"
+            ),
             "live": "Live watch_run",
             "normal_form": (
                 "Timetable certificate_of durations_of earliest end_state is_cube is_normal "
@@ -174,7 +190,10 @@ else:
             "shortening": (
                 "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
             ),
-            "verification": "Recovered Verification check_certificate check_proof recover verify",
+            "verification": (
+                "ProvedOptimal Recovered Verification check_certificate check_following "
+                "check_optimality check_proof recover verify"
+            ),
             "viewing": "Shown page_document run_page",
         },
     )
@@ -190,6 +209,8 @@ __all__ = [
     "Explored",
     "Exported",
     "FaultRates",
+    "FewestRounds",
+    "FollowingTimetable",
     "Gatherer",
     "Homology",
     "Improved",
@@ -206,6 +227,7 @@ __all__ = [
     "Player",
     "PlayerStatus",
     "Position",
+    "ProvedOptimal",
     "Recorder",
     "Recovered",
     "Replayed",
@@ -236,7 +258,9 @@ __all__ = [
     "beyond",
     "certificate_of",
     "check_certificate",
+    "check_following",
     "check_links",
+    "check_optimality",
     "check_proof",
     "collapse",
     "complex_from_faces",
@@ -251,6 +275,8 @@ __all__ = [
     "explore",
     "export",
     "f_vector",
+    "fewest_rounds",
+    "following_timetable",
     "gathered",
     "homology",
     "improve",
@@ -265,6 +291,7 @@ __all__ = [
     "optimum",
     "page_document",
     "read_sweep",
+    "read_vehicle_plan",
     "record",
     "recover",
     "replay",
@@ -280,6 +307,7 @@ __all__ = [
     "surface",
     "sweep",
     "task_of",
+    "timetable_file",
     "to_networkx",
     "unfilled",
     "verify",

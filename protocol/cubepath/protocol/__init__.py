@@ -60,24 +60,33 @@ if TYPE_CHECKING:
     from cubepath.protocol.path_files import (
         Certificate,
         Durations,
+        FollowingFile,
+        FollowingHead,
+        FollowingLine,
         MoveName,
+        OptimalityProof,
         PathMove,
         TimedLine,
         certificate_schema,
         cube_schema,
+        following_schemas,
         move_schemas,
         read_certificate,
         read_cubes,
         read_durations,
+        read_following,
         read_moves,
+        read_proof,
         read_timetable,
         timetable_schema,
         write_certificate,
         write_cubes,
+        write_following,
         write_moves,
+        write_proof,
         write_timetable,
     )
-    from cubepath.protocol.plans import PlanHints, read_plan
+    from cubepath.protocol.plans import PlanHints, VehicleMove, VehiclePlan, read_plan
     from cubepath.protocol.recordings import (
         Record,
         Recording,
@@ -109,14 +118,17 @@ else:
                 "admissible apply commute in_order site_from_json why_inadmissible"
             ),
             "path_files": (
-                "Certificate Durations MoveName PathMove TimedLine certificate_schema cube_schema "
-                "move_schemas read_certificate read_cubes read_durations read_moves read_timetable "
-                "timetable_schema write_certificate write_cubes write_moves write_timetable"
+                "Certificate Durations FollowingFile FollowingHead FollowingLine MoveName "
+                "OptimalityProof PathMove TimedLine certificate_schema cube_schema "
+                "following_schemas move_schemas read_certificate read_cubes read_durations "
+                "read_following read_moves read_proof read_timetable timetable_schema "
+                "write_certificate write_cubes write_following write_moves write_proof "
+                "write_timetable"
             ),
-            "plans": "PlanHints read_plan",
+            "plans": "PlanHints VehicleMove VehiclePlan read_plan",
             "recordings": (
-                "Record Recording RecordingWriter filter_recording merge_recordings "
-                "read_recording split_recording"
+                "Record Recording RecordingWriter filter_recording merge_recordings read_recording "
+                "split_recording"
             ),
             "scenes": (
                 "Family all_families hex_catalogue read_scene scene_from_spec scene_from_toml "
@@ -146,6 +158,9 @@ __all__ = [
     "ExcludedError",
     "Family",
     "FlipSystem",
+    "FollowingFile",
+    "FollowingHead",
+    "FollowingLine",
     "Generator",
     "GeneratorPlacement",
     "GraphSystem",
@@ -155,6 +170,7 @@ __all__ = [
     "Message",
     "Move",
     "MoveName",
+    "OptimalityProof",
     "PathMove",
     "PlanHints",
     "Record",
@@ -168,6 +184,8 @@ __all__ = [
     "TabledSystem",
     "TimedLine",
     "VehicleGraph",
+    "VehicleMove",
+    "VehiclePlan",
     "Ways",
     "admissible",
     "all_families",
@@ -177,6 +195,7 @@ __all__ = [
     "cube_schema",
     "decode",
     "filter_recording",
+    "following_schemas",
     "hex_catalogue",
     "in_order",
     "merge_recordings",
@@ -185,8 +204,10 @@ __all__ = [
     "read_certificate",
     "read_cubes",
     "read_durations",
+    "read_following",
     "read_moves",
     "read_plan",
+    "read_proof",
     "read_recording",
     "read_scene",
     "read_timetable",
@@ -200,6 +221,8 @@ __all__ = [
     "why_inadmissible",
     "write_certificate",
     "write_cubes",
+    "write_following",
     "write_moves",
+    "write_proof",
     "write_timetable",
 ]

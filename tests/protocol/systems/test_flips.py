@@ -25,6 +25,7 @@ from cubepath.protocol.scenes.families.triangulations import (
 )
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.scenes.toml import read_scene, scene_from_toml, scene_to_toml
+from cubepath.protocol.systems import flips
 from cubepath.protocol.systems.flips import FlipSystem
 from cubepath.protocol.systems.point_sets import Point, PointSet
 from cubepath.protocol.systems.quadrilaterals import all_quadrilaterals
@@ -140,6 +141,34 @@ def test_flips_that_are_found_are_those_of_the_list(points: list[Point]) -> None
         for move in listed:
             assert system.action("flip", move.at) is move.action
             assert set(system.moves_of(move.action)) == set(system.whole.moves_of(move.action))
+
+
+@pytest.mark.parametrize("few", [0, 4096])
+@given(points=on_grid(9), random=st.randoms(use_true_random=False))
+def test_discovery_is_what_the_met_edges_allow(
+    few: int, points: list[Point], random: Random
+) -> None:
+    """It finds each flip whose sides and one diagonal were met, from each diagonal that was."""
+    try:
+        system = scene_of(points).system
+    except InputError:
+        return
+    assert isinstance(system, FlipSystem)
+    edges = [site for site in system.whole.places if random.random() < 0.7]
+    edges = list(dict.fromkeys([*edges, *system.kept]))
+    random.shuffle(edges)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flips, "_FEW", few)
+        discover = system.discovery()
+    met = set(edges)
+    found = [(move.action, move.source) for site in edges for move in discover(site)]
+    assert len(set(found)) == len(found)
+    assert set(found) == {
+        (move.action, move.source)
+        for site in edges
+        for move in system.moves_at(site)
+        if move.action.reads <= met
+    }
 
 
 @pytest.mark.slow

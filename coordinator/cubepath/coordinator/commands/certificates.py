@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.durations import add_duration_options, given_durations
 from cubepath.coordinator.commands.files import (
     PATH_SUFFIXES,
     Output,
@@ -20,18 +21,19 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
+from cubepath.coordinator.commands.following import verify_following
 from cubepath.coordinator.commands.plan_options import add_plan_options, hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.search_options import improving
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, Source, opened
 
 if TYPE_CHECKING:  # a command starts faster without them
     from cubepath.coordinator.shortening.explain import TimedPath
     from cubepath.coordinator.shortening.normal_path import Shortened
     from cubepath.coordinator.shortening.optimality import Beyond
     from cubepath.protocol.path_files.certificates import Certificate
-    from cubepath.protocol.path_files.durations import Durations
     from cubepath.protocol.path_files.moves import CubeName
 
 
@@ -48,20 +50,7 @@ def add_explain_options(shorten: argparse.ArgumentParser) -> None:
         metavar="FILE.json",
         help="write the proof, for 'cubepath verify FILE.json --of INPUT'",
     )
-    shorten.add_argument(
-        "--durations",
-        type=input_path,
-        metavar="FILE",
-        help="how long moves take (TOML or JSON); -o then writes a timetable, a move a line",
-    )
-    shorten.add_argument(
-        "--duration",
-        action="append",
-        default=[],
-        metavar="NAME=TIME",
-        help="how long the moves of a generator, or the move of an id, take: 2, 1.5, 3/2"
-        " (default 1); may be given again",
-    )
+    add_duration_options(shorten)
 
 
 def add_certificate_options(verify: argparse.ArgumentParser) -> None:
@@ -102,7 +91,7 @@ def explain(options: argparse.Namespace, found: Shortened) -> Explained:
     InputError if a file cannot be read or written; CheckError if the certificate does not hold,
     which would be a bug in this program.
     """
-    durations = _durations(options)
+    durations = given_durations(options)
     if not options.explain and options.certificate is None and durations is None:
         return Explained({})
     from cubepath.coordinator.shortening.explain import (  # noqa: PLC0415
@@ -156,22 +145,6 @@ def _document(certificate: Certificate) -> Any:
     return msgspec.to_builtins(certificate)
 
 
-def _durations(options: argparse.Namespace) -> Durations | None:
-    if options.durations is None and not options.duration:
-        return None
-    from cubepath.protocol.path_files.durations import (  # noqa: PLC0415
-        Durations,
-        durations_in_words,
-        read_durations,
-    )
-
-    found = Durations() if options.durations is None else read_durations(options.durations)
-    try:
-        return found.with_named(durations_in_words(options.duration))
-    except InputError as error:
-        raise InputError(f"--duration {error}") from None
-
-
 def check_explain_options(options: argparse.Namespace) -> None:
     """Check that the options fit together; InputError if they do not."""
     timed = options.durations is not None or bool(options.duration)
@@ -208,7 +181,30 @@ def is_of_a_path(options: argparse.Namespace) -> bool:
 
 
 def verify_certificate(options: argparse.Namespace) -> int:
-    """Check a certificate against its path, as ``cubepath verify LOG --of INPUT`` does."""
+    """Check a file against its path, as ``cubepath verify LOG --of INPUT`` does.
+
+    It is a certificate, a cubes file beside one, or a timetable of vehicles that follow.
+    """
+    from cubepath.protocol.path_files.following import is_following  # noqa: PLC0415
+
+    if options.recover is not None:
+        raise InputError("--recover is for recordings, expected no --of")
+    if len(options.logs) > 1:
+        raise InputError(f"--of: found {len(options.logs)} files to check, expected one")
+    source: Path = options.logs[0]
+    cubes_file: Path | None = options.cubes
+    if source.suffix == ".jsonl" and cubes_file is not None:
+        raise InputError(f"{source}: a schedule already, expected no --cubes beside it")
+    check_files(options, [source, options.of, cubes_file])
+    with opened(source) as file:
+        if is_following(file):
+            return verify_following(options, file)
+        return _verify_certificate(options, file, source, cubes_file)
+
+
+def _verify_certificate(
+    options: argparse.Namespace, file: InputFile, source: Path, cubes_file: Path | None
+) -> int:
     from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
     from cubepath.coordinator.verification.certificate import (  # noqa: PLC0415
         check_numbered,
@@ -219,25 +215,19 @@ def verify_certificate(options: argparse.Namespace) -> int:
         read_certificate,
     )
 
-    if options.recover is not None:
-        raise InputError("--recover is for recordings, expected no --of")
-    if len(options.logs) > 1:
-        raise InputError(f"--of: found {len(options.logs)} files to check, expected one")
-    source: Path = options.logs[0]
-    cubes_file: Path | None = options.cubes
-    check_files(options, [source, options.of, cubes_file])
+    proof: Source = file
+    cubes: Source | None = cubes_file
     if source.suffix == ".jsonl":
-        if cubes_file is not None:
-            raise InputError(f"{source}: a cubes file, expected no --cubes beside it")
-        cubes_file, source = source, companion(source)
+        cubes, source = file, companion(source)
+        proof = source
     with progress_bar(None, "verify", " moves") as bar:
-        certificate = read_certificate(source)
+        certificate = read_certificate(proof)
         path = read_input(options.of, options.system, hints(options), bar.update)
         found = check_numbered(certificate, path.numbered, path.start)
-        if cubes_file is not None:
-            cubes = _cubes(cubes_file)
+        if cubes is not None:
+            read = _cubes(cubes)
             if found["form"] is None:
-                found["cubes"] = compare_cubes(certificate, path.numbered, cubes)
+                found["cubes"] = compare_cubes(certificate, path.numbered, read)
     left = certificate.moves - 2 * len(certificate.cancelled)
     document = {
         "ok": not any(found.values()),
@@ -266,7 +256,7 @@ def verify_certificate(options: argparse.Namespace) -> int:
     return FAILED if wrong else DONE
 
 
-def _cubes(path: Path) -> Sequence[tuple[CubeName, ...]]:
+def _cubes(path: Source) -> Sequence[tuple[CubeName, ...]]:
     from cubepath.protocol.path_files.moves import read_cubes  # noqa: PLC0415
 
     return list(read_cubes(path))

@@ -45,6 +45,7 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
+from cubepath.coordinator.commands.following import add_following_options, shorten_following
 from cubepath.coordinator.commands.new import add_new_command
 from cubepath.coordinator.commands.pictures import add_view_command
 from cubepath.coordinator.commands.plan_options import (
@@ -158,6 +159,7 @@ def _parser() -> argparse.ArgumentParser:
     add_plan_options(shorten)
     add_beyond_options(shorten)
     add_explain_options(shorten)
+    add_following_options(shorten)
 
     convert = command("convert", _convert, "write a path in another form: JSON Lines or .npz")
     convert.add_argument(
@@ -266,6 +268,8 @@ def _rules(options: argparse.Namespace) -> int:
 
 
 def _shorten(options: argparse.Namespace) -> int:
+    if options.following is not None:
+        return shorten_following(options)
     from cubepath.coordinator.shortening.normal_path import shorten  # noqa: PLC0415
 
     check_explain_options(options)

@@ -34,6 +34,11 @@ from cubepath.coordinator.commands.files import (
     input_path,
     output_path,
 )
+from cubepath.coordinator.commands.optimality_proofs import (
+    add_proof_options,
+    is_of_a_proof,
+    verify_proof,
+)
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.coordinator.commands.usage import AddCommand
 from cubepath.protocol.core.control_characters import visible
@@ -56,11 +61,12 @@ _LOGS_HELP = "a recording, or a folder for the .mcap files in it; - is standard 
 def add_recording_commands(command: AddCommand) -> None:
     """Add the commands and their options."""
     verify = command(
-        "verify", _verify, "check a recording, from the start state on; or a certificate"
+        "verify", _verify, "check a recording, from the start state on; or a certificate or a proof"
     )
     verify.add_argument("logs", nargs="+", type=input_path, metavar="LOG", help=_LOGS_HELP)
     add_certificate_options(verify)
     add_comparing_options(verify)
+    add_proof_options(verify)
     verify.add_argument(
         "--recover",
         type=output_path,
@@ -86,6 +92,8 @@ class _Told:
 def _verify(options: argparse.Namespace) -> int:
     if compares(options):
         return compare(options)
+    if is_of_a_proof(options):
+        return verify_proof(options)
     if is_of_a_path(options):
         return verify_certificate(options)
     from cubepath.coordinator.auditing.recording import audit  # noqa: PLC0415

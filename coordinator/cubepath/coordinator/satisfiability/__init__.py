@@ -15,7 +15,15 @@ if TYPE_CHECKING:
     from cubepath.coordinator.satisfiability.encoding import prepare
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
     from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
-    from cubepath.coordinator.satisfiability.solver_process import check_installed
+    from cubepath.coordinator.satisfiability.solver_process import (
+        SECOND_SOLVER,
+        SOLVER,
+        Answer,
+        Problem,
+        SolverError,
+        SolverProcess,
+        check_installed,
+    )
     from cubepath.coordinator.satisfiability.window_bounds import window_bound
 else:
     __getattr__, __dir__ = lazy_face(
@@ -24,8 +32,10 @@ else:
             "clauses": "OFF ON",
             "encoding": "prepare",
             "met_moves": "MetMoves",
-            "proving": "Prover Refutation WINDOWS",
-            "solver_process": "check_installed",
+            "proving": "WINDOWS Prover Refutation",
+            "solver_process": (
+                "Answer Problem SECOND_SOLVER SOLVER SolverError SolverProcess check_installed"
+            ),
             "window_bounds": "window_bound",
         },
     )
@@ -33,10 +43,16 @@ else:
 __all__ = [
     "OFF",
     "ON",
+    "SECOND_SOLVER",
+    "SOLVER",
     "WINDOWS",
+    "Answer",
     "MetMoves",
+    "Problem",
     "Prover",
     "Refutation",
+    "SolverError",
+    "SolverProcess",
     "check_installed",
     "prepare",
     "window_bound",

@@ -15,13 +15,13 @@ import os
 import select
 import subprocess
 import sys
+from collections.abc import Sized
 from contextlib import suppress
-from typing import IO, BinaryIO, NamedTuple, Self, cast
+from typing import IO, BinaryIO, NamedTuple, Protocol, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.coordinator.satisfiability.encoding import Encoding
 from cubepath.protocol.core.errors import CubepathError, InputError
 
 SOLVER = "cadical195"
@@ -33,6 +33,25 @@ LOG_MAX = 100_000_000
 _BLOCK = 512
 """The unit in which the system counts the blocks of a file."""
 _CHILD = "cubepath.coordinator.satisfiability.solver_child"
+
+
+class Problem(Protocol):
+    """Clauses: clause c is ``literals[ends[c - 1]:ends[c]]``, the first from 0 on."""
+
+    @property
+    def variables(self) -> Sized:
+        """The variables, whose numbers begin with 1."""
+        ...
+
+    @property
+    def literals(self) -> NDArray[np.int32]:
+        """All literals, with shape (literals,)."""
+        ...
+
+    @property
+    def ends(self) -> NDArray[np.int64]:
+        """Where each clause ends, with shape (clauses,)."""
+        ...
 
 
 class SolverError(CubepathError):
@@ -91,7 +110,7 @@ class SolverProcess:
         self._solver = solver
         self._log_max = log_max
         self._child: _Child | None = None
-        self._asked: Encoding | None = None
+        self._asked: Problem | None = None
         self._log: IO[bytes] | None = None
         self._log_file: int | None = None
         self._log_too_long = False
@@ -104,7 +123,7 @@ class SolverProcess:
         """End the process."""
         self.end()
 
-    def solve(self, problem: Encoding) -> Answer:
+    def solve(self, problem: Problem) -> Answer:
         """Ask for the answer to one problem, and wait for it."""
         self.ask(problem)
         while (found := self.answer(None)) is None:
@@ -113,7 +132,7 @@ class SolverProcess:
 
     def ask(
         self,
-        problem: Encoding,
+        problem: Problem,
         *,
         seed: int | None = None,
         conflicts: int | None = None,

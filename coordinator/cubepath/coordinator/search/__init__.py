@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
     from cubepath.coordinator.search.heuristics import Potential, Ways
     from cubepath.coordinator.search.lower_bounds import lower_bound
+    from cubepath.coordinator.search.said import prepare_for, prepares
     from cubepath.coordinator.search.simply_connected import only_class
-    from cubepath.coordinator.search.space_time_routes import prepare
     from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
 else:
     __getattr__, __dir__ = lazy_face(
@@ -29,8 +29,8 @@ else:
             "exact": "MAX_STATES Optimum optimum too_wide",
             "heuristics": "Potential Ways",
             "lower_bounds": "lower_bound",
+            "said": "prepare_for prepares",
             "simply_connected": "only_class",
-            "space_time_routes": "prepare",
             "transitions": "LABELS_MAX Transitions maskable",
         },
     )
@@ -52,7 +52,8 @@ __all__ = [
     "maskable",
     "only_class",
     "optimum",
-    "prepare",
+    "prepare_for",
+    "prepares",
     "too_wide",
     "wandering",
 ]

@@ -2,35 +2,44 @@
 
 The normal cube path is the shortest in its class, so any shorter path lies in another. The search
 keeps the best path found so far, and replaces parts of it: windows, for any system (`windows`), or
-the routes of a few vehicles, with all others unchanged (`vehicle_lns`). Each names its sources. In
-both, a step never makes the path worse.
+the routes of a few vehicles, with all others unchanged (`vehicle_lns`) or thrown out where they are
+in the way (`conflict_optimizer`). Each names its sources. A step never makes the path worse. A
+system may have a search of its own (`System.paths`); the path that it finds is taken only if it is
+one from the start to the end.
 
 Room: coordinator; touches only the clock, to know when to stop.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from random import Random
 from typing import NamedTuple
 
+from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.budget import Budget, SpentError
-from cubepath.coordinator.search.space_time_routes import prepare
+from cubepath.coordinator.search.said import paths_of, prepare_for
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.search.windows import Windows
 from cubepath.protocol.core.actions import Action, State
-from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.system import System
 
 CubePath = tuple[tuple[Action, ...], ...]
 _IDLE = 0.2
 """For vehicles, the share of steps that try a window instead of a neighbourhood."""
+_MOVES_A_STEP = 500
+"""The number of moves that are built in about the time of a step."""
 _SITES_MAX = 4096
 """Systems of vehicles with more sites than this are searched by neighbourhoods only."""
+_OWN = 0.8
+"""Where a system has a search of its own, the share of steps that it gets."""
+_WORK_MAX = 200_000
+"""Then windows are tried only for paths with at most so many moves times sites that are on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,32 +105,71 @@ def improve(
         raise InputError("own ends are those of vehicles on a graph, expected such a system")
     actions = list(path)
     best = _normal(actions, 0, 0) if normal is None else Improved(normal, 0, 0)
-    if system is not None and system.graph is not None:
-        prepare()
+    if system is not None:
+        prepare_for(system)
     budget = Budget(seconds)
     if transitions is None:
         transitions = Transitions(system, actions if system is None else ())
     transitions.budget = budget
     random = Random(seed)  # noqa: S311 - nothing secret
-    steps = found = 0
-    with suppress(SpentError):
-        budget.spend(0)
-        search = _Search(transitions, start, best, labelled_goals=labelled_goals)
-        while best.cubes > enough and search.possible and steps != iterations and not budget.spent:
-            proposal = search.step(random)
-            steps += 1
-            if tick is not None:
-                tick(steps)
-            # Building the moves of a large plan takes longer than many steps.
-            if proposal is None or proposal.cost >= (best.cubes, best.moves):
-                continue
-            new = _normal(proposal.actions(), steps, found + 1)
-            if (new.cubes, new.moves) < (best.cubes, best.moves):
-                found += 1
-                best = new
-                if watch is not None:
-                    watch(best)
-    return Improved(best.cube_path, steps, found)
+    steps = 0
+    record = _Record(best, watch)
+    try:
+        with suppress(SpentError):
+            budget.spend(0)
+            search = _Search(transitions, start, best, labelled_goals=labelled_goals, seed=seed)
+            while record.cubes > enough and search.possible:
+                if steps == iterations or budget.spent:
+                    break
+                proposal = search.step(random)
+                steps += 1
+                if tick is not None:
+                    tick(steps)
+                record.see(proposal, steps)
+    finally:
+        # After an interrupt too, the best path is not lost.
+        record.build()
+    return Improved(record.best.cube_path, steps, record.best.found)
+
+
+class _Record:
+    """The best path so far, and a better one that is known but not built yet.
+
+    Building the moves of a large plan takes longer than many steps, and often the next better one
+    comes soon; so between two paths that are built there are some steps, the more, the more moves.
+    """
+
+    def __init__(self, best: Improved, watch: Callable[[Improved], object] | None) -> None:
+        self.best = best
+        self._watch = watch
+        self._pending: tuple[_Proposal, int] | None = None
+
+    @property
+    def cubes(self) -> int:
+        """The fewest cubes that are known."""
+        return self.best.cubes if self._pending is None else self._pending[0].cost[0]
+
+    def see(self, proposal: _Proposal | None, steps: int) -> None:
+        """Take note of a proposal, and build the best one if enough steps have gone by."""
+        known = self.best.cubes, self.best.moves
+        if self._pending is not None:
+            known = min(known, self._pending[0].cost)
+        if proposal is not None and proposal.cost < known:
+            self._pending = proposal, steps
+        if steps >= self.best.steps + self.best.moves // _MOVES_A_STEP:
+            self.build()
+
+    def build(self) -> None:
+        """Build the better path, if there is one, and tell of it."""
+        if self._pending is None:
+            return
+        proposal, steps = self._pending
+        self._pending = None
+        new = _normal(proposal.actions(), steps, self.best.found + 1)
+        if (new.cubes, new.moves) < (self.best.cubes, self.best.moves):
+            self.best = new
+            if self._watch is not None:
+                self._watch(new)
 
 
 def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
@@ -131,7 +179,10 @@ def _normal(path: Iterable[Action], steps: int, found: int) -> Improved:
 
 
 class _Proposal(NamedTuple):
-    """A path proposed by a search: the number of its cubes and moves, and how to build it."""
+    """A path proposed by a search: the number of its cubes and moves, and how to build it.
+
+    The search may go on meanwhile: what is built is its best path by then.
+    """
 
     cost: tuple[int, int]
     actions: Callable[[], list[Action]]
@@ -147,6 +198,7 @@ class _Search:
         best: Improved,
         *,
         labelled_goals: bool,
+        seed: int,
     ) -> None:
         self._start = start
         self._system = system = steps.system
@@ -154,22 +206,47 @@ class _Search:
         self._labelled_goals = labelled_goals
         self._windows: Windows | None = None
         self._vehicles: Replanner | None = None
+        self._own: Iterator[Sequence[Action] | None] | None = None
         self.possible = bool(best.cube_path)
         if not self.possible:
             return
+        self._begin_own(best, seed, labelled_goals=labelled_goals)
         graph = None if system is None else system.graph
         if graph is not None and Replanner.fits(graph, len(start), best.cubes):
             self._vehicles = self._replanner(best.cube_path)
         labels = 1 if system is None else system.labels or 1
         sites = 0 if graph is None else len(graph.vertices) * labels
-        if not labelled_goals and sites <= _SITES_MAX:
-            self._windows = Windows(self._steps, start, best.cube_path)
-            self._fresh = True
-        self.possible = self._windows is not None or self._vehicles is not None
+        self._may_cut = not labelled_goals and sites <= _SITES_MAX
+        self._fresh = True
+        self._cut(best)
+        self._ask()
+
+    def _ask(self) -> None:
+        """Note whether there is anything left to try."""
+        self.possible = any(each is not None for each in (self._own, self._windows, self._vehicles))
+
+    def _begin_own(self, best: Improved, seed: int, *, labelled_goals: bool) -> None:
+        """Begin the system's own search, which knows nothing of vehicles with own ends."""
+        system, start = self._system, self._start
+        if system is None or labelled_goals:
+            return
+        path = [action for cube in best.cube_path for action in cube]
+        self._goal = end_state(best.cube_path, start)
+        self._own = paths_of(system, start, self._goal, seed=seed, known=path)
+
+    def _cut(self, best: Improved) -> None:
+        """Search the windows of a path from now on, unless its states are too many and too long."""
+        if not self._may_cut or (self._own and best.moves * len(self._start) > _WORK_MAX):
+            return
+        self._windows = Windows(self._steps, self._start, best.cube_path)
 
     def step(self, random: Random) -> _Proposal | None:
         """Let one of the searches take a step; return the path if it got better."""
         windows, vehicles = self._windows, self._vehicles
+        if self._own is not None and (
+            (windows is None and vehicles is None) or random.random() < _OWN
+        ):
+            return self._own_step(self._own)
         if windows is not None and (vehicles is None or random.random() < _IDLE):
             # Cutting the path at the beginning counts as the first step.
             fresh, self._fresh = self._fresh, False
@@ -184,6 +261,33 @@ class _Search:
             best = _normal(vehicles.actions(), 0, 0)
             self._windows = Windows(self._steps, self._start, best.cube_path)
         return _Proposal((vehicles.rounds, vehicles.cost[2]), vehicles.actions)
+
+    def _own_step(self, own: Iterator[Sequence[Action] | None]) -> _Proposal | None:
+        """Let the system's own search take a step; CheckError if its answer is not a path."""
+        try:
+            found = next(own)
+        except StopIteration:
+            self._own = None
+            self._ask()
+            return None
+        if found is None:
+            return None
+        path = list(found)
+        self._check(path)
+        best = _normal(path, 0, 0)
+        cost = best.cubes, best.moves
+        if self._windows is None or cost < self._windows.cost:
+            self._cut(best)
+        return _Proposal(cost, lambda: path)
+
+    def _check(self, path: Sequence[Action]) -> None:
+        name = type(self._system).__name__
+        try:
+            end = end_state(path, self._start)
+        except InputError as error:
+            raise CheckError(f"a path that {name}.paths has found is not legal: {error}") from None
+        if end != self._goal:
+            raise CheckError(f"a path that {name}.paths has found does not end at the goal")
 
     def _replanner(self, cubes: CubePath) -> Replanner | None:
         system = self._system

@@ -1,4 +1,4 @@
-"""What a system says of its paths: ways, bounds and a potential.
+"""What a system says of its paths: ways, bounds, a potential, and paths that it finds itself.
 
 The class may belong to another distribution. An error in its methods is reported in one line that
 names the class and the method.
@@ -8,10 +8,11 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import ParamSpec, TypeVar
 
-from cubepath.protocol.core.actions import State
+from cubepath.coordinator.search.vehicle_lns import prepare
+from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Bound, System, Ways
@@ -40,13 +41,45 @@ def potential_of(system: System, goal: State) -> Callable[[Site], int] | None:
     return None if found is None else _named(system, "potential", found)
 
 
+def paths_of(
+    system: System, start: State, goal: State, *, seed: int, known: Iterable[Action]
+) -> Iterator[Sequence[Action] | None] | None:
+    """Return the system's own search for paths, None if it has none."""
+    ask = _named(system, "paths", system.paths)
+    found = ask(start, goal, seed=seed, known=known)
+    return None if found is None else _steps(_named(system, "paths", found.__next__))
+
+
+def prepares(system: System) -> bool:
+    """Return whether `prepare_for` has anything to do."""
+    return system.graph is not None or type(system).prepare_paths is not System.prepare_paths
+
+
+def prepare_for(system: System) -> None:
+    """Compile, or load, what the search for paths of this system uses."""
+    if system.graph is not None:
+        prepare()
+    _named(system, "prepare_paths", system.prepare_paths)()
+
+
+def _steps(
+    step: Callable[[], Sequence[Action] | None],
+) -> Iterator[Sequence[Action] | None]:
+    while True:
+        try:
+            found = step()
+        except StopIteration:
+            return
+        yield found
+
+
 def _named(system: System, method: str, ask: Callable[_P, _T]) -> Callable[_P, _T]:
     """Return `ask` with its errors as one-line InputErrors; the project's own pass unchanged."""
 
     def asked(*args: _P.args, **kwargs: _P.kwargs) -> _T:
         try:
             return ask(*args, **kwargs)
-        except CubepathError:
+        except (CubepathError, StopIteration):
             raise
         except Exception as error:
             kind, text = system.__class__, " ".join(str(error).split())

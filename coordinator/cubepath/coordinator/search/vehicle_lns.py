@@ -6,7 +6,9 @@ weights; Ropke and Pisinger (2006) for adaptive weights; Silver, *Cooperative pa
 for planning one vehicle after another in space and time; Ma and Koenig (2016) for the exchange of
 targets among vehicles without labels. Two things differ from these sources: a vehicle may not enter
 a vertex that another leaves in the same round, and there are neighbourhoods along a chain of moves
-that wait for each other, since such a chain determines the last round.
+that wait for each other, since such a chain determines the last round. Half of the steps, which
+take most of the time, are those of a `conflict_optimizer`, which gets rid of rounds; neighbourhoods
+smooth what it leaves, and give it other plans to begin with.
 
 Room: coordinator; touches nothing.
 """
@@ -18,7 +20,9 @@ from random import Random
 
 import numpy as np
 
+from cubepath.coordinator.search import conflict_optimizer
 from cubepath.coordinator.search import space_time_routes as routes
+from cubepath.coordinator.search.conflict_optimizer import ConflictOptimizer, Ends
 from cubepath.coordinator.search.space_time_routes import FREE, Numbers
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.sites import Site, in_order
@@ -31,6 +35,8 @@ _FORGET = 0.9
 """The share of a neighbourhood's weight that comes from its earlier worth."""
 _BY_WAY, _BY_ARRIVAL = 0.4, 0.3
 """How often the vehicles with the longest way, or those that arrive last, are planned first."""
+REPAIRS = 0.5
+"""The share of steps that repair a plan cut short, which take most of the time."""
 _LEAST = 0.1
 """The worth of a neighbourhood that found nothing; it is positive, so that each is tried again."""
 
@@ -72,6 +78,9 @@ class Replanner:
         self._away = np.empty((len(self._plan), len(self._near)), dtype=np.int32)
         for number, end in enumerate(self._ends):
             routes.distances(self._near, int(end), self._away[number])
+        self._conflicts = ConflictOptimizer(
+            self._near, self._plan[:, 0].copy(), exchanged=not self._labelled_goals
+        )
         self._weights = [1.0] * 4
         self._choices = (self._chain, self._held_up, self._around, self._any)
         self._settled()
@@ -137,9 +146,11 @@ class Replanner:
         return found
 
     def step(self, random: Random) -> bool:
-        """Plan one neighbourhood anew; return whether the plan now costs less."""
+        """Plan one neighbourhood anew, or repair; return whether the plan now costs less."""
         if self.rounds == 0:
             return False
+        if random.random() < REPAIRS:
+            return self.repair(random)
         which = random.choices(range(len(self._choices)), self._weights)[0]
         size = min(len(self._plan), random.choice((1, 2, 3, 4, 6, 8, 12, 16)))
         vehicles = list(dict.fromkeys(self._choices[which](random, size)))[:size]
@@ -147,6 +158,22 @@ class Replanner:
         worth = 1.0 if better else _LEAST
         self._weights[which] = _FORGET * self._weights[which] + (1 - _FORGET) * worth
         return better
+
+    @property
+    def routes(self) -> int:
+        """Return the number of routes that the last repair planned."""
+        return self._conflicts.routes
+
+    def repair(self, random: Random) -> bool:
+        """Go on repairing a plan cut short; return whether it is whole, with fewer rounds."""
+        found = self._conflicts.step(self._plan, Ends(self._ends, self._away), random)
+        if found is None:
+            return False
+        self._plan = found.plan
+        self._ends, self._away = self._ends[found.goals], self._away[found.goals]
+        self._settled()
+        self.cost = self._cost()
+        return True
 
     def _replanned(self, random: Random, vehicles: list[int]) -> bool:
         random.shuffle(vehicles)
@@ -270,3 +297,9 @@ class Replanner:
     def _any(self, random: Random, size: int) -> Iterable[int]:
         """Return a vehicle that arrives last, and random others."""
         return [self._last(random), *random.sample(range(len(self._plan)), k=size)]
+
+
+def prepare() -> None:
+    """Compile what the search for vehicles uses, or load it, so that no timed search waits."""
+    routes.prepare()
+    conflict_optimizer.prepare()

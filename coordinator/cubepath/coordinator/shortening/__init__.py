@@ -18,8 +18,8 @@ if TYPE_CHECKING:
         certified_path,
         timed_path,
     )
-    from cubepath.coordinator.shortening.normal_path import Shortened, shorten
-    from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, task_of
+    from cubepath.coordinator.shortening.normal_path import Shortened, shorten, shortened
+    from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, ends_of, task_of
     from cubepath.coordinator.shortening.path_input import PathInput, read_input
     from cubepath.coordinator.shortening.path_steps import (
         certified_steps,
@@ -33,8 +33,8 @@ else:
             "comparing": "difference_of",
             "conversion": "Converted convert",
             "explain": "TimedPath certificate_in_words certified_path timed_path",
-            "normal_path": "Shortened shorten",
-            "optimality": "Beyond Task beyond task_of",
+            "normal_path": "Shortened shorten shortened",
+            "optimality": "Beyond Task beyond ends_of task_of",
             "path_input": "PathInput read_input",
             "path_steps": "certified_steps is_certificate read_steps",
         },
@@ -53,10 +53,12 @@ __all__ = [
     "certified_steps",
     "convert",
     "difference_of",
+    "ends_of",
     "is_certificate",
     "read_input",
     "read_steps",
     "shorten",
+    "shortened",
     "task_of",
     "timed_path",
 ]

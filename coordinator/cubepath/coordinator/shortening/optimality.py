@@ -31,8 +31,8 @@ from cubepath.coordinator.search.anytime import CubePath, Improved, improve
 from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import MAX_STATES, Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
+from cubepath.coordinator.search.said import prepare_for, prepares
 from cubepath.coordinator.search.simply_connected import only_class
-from cubepath.coordinator.search.space_time_routes import prepare
 from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
 from cubepath.coordinator.shortening.normal_path import Shortened
 from cubepath.coordinator.shortening.optimality_proof import proof_of
@@ -466,9 +466,10 @@ class _Look:
                 stage.ended = "time" if self._whole.spent else "limit"
 
         if not self._stopped and self.bound.cubes < self.cubes:
-            if task.system is not None and task.system.graph is not None:
+            system = task.system
+            if system is not None and prepares(system):
                 # Once for an installation; the search gets its time all the same.
-                self._stage("compile", lambda _stage, _budget: prepare())
+                self._stage("compile", lambda _stage, _budget: prepare_for(system))
                 self._whole.extend(self.stages[-1].seconds)
             self._stage("search", job)
         if kept:

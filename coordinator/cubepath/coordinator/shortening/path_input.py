@@ -22,6 +22,7 @@ from cubepath.protocol.core.input_files import InputFile, Source, check_not_empt
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene, local_only
+from cubepath.protocol.path_files.following import is_following
 from cubepath.protocol.path_files.moves import PathMove, read_moves
 from cubepath.protocol.path_files.npz import is_npz, read_moves_npz
 from cubepath.protocol.path_files.numbered import (
@@ -170,6 +171,11 @@ class _Reading:
 
     def read(self) -> PathInput:
         file, system, hints = self._file, self._system, self._hints
+        if is_following(file):
+            raise InputError(
+                f"{file.path}: a timetable of vehicles that follow one another, whose moves do not"
+                " commute: expected the path that it is of"
+            )
         form = _form_of(file)
         if form not in {"recording", "binary moves"} or hints.format is not None:
             plan = read_plan(file, hints.format, companions=hints.companions, system=system)

@@ -19,11 +19,17 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.choices import Arrays, Moment, Observing
     from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
+    from cubepath.coordinator.verification.following import check_following
     from cubepath.coordinator.verification.free_history import NO_SITE, Carried, History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
     from cubepath.coordinator.verification.free_units import changed_by, held_by
     from cubepath.coordinator.verification.holes import hole_in, lacks
+    from cubepath.coordinator.verification.optimality import (
+        ProvedOptimal,
+        Refutation,
+        check_optimality,
+    )
     from cubepath.coordinator.verification.parameters import hesitation_in, max_rounds_in, seed_in
     from cubepath.coordinator.verification.partial import moves_in, whole_rounds, why_partial
     from cubepath.coordinator.verification.proof import check_proof
@@ -62,11 +68,13 @@ else:
             "choices": "Arrays Moment Observing",
             "equality": "difference",
             "findings": "Check Progress Verification",
+            "following": "check_following",
             "free_history": "Carried History NO_SITE",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
             "free_units": "changed_by held_by",
             "holes": "hole_in lacks",
+            "optimality": "ProvedOptimal Refutation check_optimality",
             "parameters": "hesitation_in max_rounds_in seed_in",
             "partial": "moves_in whole_rounds why_partial",
             "proof": "check_proof",
@@ -91,7 +99,9 @@ __all__ = [
     "Observing",
     "OutOfOrder",
     "Progress",
+    "ProvedOptimal",
     "Recovered",
+    "Refutation",
     "Round",
     "Seen",
     "Sorting",
@@ -102,7 +112,9 @@ __all__ = [
     "add_to_spans",
     "changed_by",
     "check_certificate",
+    "check_following",
     "check_numbered",
+    "check_optimality",
     "check_proof",
     "compare_cubes",
     "difference",

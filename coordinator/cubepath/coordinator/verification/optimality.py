@@ -7,7 +7,7 @@ docs/proofs.md; nothing is shared with the code that makes proofs but the format
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import cached_property
@@ -64,6 +64,14 @@ def check_optimality(proof: OptimalityProof, tell: Tell | None = None) -> Proved
     """Check a proof and return what it proves.
 
     Raises CheckError, in one line, for the first thing that does not hold.
+
+    >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> found = check_optimality(OptimalityProof(
+    ...     system=None, start=[1], goal=[3], refuted=1, cubes=2,
+    ...     moves=[left, right], schedule=[[0], [1]],
+    ... ))
+    >>> found.proved, found.optimal, found.clauses
+    (True, True, 0)
     """
     return Refutation(proof, tell).checked()
 
@@ -147,6 +155,41 @@ class Refutation:
             return Clauses(np.zeros(0, dtype=np.int32), np.zeros(1, dtype=np.int64))
         return self._clauses[1]
 
+    def dimacs(self) -> Iterator[bytes]:
+        """Yield the clauses as a DIMACS file, for other checkers."""
+        literals, ends = self.clauses
+        yield b"p cnf %d %d\n" % (len(self.proof.variables) if self._clauses else 0, len(ends))
+        signed = np.where(literals & 1, -(literals >> 1), literals >> 1)
+        begin = 0
+        for end in ends.tolist():
+            yield b"%s0\n" % b"".join(b"%d " % each for each in signed[begin:end].tolist())
+            begin = end
+
+    def other_task(
+        self,
+        system: System | None,
+        start: AbstractSet[Site],
+        goal: AbstractSet[Site],
+        actions: Iterable[Action],
+    ) -> str | None:
+        """Return why the proof is not about these states and moves, None if it is.
+
+        The moves are those of the system; without one they are `actions`.
+        """
+        for name, said, given in (("start", self._start, start), ("goal", self._goal, goal)):
+            apart = in_order(said ^ given)
+            if apart:
+                where = "there" if apart[0] in given else "in the proof"
+                return f"has another {name}: {site_text(apart[0])} is on only {where}"
+        if (self.system is None) != (system is None):
+            told = "moves of a system" if system is None else "listed moves"
+            return f"has other moves: the proof is about {told}"
+        if self.system is None or system is None:
+            apart_moves = set(self.actions) ^ set(actions)
+            return "has other moves than the proof" if apart_moves else None
+        same = (self.system.table, self.system.to_table()) == (system.table, system.to_table())
+        return None if same else "has another system"
+
     def checked(self) -> ProvedOptimal:
         """Return what the proof proves; CheckError for the first thing that does not hold."""
         proof = self.proof
@@ -156,16 +199,18 @@ class Refutation:
                 " that are said to be impossible"
             )
         self._check_schedule()
-        moves, variables, clauses, lemmas = 0, 0, 0, 0
-        if self._clauses is not None:
-            moves, found = self._clauses
-            variables, clauses = len(proof.variables), len(found.ends)
         proved = proof.standing == "proved"
-        if self._clauses is not None and proved:
-            lemmas = self._follow(Refuter(variables, *found))
-        elif any(proof.log):
+        derived = self._clauses
+        if (derived is None or not proved) and any(proof.log):
             raise CheckError("there is a log, and nothing that it would be needed for")
-        return ProvedOptimal(proof.refuted, proof.cubes, proved, moves, variables, clauses, lemmas)
+        if derived is None:
+            return ProvedOptimal(proof.refuted, proof.cubes, proved, 0, 0, 0, 0)
+        moves, (literals, ends) = derived
+        variables = len(proof.variables)
+        lemmas = self._follow(Refuter(variables, literals, ends)) if proved else 0
+        return ProvedOptimal(
+            proof.refuted, proof.cubes, proved, moves, variables, len(ends), lemmas
+        )
 
     def _follow(self, refuter: Refuter) -> int:
         for chunk in self.proof.log:
@@ -190,7 +235,7 @@ class Refutation:
             )
         for number, cube in enumerate(proof.schedule, 1):
             self._carry_out(f"cube {number} of the schedule", cube, state)
-        if state != self._goal:
+        if frozenset(state) != self._goal:
             stray = in_order(state ^ self._goal)[0]
             is_on = "on" if stray in state else "off"
             raise CheckError(
@@ -219,24 +264,3 @@ def _state(name: str, sites: Sequence[Site]) -> frozenset[Site]:
         twice = next(site for site in sites if sites.count(site) > 1)
         raise CheckError(f"{name}: {site_text(twice)} stands twice")
     return found
-
-
-def same_task(
-    proof: OptimalityProof, system: System | None, start: AbstractSet[Site], goal: AbstractSet[Site]
-) -> str | None:
-    """Return why a proof is not about these two states in this system, None if it is."""
-    for name, said, given in (("start", proof.start, start), ("goal", proof.goal, goal)):
-        apart = in_order(frozenset(said) ^ given)
-        if apart:
-            where = "in the input" if apart[0] in given else "in the proof"
-            return f"the {name} is another: {site_text(apart[0])} is on only {where}"
-    ours = Refutation(proof).system
-    if (ours is None) != (system is None):
-        return "the moves of a system on one side, listed moves on the other"
-    if (
-        ours is not None
-        and system is not None
-        and (ours.table != system.table or ours.to_table() != system.to_table())
-    ):
-        return "the system is another"
-    return None

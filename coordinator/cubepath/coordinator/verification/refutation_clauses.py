@@ -159,20 +159,25 @@ def collect(slots: Slots, roles: Roles, site: int, role: int, time: int, found: 
 
 
 @inner
+def _numbered(slots: Slots, slot: int | np.integer) -> int:
+    """Return the variable of a slot."""
+    return int(slots.variable[slot])
+
+
+@inner
 def _is(slots: Slots, site: int, time: int, value: int) -> int:
     """Return the literal that says that a site has a value at a time, or TRUE or FALSE."""
     on = slots.ahead[2 * site + 1] <= time <= slots.latest[2 * site + 1]
     off = slots.ahead[2 * site] <= time <= slots.latest[2 * site]
     if on and off:
-        variable = slots.variable[slots.x_at[site] + time - slots.x_first[site]]
-        return 2 * variable + 1 - value
+        return 2 * _numbered(slots, slots.x_at[site] + time - slots.x_first[site]) + 1 - value
     return TRUE if on == (value == 1) else FALSE
 
 
 @inner
 def _made(slots: Slots, move: int, time: int) -> int:
     """Return the literal that says that a move is made in a round."""
-    return 2 * slots.variable[slots.y_at[move] + time - slots.first[move]]
+    return 2 * _numbered(slots, slots.y_at[move] + time - slots.first[move])
 
 
 @inner
@@ -296,9 +301,11 @@ def _ladders(
         begin, size = ladders.at[ladder], ladders.at[ladder + 1] - ladders.at[ladder]
         prefixes = slots.p_at[ladder + 1] - slots.p_at[ladder]
         for number in range(1, size + 1):
-            made = 2 * ladders.members[begin + number - 1]
-            here = 2 * slots.variable[slots.p_at[ladder] + number - 1] if number <= prefixes else 0
-            before = 2 * slots.variable[slots.p_at[ladder] + number - 2] if number > 1 else 0
+            made = 2 * int(ladders.members[begin + number - 1])
+            here = (
+                2 * _numbered(slots, slots.p_at[ladder] + number - 1) if number <= prefixes else 0
+            )
+            before = 2 * _numbered(slots, slots.p_at[ladder] + number - 2) if number > 1 else 0
             if here:
                 _put(literals, state, made ^ 1)
                 _put(literals, state, here)
@@ -312,7 +319,7 @@ def _ladders(
                 _put(literals, state, before ^ 1)
                 _close(ends, state)
         if ladders.roles[ladder] == STAY:
-            all_of_them = 2 * slots.variable[slots.p_at[ladder] + size - 1]
+            all_of_them = 2 * _numbered(slots, slots.p_at[ladder] + size - 1)
             time = ladders.rounds[ladder]
             count = collect(slots, roles, ladders.sites[ladder], READ, time, readers)
             for place in range(count):

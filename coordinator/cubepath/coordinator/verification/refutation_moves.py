@@ -66,18 +66,18 @@ class Moves:
         """Find the moves that can be met within half of the rounds from either end.
 
         Return which directed moves were. A move that can be made in round t of a schedule is met
-        within t layers from the start and within ``rounds + 1 - t`` layers from the goal, so each
-        is met from the end that is nearer.
+        within t layers from the start and within ``rounds + 1 - t`` layers from the goal. One of
+        these is in the half that is explored from there.
         """
-        half = (rounds + 1) // 2
+        halves = (rounds + 1) // 2, rounds // 2
         ask: Callable[[Site], Iterable[Move]] = system.discovery() or system.moves_at
         asked: set[Site] = set()
-        for state in (self.start, self.goal):
+        for state, half in zip((self.start, self.goal), halves, strict=True):
             self._explore(state, half, asked, ask, tell)
         every = np.ones(2 * len(self._listed), dtype=np.bool_)
         _, ahead = earliest_times(self.table, self._flags(self.start), every)
         _, behind = earliest_times(self.table, self._flags(self.goal), every)
-        return (ahead <= half) | turned(behind <= half)
+        return (ahead <= halves[0]) | turned(behind <= halves[1])
 
     def _explore(
         self,

@@ -12,7 +12,7 @@ instead would work only with the systems of today, so there is none.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -308,6 +308,23 @@ class System(ABC):
         """
         del goal
         return None
+
+    def paths(
+        self, start: State, goal: State, *, seed: int, known: Iterable[Action] = ()
+    ) -> Iterator[Sequence[Action] | None] | None:
+        """Return a search of the system's own for short paths between two states, None if none.
+
+        Each step of the iterator does a bounded piece of work. It yields the moves of a path from
+        start to goal in some order in which they can be made, if it has found one that is better
+        than all before, and else None. It ends when there is nothing left to try. `known` is a path
+        between the two states. What is yielded depends on the arguments alone. It is checked
+        before it is used, as every path is, so the search may be as bold as it likes.
+        """
+        del start, goal, seed, known
+        return None
+
+    def prepare_paths(self) -> None:  # noqa: B027 - a system without `paths` has nothing to do
+        """Do what `paths` needs once for an installation or a process, such as compiling."""
 
     def region(self, place: Site) -> str:
         """Return the name of the region that a place lies in, one chunk of a key expression.

@@ -21,7 +21,17 @@ if TYPE_CHECKING:
         Durations,
         durations_in_words,
         read_durations,
+        time_from,
         time_text,
+    )
+    from cubepath.protocol.path_files.following import (
+        FollowingFile,
+        FollowingHead,
+        FollowingLine,
+        following_schemas,
+        is_following,
+        read_following,
+        write_following,
     )
     from cubepath.protocol.path_files.moves import (
         CubeName,
@@ -83,7 +93,11 @@ else:
             "certificates": (
                 "Certificate certificate_schema companion read_certificate write_certificate"
             ),
-            "durations": ("Durations durations_in_words read_durations time_text"),
+            "durations": "Durations durations_in_words read_durations time_from time_text",
+            "following": (
+                "FollowingFile FollowingHead FollowingLine following_schemas is_following "
+                "read_following write_following"
+            ),
             "moves": (
                 "CubeName MoveName NumberedId PathMove cube_schema known_of_named "
                 "move_schemas read_cubes read_moves write_cubes write_moves"
@@ -111,6 +125,9 @@ __all__ = [
     "CubeName",
     "Cubes",
     "Durations",
+    "FollowingFile",
+    "FollowingHead",
+    "FollowingLine",
     "Group",
     "IrregularError",
     "Ladder",
@@ -131,7 +148,9 @@ __all__ = [
     "companion",
     "cube_schema",
     "durations_in_words",
+    "following_schemas",
     "holds_cubes",
+    "is_following",
     "is_npz",
     "is_proof",
     "known_of_named",
@@ -141,6 +160,7 @@ __all__ = [
     "read_cubes",
     "read_cubes_npz",
     "read_durations",
+    "read_following",
     "read_moves",
     "read_moves_npz",
     "read_path",
@@ -148,11 +168,13 @@ __all__ = [
     "read_timetable",
     "schedule_from_jsonl",
     "schedule_to_jsonl",
+    "time_from",
     "time_text",
     "timetable_schema",
     "write_certificate",
     "write_cubes",
     "write_cubes_npz",
+    "write_following",
     "write_moves",
     "write_moves_npz",
     "write_path",

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Annotated, Any, BinaryIO, Literal, NamedTuple, TypeAlias, TypeVar
@@ -74,7 +74,11 @@ class Group(NamedTuple):
     sites: Sequence[int]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+def _no_variables() -> NDArray[np.int32]:
+    return np.zeros((0, 3), dtype=np.int32)
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OptimalityProof:
     """The content of a proof file: no schedule has `refuted` rounds or fewer; one has `cubes`.
 
@@ -83,6 +87,7 @@ class OptimalityProof:
     in `moves` and `sites` as numbers. `variables` has a row (kind, index, time) for each variable
     of the clauses, int32, the first of which is variable 1. `log` is a binary DRAT log, in pieces
     of any length; it is read once by `write_proof`. What was read from a file can be read again.
+    Where the windows alone refute so many rounds there are no variables, ladders, groups and log.
     """
 
     system: str | None
@@ -90,14 +95,14 @@ class OptimalityProof:
     goal: Sequence[Site]
     refuted: int
     cubes: int
-    solver: str
-    standing: Standing
+    solver: str = ""
+    standing: Standing = "proved"
     moves: Sequence[GeneratorPlacement] | Sequence[Action]
-    sites: Sequence[Site]
-    variables: NDArray[np.int32]
-    ladders: Sequence[Ladder]
-    groups: Sequence[Group]
-    log: Iterable[bytes]
+    sites: Sequence[Site] = ()
+    variables: NDArray[np.int32] = field(default_factory=_no_variables)
+    ladders: Sequence[Ladder] = ()
+    groups: Sequence[Group] = ()
+    log: Iterable[bytes] = ()
     schedule: Sequence[Sequence[int]]
 
 
@@ -129,6 +134,14 @@ def write_proof(path: Path | str, proof: OptimalityProof) -> None:
 
     The log is taken piece by piece, so it need not fit into memory. Raises InputError if the file
     cannot be written, CheckError if the disk is full.
+
+    >>> left, right = Action([1, 2], [1, 2], [1], [2]), Action([2, 3], [2, 3], [2], [3])
+    >>> write_proof("two.proof", OptimalityProof(
+    ...     system=None, start=[1], goal=[3], refuted=1, cubes=2,
+    ...     moves=[left, right], schedule=[[0], [1]],
+    ... ))
+    >>> check_optimality(read_proof("two.proof")).optimal
+    True
     """
     with written_whole(path) as stream:
         _Writing(stream).write(proof)
@@ -221,6 +234,14 @@ def read_proof(source: Source) -> OptimalityProof:
     Whether it proves anything is not looked at, nor whether its numbers are those of sites, moves
     and variables. Raises InputError if the file cannot be read or is no proof, and CheckError, with
     the block and the byte at which it begins, if it was changed or its content is malformed.
+
+    >>> step = Action([1, 2], [1, 2], [1], [2])
+    >>> write_proof("one.proof", OptimalityProof(
+    ...     system=None, start=[1], goal=[2], refuted=0, cubes=1, moves=[step], schedule=[[0]],
+    ... ))
+    >>> proof = read_proof("one.proof")
+    >>> proof.start, proof.goal, proof.refuted, proof.standing
+    ((1,), (2,), 0, 'proved')
     """
     with opened(source) as file:
         return _Reading(file).proof()

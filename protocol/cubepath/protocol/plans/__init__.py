@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
     from cubepath.protocol.plans.imported import Imported
     from cubepath.protocol.plans.scenario import is_scenario, read_scenario
+    from cubepath.protocol.plans.vehicle_plan import VehicleMove, VehiclePlan
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -19,7 +20,17 @@ else:
             "formats": "NO_HINTS PlanHints read_plan",
             "imported": "Imported",
             "scenario": "is_scenario read_scenario",
+            "vehicle_plan": "VehicleMove VehiclePlan",
         },
     )
 
-__all__ = ["NO_HINTS", "Imported", "PlanHints", "is_scenario", "read_plan", "read_scenario"]
+__all__ = [
+    "NO_HINTS",
+    "Imported",
+    "PlanHints",
+    "VehicleMove",
+    "VehiclePlan",
+    "is_scenario",
+    "read_plan",
+    "read_scenario",
+]

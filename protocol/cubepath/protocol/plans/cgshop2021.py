@@ -18,7 +18,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
@@ -26,15 +29,17 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, only, text
+from cubepath.protocol.plans.vehicle_plan import Cell, VehiclePlan
 from cubepath.protocol.plans.vehicles import (
-    Cell,
     Vehicles,
     fits,
+    moves_of_rounds,
     off_targets,
     vehicles_scene,
 )
-from cubepath.protocol.systems.graphs import graph_round
+from cubepath.protocol.systems.graphs import Graph, graph_round
 
+_T = TypeVar("_T")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _DIRECTIONS = {"N": (0, 1), "E": (1, 0), "S": (0, -1), "W": (-1, 0)}
 _MIRRORED = {
@@ -73,15 +78,16 @@ def read_cgshop2021(request: Request) -> Imported:
     def is_free(cell: Cell) -> bool:
         return cell not in obstacles
 
+    graph = partial(_graph, companion, instance, solution)
     try:
         vehicles = Vehicles(instance.starts, is_free, called="robot")
     except InputError as error:
         raise InputError(f"{companion}: {error}") from None
 
-    def moves() -> Iterator[PathMove]:
+    def made(go: Callable[[Mapping[int, Cell]], list[_T]]) -> Iterator[list[_T]]:
         for number, step in enumerate(solution.steps):
             try:
-                yield from vehicles.go(_targets(step, vehicles.at))
+                yield go(_targets(step, vehicles.at))
             except InputError as error:
                 mirrored = _mirrored(instance, solution, is_free)
                 raise InputError(f"{path}: steps[{number}], {error}{mirrored}") from None
@@ -91,16 +97,28 @@ def read_cgshop2021(request: Request) -> Imported:
         return None if off is None else f"{off}{_mirrored(instance, solution, is_free)}"
 
     def scene() -> Scene:
-        named = [*instance.starts, *instance.targets, *instance.obstacles]
-        at = list(instance.starts)
-        for step in solution.steps:
-            for who, cell in _targets(step, at).items():
-                at[who] = cell
-                named.append(cell)
-        graph = graph_round(str(companion), named, obstacles)
-        return vehicles_scene(str(path), graph, instance.starts, instance.targets)
+        return vehicles_scene(str(path), graph(), instance.starts, instance.targets)
 
-    return Imported(moves(), len(solution.steps), scene, labelled_goals=True, unsolved=unsolved)
+    def plan() -> VehiclePlan:
+        moves = moves_of_rounds(made(vehicles.turn))
+        rounds, edges = len(solution.steps), lambda: graph().edges
+        starts = tuple(instance.starts)
+        return VehiclePlan(path, starts, moves, rounds, "robot", edges, unsolved())
+
+    moves: Iterator[PathMove] = chain.from_iterable(made(vehicles.go))
+    rounds = len(solution.steps)
+    return Imported(moves, rounds, scene, labelled_goals=True, unsolved=unsolved, vehicles=plan)
+
+
+def _graph(companion: Path, instance: _Instance, solution: _Solution) -> Graph:
+    """Return the workspace, all of whose moves must have been checked."""
+    named = [*instance.starts, *instance.targets, *instance.obstacles]
+    at = list(instance.starts)
+    for step in solution.steps:
+        for who, cell in _targets(step, at).items():
+            at[who] = cell
+            named.append(cell)
+    return graph_round(str(companion), named, frozenset(instance.obstacles))
 
 
 def _pair(request: Request, companion: Path) -> tuple[_Instance, _Solution]:

@@ -18,6 +18,7 @@ from cubepath.protocol.core.json_keys import check_keys
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
+from cubepath.protocol.plans.vehicle_plan import VehiclePlan
 
 _T = TypeVar("_T")
 
@@ -50,7 +51,9 @@ class Imported:
     builds the system with the start, which can take long. `labelled_goals` is true if its vehicles
     have no labels, but each has its own goal. `unsolved` may be called after the last move: it
     returns a line on where the plan does not end as its instance requires, None if it does or
-    nothing is required.
+    nothing is required. `vehicles` may be called instead of iterating `moves`, once: it returns the
+    plan with the planner's rounds and whatever rotates in them, and raises InputError as `moves`
+    does; None if the plan is not of vehicles on a grid.
     """
 
     moves: Iterator[PathMove]
@@ -58,6 +61,7 @@ class Imported:
     scene: Callable[[], Scene]
     labelled_goals: bool = False
     unsolved: Callable[[], str | None] = _solved
+    vehicles: Callable[[], VehiclePlan] | None = None
 
 
 def decode_file(source: Source, type_: type[_T]) -> _T:

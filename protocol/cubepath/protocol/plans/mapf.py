@@ -38,27 +38,30 @@ Planners let an agent follow another into a cell; see `cubepath.protocol.plans.v
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
-from typing import cast
+from typing import TypeVar, cast
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, Request, decode_file, no_system, text
+from cubepath.protocol.plans.vehicle_plan import Cell, VehiclePlan
 from cubepath.protocol.plans.vehicles import (
-    Cell,
     Vehicles,
     fits,
+    moves_of_rounds,
     off_targets,
     vehicles_scene,
 )
 from cubepath.protocol.systems.graphs import Graph, graph_from_map
 
+_T = TypeVar("_T")
 _CELL = re.compile(r"\(\s*([0-9]{1,9})\s*,\s*([0-9]{1,9})\s*\)")
 _CELLS = re.compile(r"(\([0-9]{1,9},[0-9]{1,9}\),)*(\([0-9]{1,9},[0-9]{1,9}\))?")
 _PATH = re.compile(r"\s*[Aa]gent\s+([0-9]{1,9})\s*:\s*(.*?)\s*(?:->)?\s*")
@@ -264,10 +267,10 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
     except InputError as error:
         raise InputError(f"{path}: {error}{mirrored()}") from None
 
-    def moves() -> Iterator[PathMove]:
+    def made(go: Callable[[Mapping[int, Cell]], list[_T]]) -> Iterator[list[_T]]:
         for step, targets in enumerate(plan.rounds(), 1):
             try:
-                yield from vehicles.go(targets)
+                yield go(targets)
             except InputError as error:
                 where = f"{path}:{plan.lines[step]}" if plan.lines else f"{path}"
                 raise InputError(f"{where}: timestep {step}, {error}{mirrored()}") from None
@@ -281,7 +284,15 @@ def _imported(request: Request, plan: _Plan, order: str) -> Imported:
         off = None if known is None else off_targets(vehicles.at, known, "agent")
         return None if off is None else f"{off}{mirrored()}"
 
-    return Imported(moves(), plan.steps, scene, labelled_goals=True, unsolved=unsolved)
+    def vehicle_plan() -> VehiclePlan:
+        turned = moves_of_rounds(made(vehicles.turn))
+        edges = lambda: graph.edges  # noqa: E731 - as the other formats, which build them late
+        return VehiclePlan(path, tuple(first), turned, plan.steps, "agent", edges, unsolved())
+
+    moves: Iterator[PathMove] = chain.from_iterable(made(vehicles.go))
+    return Imported(
+        moves, plan.steps, scene, labelled_goals=True, unsolved=unsolved, vehicles=vehicle_plan
+    )
 
 
 def _check_starts(

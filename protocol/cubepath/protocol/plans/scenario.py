@@ -1,14 +1,18 @@
 """Scenarios: a grid with starts, goals and, once a planner has run, moves.
 
 These are the JSON files of the project's own sample data, an object with "starts"; see
-docs/files.md. A vehicle enters only an empty cell, so the moves as listed are one path.
+docs/files.md. A vehicle enters only an empty cell, so the moves as listed are one path; where the
+file has the planner's rounds, `Imported.vehicles` reads what rotates in them too.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
+from typing import cast
 
 import msgspec
 
@@ -19,7 +23,13 @@ from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, in_order
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import Imported, text
-from cubepath.protocol.plans.vehicles import vehicles_scene
+from cubepath.protocol.plans.vehicle_plan import Cell, VehiclePlan
+from cubepath.protocol.plans.vehicles import (
+    Turned,
+    Vehicles,
+    moves_of_rounds,
+    vehicles_scene,
+)
 from cubepath.protocol.systems.graph import GraphSystem
 from cubepath.protocol.systems.graphs import Scenario, scenario_from_json
 
@@ -56,7 +66,55 @@ def read_scenario(file: InputFile) -> Imported:
         lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
         labelled_goals=True,
         unsolved=lambda: _unsolved(scenario),
+        vehicles=lambda: _plan(path, scenario),
     )
+
+
+def _plan(path: Path, scenario: Scenario) -> VehiclePlan:
+    """Return the plan with its rounds; without any, the moves are checked one after another."""
+    starts = tuple(map(_cell, scenario.starts))
+    if scenario.rounds is None:
+        for _ in _moves(path, scenario):
+            pass
+    moves = moves_of_rounds(_turned(path, scenario))
+    if scenario.rounds is None:
+        moves = tuple(replace(move, round=None) for move in moves)
+    edges, rounds = scenario.graph.edges, scenario.planner_rounds
+    unsolved = _unsolved(scenario)
+    return VehiclePlan(path, starts, moves, rounds, "vehicle", lambda: edges, unsolved)
+
+
+def _turned(path: Path, scenario: Scenario) -> Iterator[list[Turned]]:
+    """Yield the moves of each round, or each move by itself where there are no rounds."""
+    free = set(scenario.graph.vertices)
+    vehicles = Vehicles(list(map(_cell, scenario.starts)), free.__contains__, called="vehicle")
+    on = {cell: who for who, cell in enumerate(vehicles.at)}
+    left = iter(scenario.moves)
+    sizes = (1,) * len(scenario.moves) if scenario.rounds is None else scenario.rounds
+    for number, size in enumerate(sizes, 1):
+        where = f"{path}: round {number}"
+        targets: dict[int, Cell] = {}
+        for source, target in islice(left, size):
+            who = on.get(_cell(source))
+            if who is None:
+                raise InputError(f"{where}: {text(source)} is empty, expected a vehicle")
+            if who in targets:
+                raise InputError(f"{where}: vehicle {who} moves twice, expected once")
+            if source == target:
+                raise InputError(f"{where}: vehicle {who} stays at {text(source)}, expected a move")
+            targets[who] = _cell(target)
+        try:
+            turned = vehicles.turn(dict(sorted(targets.items())))
+        except InputError as error:
+            raise InputError(f"{where}, {error}") from None
+        for _, source, _ in turned:
+            del on[source]
+        on.update((target, who) for who, _, target in turned)
+        yield turned
+
+
+def _cell(site: Site) -> Cell:
+    return cast("Cell", site)  # as a scenario has them
 
 
 def _unsolved(scenario: Scenario) -> str | None:
@@ -67,8 +125,11 @@ def _unsolved(scenario: Scenario) -> str | None:
     if not scenario.moves:
         return None
     at = {cell: who for who, cell in enumerate(scenario.starts)}
-    for source, target in scenario.moves:
-        at[target] = at.pop(source)
+    moves = iter(scenario.moves)
+    for size in scenario.rounds or (1,) * len(scenario.moves):
+        # All of a round leave before any enters, as they may rotate.
+        going = [(target, at.pop(source)) for source, target in islice(moves, size)]
+        at.update(going)
     goals = set(scenario.goals)
     off = sorted((who, cell) for cell, who in at.items() if cell not in goals)
     if not off:

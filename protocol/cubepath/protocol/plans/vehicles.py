@@ -3,7 +3,7 @@
 Other planners let a vehicle enter a cell in the round in which another leaves it. Here a cell is
 empty before it is entered, so such moves do not commute and are made one after the other: in a row
 of followers the first goes first. Moves without such an order are refused: vehicles that swap, and
-vehicles that rotate on a cycle of cells, since none of them can begin.
+vehicles that rotate on a cycle of cells, since none of them can begin; `Vehicles.turn` takes those.
 
 No labels are needed to tell the vehicles apart. If two moves along an edge cancel, nothing has
 moved at either end between them, so both are moves of the same vehicle, and each vehicle ends where
@@ -21,10 +21,12 @@ from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.path_files.moves import PathMove
 from cubepath.protocol.plans.imported import text
+from cubepath.protocol.plans.vehicle_plan import Cell, VehicleMove
 from cubepath.protocol.systems.graph import GraphSystem, along_edge
 from cubepath.protocol.systems.graphs import Graph
 
-Cell = tuple[int, int]
+Turned = tuple[int, Cell, Cell]
+"""A vehicle, and the cells that it leaves and enters in a round."""
 
 
 class Vehicles:
@@ -55,6 +57,31 @@ class Vehicles:
         The order is by number, each vehicle followed by its followers. InputError names the first
         vehicle whose move is impossible, and why; then no vehicle has moved.
         """
+        movers, order, rings = self._round(targets)
+        if rings:
+            raise InputError(self._no_order(movers, rings[0]))
+        return [self._make(who, movers[who]) for who in order]
+
+    def turn(self, targets: Mapping[int, Cell]) -> list[Turned]:
+        """Do the same where vehicles may rotate; return vehicle, source and target of each move.
+
+        The vehicles that rotate come last, cycle by cycle, each after the one whose cell it enters
+        but for the first.
+        """
+        movers, order, rings = self._round(targets)
+        order += [who for ring in rings for who in ring]
+        moves = [(who, self.at[who], movers[who]) for who in order]
+        for _, source, _ in moves:
+            del self._on[source]
+        for who, _, cell in moves:
+            self.at[who] = cell
+            self._on[cell] = who
+        return moves
+
+    def _round(
+        self, targets: Mapping[int, Cell]
+    ) -> tuple[dict[int, Cell], list[int], list[list[int]]]:
+        """Return who moves where, those that have an order in it, and those that rotate."""
         at, on, is_free = self.at, self._on, self._is_free
         movers = {who: cell for who, cell in targets.items() if cell != at[who]}
         into: dict[Cell, int] = {}
@@ -77,9 +104,18 @@ class Vehicles:
             while follower is not None:
                 order.append(follower)
                 follower = into.get(at[follower])
+        rings: list[list[int]] = []
         if len(order) < len(movers):
-            raise InputError(self._no_order(movers, set(order)))
-        return [self._make(who, movers[who]) for who in order]
+            ordered = set(order)
+            for first in movers:
+                ring, follower = list[int](), first
+                while follower not in ordered:
+                    ring.append(follower)
+                    ordered.add(follower)
+                    follower = into[at[follower]]
+                if ring:
+                    rings.append(ring)
+        return movers, order, rings
 
     def _check(
         self, who: int, cell: Cell, movers: Mapping[int, Cell], into: Mapping[Cell, int]
@@ -103,17 +139,14 @@ class Vehicles:
         if cell in into:
             raise InputError(f"{self._called} {into[cell]} enters {text(cell)} too, expected one")
 
-    def _no_order(self, movers: Mapping[int, Cell], ordered: set[int]) -> str:
-        first = next(who for who in movers if who not in ordered)
-        cycle, place = [first], movers[first]
-        while self._on[place] != first:
-            cycle.append(self._on[place])
-            place = movers[cycle[-1]]
+    def _no_order(self, movers: Mapping[int, Cell], ring: Sequence[int]) -> str:
+        first, *others = ring
+        cycle = [first, *reversed(others)]
         who = f"{', '.join(map(str, cycle[:-1]))} and {cycle[-1]}"
         return (
             f"{self._move(first, movers[first])}: {self._called}s {who} rotate, each into the cell"
             " that the next one leaves: expected one of these cells to be empty, or no order of"
-            " their moves is legal"
+            " their moves is legal; --following mapf is for plans that rotate"
         )
 
     def _move(self, who: int, cell: Cell) -> str:
@@ -133,6 +166,15 @@ class Vehicles:
             made = PathMove(action, GeneratorPlacement("edge", ends), frozenset((source,)))
             self._made[source, cell] = made
         return made
+
+
+def moves_of_rounds(rounds: Iterable[Iterable[Turned]]) -> tuple[VehicleMove, ...]:
+    """Return the moves of all rounds, each as `Vehicles.turn` returns them."""
+    return tuple(
+        VehicleMove(who, source, target, number)
+        for number, turned in enumerate(rounds, 1)
+        for who, source, target in turned
+    )
 
 
 def off_targets(at: Sequence[Cell], targets: Sequence[Cell], called: str) -> str | None:

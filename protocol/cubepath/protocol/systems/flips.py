@@ -11,11 +11,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from cubepath.protocol.core.actions import Action, State
+from cubepath.protocol.core.actions import Action, State, action_of_parts
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.errors import ExcludedError, InputError
 from cubepath.protocol.core.sites import Site, in_order, to_json
 from cubepath.protocol.core.system import Bound, System
+from cubepath.protocol.systems.flip_mesh import Mesh, most_crossed
+from cubepath.protocol.systems.flip_search import FlipSearch, mesh_of, prepare
 from cubepath.protocol.systems.listed import TabledSystem
 from cubepath.protocol.systems.point_sets import (
     SWEEPS,
@@ -89,6 +91,45 @@ class FlipSystem(System):
         edges = _rows(_edges(goal))
         return lambda site: sum(int(self.plane.crossings(e, edges).sum()) for e in _edges((site,)))
 
+    def paths(
+        self, start: State, goal: State, *, seed: int, known: Iterable[Action] = ()
+    ) -> Iterator[Sequence[Action] | None] | None:
+        """Return a compiled search; None if the coordinates span more than 64 bits can compute."""
+        one, other = self._mesh(start), self._mesh(goal)
+        if one is None or other is None:
+            return None
+        search = FlipSearch(one, other, seed)
+        search.take((one, other) for one, other in (_edges(each.trace) for each in known))
+        return self._searched(search)
+
+    def _searched(self, search: FlipSearch) -> Iterator[Sequence[Action] | None]:
+        best: tuple[int, int] | None = None
+        while search.possible:
+            search.step()
+            found = search.rounds, search.flips
+            # Building the moves of a long path takes longer than many steps.
+            if best is None or found[0] < best[0] or found < (best[0], best[1] - best[1] // 50):
+                best = found
+                yield [self._flip(quadrilateral(*corners)).action for corners in search.corners()]
+            else:
+                yield None
+
+    def crossed_most(self, start: State, goal: State) -> int:
+        """Return how many edges of one triangulation an edge of the other crosses at most."""
+        one, other = self._mesh(start), self._mesh(goal)
+        if one is None or other is None:
+            return 0
+        return max(most_crossed(one, other.ends), most_crossed(other, one.ends))
+
+    def prepare_paths(self) -> None:
+        """Compile the search, or load what was compiled."""
+        prepare()
+
+    def _mesh(self, state: State) -> Mesh | None:
+        """Return a triangulation in arrays; None if it is none, or products may overflow."""
+        xy = self.plane.small
+        return None if xy is None else mesh_of(xy, _edges(state | self.kept))
+
     def modules_among(self, sites: Iterable[Site]) -> tuple[Edge, ...]:
         """Return the diagonals among the edges of a triangulation, in their order.
 
@@ -158,7 +199,15 @@ class FlipSystem(System):
 
     def discovery(self) -> Callable[[Site], Iterable[Move]]:
         """Return a function that finds just the flips among the edges it was called with."""
-        return _Discovery(self.plane, self._from).meet
+        return _Discovery(self.plane, self._known_from).meet
+
+    def _known_from(self, edge: Edge, ring: tuple[int, int, int, int]) -> Move:
+        """Return the flip of a diagonal in an empty convex quadrilateral with these corners."""
+        a, b, c, d = sorted(ring)
+        found = self._flips.get((a, b, c, d))
+        if found is None:
+            return self._flip(quadrilateral(*ring))
+        return _beginning_at(edge, found)
 
     def has_place(self, place: Site) -> bool:
         """Return whether an edge is in some triangulations and not in all of them."""
@@ -288,6 +337,10 @@ class FlipSystem(System):
                 raise InputError(f"edges {list(edge)} and {list(other)} cross")
 
 
+_FEW = 4096
+"""With more points than this, the points beside each edge would take too much memory."""
+
+
 class _Discovery:
     """Flips whose four sides and one diagonal have been on, found when the last edge appears.
 
@@ -295,8 +348,13 @@ class _Discovery:
     empty triangle is found with its last side, a quadrilateral with its second triangle.
     """
 
-    def __init__(self, plane: PointSet, move: Callable[[Edge, Quadrilateral], Move]) -> None:
+    def __init__(
+        self, plane: PointSet, move: Callable[[Edge, tuple[int, int, int, int]], Move]
+    ) -> None:
         self._plane = plane
+        self._few = len(plane.points) <= _FEW
+        # By directed edge: the points on its left, as bits of an integer, if there are few.
+        self._left: dict[Edge, int] = {}
         self._move = move
         self._near: dict[int, set[int]] = {}
         # By directed edge: the corners of the empty triangles on its left.
@@ -309,15 +367,25 @@ class _Discovery:
             near, around = self._near.setdefault(one, set()), self._near.setdefault(other, set())
             near.add(other)
             around.add(one)
+            if self._few:
+                self._left[one, other], self._left[other, one] = plane.sides(one, other)
             for apex in sorted(near & around):
-                if not plane.empty(one, other, apex):
-                    continue
                 a, b = (one, other) if plane.left(one, other, apex) else (other, one)
+                if not self._empty(a, b, apex):
+                    continue
                 for p, q, over in ((a, b, apex), (b, apex, a), (apex, a, b)):
                     for under in self._apexes.get((q, p), ()):
                         if plane.left(under, over, p) and plane.left(over, under, q):
-                            yield self._move(edge_of(p, q), quadrilateral(p, under, q, over))
+                            yield self._move(edge_of(p, q), (p, under, q, over))
                     self._apexes.setdefault((p, q), []).append(over)
+
+    def _empty(self, a: int, b: int, c: int) -> bool:
+        """Return whether no other point lies in a triangle of known edges that turns left."""
+        if not self._few:
+            return self._plane.empty(a, b, c)
+        # No edge passes through a point, so none lies on a side.
+        left = self._left
+        return not left[a, b] & left[b, c] & left[c, a]
 
 
 def _kept(plane: PointSet) -> frozenset[Edge]:
@@ -344,14 +412,18 @@ def flip_of(each: Quadrilateral) -> Move:
     """Return the flip in a quadrilateral, named by its corners."""
     one, other = each.diagonals
     sides, at = each.sides, each.corners
-    support = {*sides, one, other}
-    label = f"flip at {list(at)}"
-    action = Action(support, (one, other), {*sides, one}, {*sides, other}, label=label)
+    lesser, greater = (one, other) if one < other else (other, one)
+    action = action_of_parts(
+        sides | {one, other},
+        frozenset((one, other)),
+        (sides | {lesser}, sides | {greater}),
+        label=f"flip at {list(at)}",
+    )
     return Move(action, "flip", at, ((one, other),))
 
 
 _CROSSED_MAX = 300
-"""The crossings of at most this many edges are counted, for each of the two states."""
+"""More edges than this are counted by walks through the other triangulation, where they can be."""
 
 
 def _beginning_at(edge: Edge, move: Move) -> Move:
@@ -373,14 +445,17 @@ def crossing_bound(system: FlipSystem, start: State, goal: State) -> int:
     decreases k by at most floor((k + 1) / 2), to at least floor(k / 2), and f is there only when k
     is 0. Read backwards, the same holds for edges of the start.
 
-    Of many edges only the longest are counted, since they cross the most. The cost is that of
-    comparing each of them with all edges.
+    Few edges are compared with all others. Of many, each is followed through the other
+    triangulation, at the cost of its crossings. Where coordinates are too wide for that, only the
+    longest are counted, since they cross the most.
 
     For convex polygons, log n rounds are known to be of the right order: Galtier, Hurtado, Noy,
     Perennes and Urrutia, *Simultaneous edge flipping in triangulations* (2003).
     """
     plane, most = system.plane, 0
     ends = _edges(start - goal), _edges(goal - start)
+    if len(ends[1]) > _CROSSED_MAX and plane.small is not None:
+        return system.crossed_most(start, goal).bit_length()
     for some, others in (ends, ends[::-1]):
         rows = _rows(others)
         for edge in sorted(some, key=lambda each: -plane.length(each))[:_CROSSED_MAX]:

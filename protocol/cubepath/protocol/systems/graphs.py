@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 
@@ -34,7 +35,11 @@ class Graph:
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """A planner's instance and, where given, its moves: each from one vertex to another."""
+    """A planner's instance and, where given, its moves: each from one vertex to another.
+
+    `rounds` says how many of the moves each of the planner's rounds has, in order, None if the file
+    does not say; `planner_rounds` is how many rounds there are.
+    """
 
     graph: Graph
     starts: tuple[Site, ...]
@@ -42,6 +47,7 @@ class Scenario:
     moves: tuple[Edge, ...]
     source: str
     planner_rounds: int | None = None
+    rounds: tuple[int, ...] | None = None
 
 
 def grid_graph(free: set[tuple[int, int]]) -> Graph:
@@ -184,6 +190,25 @@ class _ScenarioFile(msgspec.Struct):
     grid: tuple[int, int] | None = None
     source: str = ""
     planner_rounds: int | None = msgspec.field(default=None, name="peer_makespan")
+    rounds: list[Annotated[int, msgspec.Meta(ge=0)]] | None = None
+
+
+def _planner_rounds(path: Path, found: _ScenarioFile) -> int | None:
+    """Return how many rounds the planner counts; InputError if the file contradicts itself."""
+    if found.rounds is None:
+        return found.planner_rounds
+    moved, rounds = sum(found.rounds), len(found.rounds)
+    if moved != len(found.moves):
+        raise InputError(
+            f"{path}: rounds of {moved} moves, expected as many as there are moves,"
+            f" {len(found.moves)}"
+        )
+    if found.planner_rounds not in (None, rounds):
+        raise InputError(
+            f"{path}: peer_makespan {found.planner_rounds} and {rounds} rounds, expected the same"
+            " number"
+        )
+    return rounds
 
 
 def scenario_from_json(source: Source) -> Scenario:
@@ -224,11 +249,13 @@ def scenario_from_json(source: Source) -> Scenario:
             if cell in seen:
                 raise InputError(f"{path}: {what} {number} at {list(cell)} is taken twice")
             seen.add(cell)
+    planner_rounds = _planner_rounds(path, found)
     return Scenario(
         graph=graph,
         starts=tuple(found.starts),
         goals=tuple(found.goals),
         moves=tuple(found.moves),
         source=found.source,
-        planner_rounds=found.planner_rounds,
+        planner_rounds=planner_rounds,
+        rounds=None if found.rounds is None else tuple(found.rounds),
     )

@@ -59,6 +59,17 @@ class PointSet:
         self._x: NDArray[Any] = both[:, 0]
         self._y: NDArray[Any] = both[:, 1]
         self._columns = self._x[self._by_x]
+        self._every = np.arange(len(self.points))
+
+    @property
+    def small(self) -> NDArray[np.int64] | None:
+        """Return the coordinates, shape (points, 2), moved so that no product of two overflows.
+
+        None if their span is too great.
+        """
+        if self._x.dtype != np.int64:
+            return None
+        return np.stack((self._x, self._y), axis=1).astype(np.int64)
 
     def turn(self, one: int, other: int, point: int) -> int:
         """Return twice the signed area of a triangle, positive where it turns left."""
@@ -79,6 +90,11 @@ class PointSet:
         dx, dy = x[other] - x[one], y[other] - y[one]
         found: NDArray[Any] = dx * (y[at] - y[one]) - dy * (x[at] - x[one])
         return found
+
+    def sides(self, one: int, other: int) -> tuple[int, int]:
+        """Return the points strictly left and right of a line, as bits of integers."""
+        turns = self._turns(one, other, self._every)
+        return bits_of(turns > 0), bits_of(turns < 0)
 
     def _boxed(self, corners: Sequence[int], *, grown: int = 0) -> Numbers:
         """Return the points in the bounding box of `corners`, grown by so many sides."""
@@ -235,6 +251,12 @@ class PointSet:
         seen = [*border[count - behind :], *border[: ahead + 1]]
         found.update(edge_of(corner, point) for corner in seen)
         return [point, *border[ahead:], border[0]][: 2 + count - behind - ahead]
+
+
+def bits_of(row: NDArray[np.bool_]) -> int:
+    """Return the integer whose bits are the entries of a row, the first one the lowest."""
+    packed = np.packbits(row.astype(bool), bitorder="little")
+    return int.from_bytes(packed.tobytes(), "little")
 
 
 def turn(points: Sequence[Point], one: int, other: int, third: int) -> int:

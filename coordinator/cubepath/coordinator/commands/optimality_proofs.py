@@ -1,0 +1,194 @@
+"""``cubepath verify FILE.proof``: what a proof of optimality proves, checked from the moves on.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
+from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
+from cubepath.coordinator.commands.plan_options import hints
+from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.protocol.core.control_characters import visible
+from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.plurals import counted
+
+if TYPE_CHECKING:  # a command starts faster without them
+    from cubepath.coordinator.shortening.path_input import PathInput
+    from cubepath.coordinator.verification.optimality import ProvedOptimal, Refutation
+    from cubepath.protocol.path_files.optimality_proofs import OptimalityProof
+
+_SUFFIX = ".proof"
+
+
+def add_proof_options(verify: argparse.ArgumentParser) -> None:
+    """Add ``--cnf`` and ``--drat``."""
+    verify.add_argument(
+        "--cnf",
+        type=output_path,
+        metavar="FILE",
+        help="LOG is a proof of optimality: write the clauses that it refutes, as DIMACS",
+    )
+    verify.add_argument(
+        "--drat",
+        type=output_path,
+        metavar="FILE",
+        help="the same: write its log, for other checkers such as drat-trim",
+    )
+
+
+def is_of_a_proof(options: argparse.Namespace) -> bool:
+    """Return whether a proof of optimality is to be verified; InputError if it is not alone."""
+    proofs = [path for path in options.logs if _is_proof(path)]
+    if not proofs:
+        if options.cnf is not None or options.drat is not None:
+            raise InputError("--cnf and --drat are for proofs of optimality, expected one")
+        return False
+    if len(options.logs) > 1:
+        raise InputError(
+            f"{proofs[0]}: found {len(options.logs)} files to check, expected one proof"
+        )
+    if options.recover is not None or options.cubes is not None:
+        raise InputError(f"{proofs[0]}: a proof of optimality, expected no --recover, no --cubes")
+    if options.of is None and (options.system or options.format or options.companions):
+        raise InputError("--system, --format and --with are for --of INPUT, expected that")
+    return True
+
+
+def _is_proof(path: Path) -> bool:
+    from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
+
+    return path.suffix.lower() == _SUFFIX or (path.is_file() and is_proof(path))
+
+
+def verify_proof(options: argparse.Namespace) -> int:
+    """Check a proof of optimality; the exit code is 1 unless it is proved."""
+    source: Path = options.logs[0]
+    check_files(options, [source, options.of], Output(options.cnf), Output(options.drat))
+    began = time.monotonic()
+    with progress_bar(None, "verify", " lemmas") as bar:
+
+        def tell(what: str, count: int) -> None:
+            bar.set_description(what)
+            bar.update(count if what == "lemmas" else 0)
+
+        given = _input(options)
+        try:
+            proof, found = _checked(options, given, tell)
+        except CheckError as error:
+            why = str(error).removeprefix(f"{source}: ")
+            answer(options, {"ok": False, "detail": why}, f"FAILED  {visible(why)}")
+            complain(f"{file_name(source)}: refused: {why}")
+            return FAILED
+    seconds = time.monotonic() - began
+    rows = _rows(proof, found, seconds)
+    width = max(len(name) for name, _ in rows)
+    answer(
+        options,
+        _document(proof, found, seconds),
+        "\n".join(f"{name:<{width}}  {visible(value)}" for name, value in rows),
+    )
+    if found.proved:
+        return DONE
+    complain(
+        f"{file_name(source)}: not proved: two solvers agree, and there is no log that could be"
+        " checked"
+    )
+    return FAILED
+
+
+def _input(options: argparse.Namespace) -> PathInput | None:
+    if options.of is None:
+        return None
+    from cubepath.coordinator.shortening.path_input import read_input  # noqa: PLC0415
+
+    return read_input(options.of, options.system, hints(options))
+
+
+def _checked(
+    options: argparse.Namespace, given: PathInput | None, tell: Callable[[str, int], object]
+) -> tuple[OptimalityProof, ProvedOptimal]:
+    """Return the proof and what it proves; CheckError for what does not hold."""
+    from cubepath.coordinator.verification.optimality import Refutation  # noqa: PLC0415
+    from cubepath.protocol.path_files.optimality_proofs import read_proof  # noqa: PLC0415
+
+    proof = read_proof(options.logs[0])
+    refutation = Refutation(proof, tell)
+    why = None if given is None else _another_task(refutation, given)
+    if why is not None:
+        raise CheckError(f"{file_name(options.of)} {why}")
+    _write_others(options, refutation)
+    return proof, refutation.checked()
+
+
+def _rows(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> list[tuple[str, str]]:
+    less = f"no schedule of {counted(found.refuted, 'round')} or fewer"
+    has = f"the schedule has {found.cubes}"
+    if found.optimal:
+        has += ": optimal"
+    return [
+        ("proved" if found.proved else "agreed", f"{less}; {has}"),
+        ("solver", proof.solver),
+        ("moves", str(found.moves)),
+        ("variables", str(found.variables)),
+        ("clauses", str(found.clauses)),
+        ("lemmas", str(found.lemmas)),
+        ("time", f"{seconds:.2f} s"),
+    ]
+
+
+def _document(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> dict[str, Any]:
+    return {
+        "ok": found.proved,
+        "standing": proof.standing,
+        "refuted": found.refuted,
+        "cubes": found.cubes,
+        "optimal": found.optimal,
+        "solver": proof.solver,
+        "moves": found.moves,
+        "variables": found.variables,
+        "clauses": found.clauses,
+        "lemmas": found.lemmas,
+        "seconds": round(seconds, 3),
+    }
+
+
+def _another_task(refutation: Refutation, given: PathInput) -> str | None:
+    """Return why a proof is not about the start, the end and the moves of an input."""
+    from cubepath.coordinator.normal_form.admissibility import end_of  # noqa: PLC0415
+    from cubepath.coordinator.shortening.optimality import ends_of  # noqa: PLC0415
+
+    scene = given.scene
+    start = given.start if scene is None else scene.start_state
+    if start is None:
+        raise InputError(
+            f"{given.source}: what is on at the start is not known, expected --system SYSTEM"
+        )
+    goal = end_of(given.numbered, start)
+    system = None if scene is None else scene.system
+    if system is not None and given.labelled_goals:
+        ends = ends_of(given.actions, start)
+        system = system.with_labels(len(ends))
+        start = frozenset((site, label) for label, site in enumerate(ends))
+        goal = frozenset((site, label) for label, site in enumerate(ends.values()))
+    return refutation.other_task(system, start, goal, given.actions)
+
+
+def _write_others(options: argparse.Namespace, refutation: Refutation) -> None:
+    """Write the clauses and the log for other checkers, as far as they are asked for."""
+    from cubepath.protocol.core.output_files import written_whole  # noqa: PLC0415
+
+    if options.cnf is not None:
+        with written_whole(options.cnf) as stream:
+            for piece in refutation.dimacs():
+                stream.write(piece)
+    if options.drat is not None:
+        with written_whole(options.drat) as stream:
+            for piece in refutation.proof.log:
+                stream.write(piece)

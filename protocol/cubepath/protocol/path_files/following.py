@@ -1,0 +1,183 @@
+"""Timetables of vehicles that may follow one another: a line on the whole, then a move a line.
+
+The first line has the rule and, by the numbers of moves in the input, what cancels. Each further
+line has a move with its number there, and the number of the move that binds it: together they prove
+that nothing in the timetable can be earlier. A timetable that is not of the moves of its input has
+neither. See docs/following.md.
+
+Room: protocol. It touches only the files it is given, and knows nothing of scheduling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeAlias
+
+import msgspec
+
+from cubepath.protocol.core.errors import InputError
+from cubepath.protocol.core.input_files import InputFile, Source, opened
+from cubepath.protocol.path_files.durations import Number, time_from
+from cubepath.protocol.path_files.jsonl import decode_line, line_schema, write_lines
+
+FORMAT = "cubepath-following-1"
+_HEAD_BYTES = 1 << 12
+
+Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
+Place: TypeAlias = Annotated[int, msgspec.Meta(ge=1)]
+FileCell: TypeAlias = tuple[int, int]
+
+
+class FollowingHead(
+    msgspec.Struct,
+    frozen=True,
+    omit_defaults=True,
+    forbid_unknown_fields=True,
+    tag_field="format",
+    tag=FORMAT,
+):
+    """The first line: the rule, how many vehicles and moves follow, and when the last one ends.
+
+    `moves` is the number of lines. `rounds` is there where every move takes one round, otherwise
+    `makespan`. `input_moves` is how many moves the input has, and `cancelled` the pairs of them
+    that undo each other, as (earlier, later), by their numbers from 1: both are left out in a
+    timetable of other moves than those of the input.
+    """
+
+    rule: Literal["mapf", "cgshop"]
+    vehicles: Count
+    moves: Count
+    rounds: Count | None = None
+    makespan: Number | None = None
+    input_moves: Count | None = None
+    cancelled: list[tuple[Place, Place]] | None = None
+
+
+class FollowingLine(
+    msgspec.Struct,
+    frozen=True,
+    omit_defaults=True,
+    forbid_unknown_fields=True,
+    rename={"source": "from", "target": "to"},
+):
+    """A move: which vehicle goes from where to where, in which round, or from when to when.
+
+    `move` is its number in the input, and `after` the number of the move that binds it: this one
+    begins no earlier because of that one. A move that begins at the start has no `after`.
+    """
+
+    vehicle: Count
+    source: FileCell
+    target: FileCell
+    round: Place | None = None
+    start: Number | None = None
+    end: Number | None = None
+    move: Place | None = None
+    after: Place | None = None
+
+    @property
+    def times(self) -> tuple[Fraction, Fraction]:
+        """When the move begins and ends; in rounds, round 1 is from 0 to 1."""
+        if self.round is not None:
+            return Fraction(self.round - 1), Fraction(self.round)
+        return time_from(self.start or 0), time_from(self.end or 0)
+
+
+@dataclass(frozen=True, slots=True)
+class FollowingFile:
+    """A whole timetable."""
+
+    head: FollowingHead
+    lines: tuple[FollowingLine, ...]
+
+
+_head = msgspec.json.Decoder(FollowingHead).decode
+_line = msgspec.json.Decoder(FollowingLine).decode
+
+
+def is_following(file: InputFile) -> bool:
+    """Return whether a file is such a timetable: its first line says so."""
+    return file.head(_HEAD_BYTES).lstrip().startswith(b'{"format":') and (
+        f'"{FORMAT}"'.encode() in file.head(_HEAD_BYTES).partition(b"\n")[0]
+    )
+
+
+def read_following(source: Source) -> FollowingFile:
+    """Read a timetable; InputError, with file and line, at the first invalid line.
+
+    >>> head = FollowingHead("mapf", vehicles=1, moves=1, rounds=1)
+    >>> write_following("follow.jsonl", FollowingFile(head, (FollowingLine(0, (0, 0), (1, 0), 1),)))
+    >>> read_following("follow.jsonl").lines[0].target
+    (1, 0)
+    """
+    with opened(source) as file:
+        numbered = file.numbered_lines()
+        head = _read_head(file, numbered)
+        lines: list[FollowingLine] = []
+        for number, text in numbered:
+            try:
+                found = decode_line(_line, text, 'the keys "vehicle", "from", "to" and "round"')
+                _check_times(head, found)
+            except InputError as error:
+                raise InputError(f"{file.path}:{number}: {error}") from None
+            lines.append(found)
+        if len(lines) != head.moves:
+            raise InputError(
+                f"{file.path}: {len(lines)} moves, but the first line says {head.moves}"
+            )
+    return FollowingFile(head, tuple(lines))
+
+
+def _read_head(file: InputFile, numbered: Iterator[tuple[int, bytes]]) -> FollowingHead:
+    number, text = next(numbered, (1, b""))
+    try:
+        head = decode_line(_head, text, f'"format": "{FORMAT}", "rule", "vehicles" and "moves"')
+        _check_head(head)
+    except InputError as error:
+        raise InputError(f"{file.path}:{number}: {error}") from None
+    return head
+
+
+def _check_head(head: FollowingHead) -> None:
+    if (head.rounds is None) == (head.makespan is None):
+        raise InputError('expected either "rounds" or "makespan"')
+    if (head.input_moves is None) != (head.cancelled is None):
+        raise InputError('expected both of "input_moves" and "cancelled", or neither')
+    if head.makespan is not None:
+        time_from(head.makespan)
+
+
+def _check_times(head: FollowingHead, line: FollowingLine) -> None:
+    timed = line.start is not None, line.end is not None
+    if head.rounds is not None:
+        if line.round is None or any(timed):
+            raise InputError('expected a "round", and neither "start" nor "end"')
+        return
+    if line.round is not None or not all(timed):
+        raise InputError('expected "start" and "end", and no "round"')
+    begin, end = line.times
+    if begin >= end:
+        raise InputError(f"begins at {line.start} and ends at {line.end}, expected a later end")
+
+
+def write_following(path: Path | str, timetable: FollowingFile) -> None:
+    """Write a timetable, complete or not at all; InputError if it cannot be written.
+
+    >>> head = FollowingHead("cgshop", vehicles=2, moves=0, rounds=0)
+    >>> write_following("follow.jsonl", FollowingFile(head, ()))
+    >>> read_following("follow.jsonl").head.rule
+    'cgshop'
+    """
+    write_lines(path, [timetable.head, *timetable.lines])
+
+
+def following_schemas() -> dict[str, dict[str, Any]]:
+    """Return the JSON Schemas (2020-12) of the first line, `head`, and of all others, `line`.
+
+    >>> following_schemas()["line"]["required"]
+    ['vehicle', 'from', 'to']
+    """
+    return {"head": line_schema(FollowingHead), "line": line_schema(FollowingLine)}
