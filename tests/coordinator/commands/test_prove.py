@@ -208,7 +208,7 @@ def test_without_the_library_it_says_how_to_get_it(tmp_path: Path) -> None:
     assert cubepath("shorten", HEX, "--bounds", env=where).returncode == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_interrupt_ends_it_as_the_time_does(tmp_path: Path) -> None:
     """With what is known by then; and no process and no file is left."""
     temporary = tmp_path / "temporary"
@@ -221,14 +221,14 @@ def test_an_interrupt_ends_it_as_the_time_does(tmp_path: Path) -> None:
         wait_for_solvers(command.pid)
         command.send_signal(signal.SIGINT)
         out, told = command.communicate(timeout=100)
-    assert (command.returncode, told) == (0, "")
+    assert (command.returncode, told) == (130, "cubepath: interrupted\n")
     found = json.loads(out)
     assert stage(found)["ended"] == "interrupt"
     assert 1 < found["lower_bound"] <= found["improved"] <= found["cubes"]
     assert list(temporary.iterdir()) == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGTERM])
 def test_solvers_end_with_the_command(by: signal.Signals, tmp_path: Path) -> None:
     """However that ends."""
@@ -258,13 +258,13 @@ def chain(folder: Path) -> str:
 
 
 def wait_for_solvers(parent: int) -> list[int]:
-    """Return the processes of solvers, once they work with logs of their own."""
+    """Return the processes of solvers, once one of them writes its log."""
     deadline = time.monotonic() + 90
     while time.monotonic() < deadline:
         found = [
             int(pid) for pid in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
         ]
-        if found and all(map(has_a_log, found)):
+        if any(map(has_a_log, found)):
             return found
         time.sleep(0.02)
     raise TimeoutError("no solver began")
