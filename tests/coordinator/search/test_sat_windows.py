@@ -43,7 +43,7 @@ SYSTEMS = (
 def settled(where: Scene, walk: list[Action], **options: Any) -> tuple[CubePath, Stage]:
     """Return what windows alone make of a walk, once there is nothing left to ask."""
     best, stage = normal_cube_path(walk), Stage(STAGE)
-    given = {"own_ends": False, "budget": Budget(), **options}
+    given: dict[str, Any] = {"own_ends": False, "budget": Budget(), **options}
     with SatWindows(where.system, where.start_state, best, **given, stage=stage) as windows:
         until = time.monotonic() + 60
         while not windows.settled:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +65,12 @@ def is_of_a_proof(options: argparse.Namespace) -> bool:
 def _is_proof(path: Path) -> bool:
     from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
 
-    return path.suffix.lower() == _SUFFIX or (path.is_file() and is_proof(path))
+    suffix = path.suffix.lower()
+    if suffix in {_SUFFIX, ".mcap"}:
+        return suffix == _SUFFIX  # recordings are read once, and may be long
+    with suppress(OSError):  # whoever reads the file says what is wrong with it
+        return path.is_file() and is_proof(path)
+    return False
 
 
 def verify_proof(options: argparse.Namespace) -> int:

@@ -81,10 +81,11 @@ class Encoding:
         return tuple(tuple(cube) for cube in cubes if cube)
 
 
-def encode(met: MetMoves, rounds: int, *, literals_max: int = LITERALS_MAX) -> Encoding:
+def encode(met: MetMoves, rounds: int, *, literals_max: int | None = None) -> Encoding:
     """Return the clauses of a path of at most `rounds` rounds between the ends of `met`.
 
-    Raises TooLargeError if those about moves have more than `literals_max` literals.
+    Raises TooLargeError if those about moves have more than `literals_max` literals, by default
+    `LITERALS_MAX`.
     """
     met.reach(rounds)
     moves, start, goal = met.arrays(), met.on(0), met.on(1)
@@ -107,9 +108,10 @@ def encode(met: MetMoves, rounds: int, *, literals_max: int = LITERALS_MAX) -> E
     )
     empty = Written(*_arrays(np.zeros(5, dtype=np.int64)))
     counted = np.zeros(5, dtype=np.int64) if impossible else write(problem, empty, variables, False)
-    if counted[0] > literals_max:
+    most = LITERALS_MAX if literals_max is None else literals_max
+    if counted[0] > most:
         raise TooLargeError(
-            f"clauses for {rounds} rounds have {counted[0]:,} literals, {literals_max:,} at most"
+            f"clauses for {rounds} rounds have {counted[0]:,} literals, {most:,} at most"
         )
     out = Written(*_arrays(counted))
     if not impossible:
