@@ -23,7 +23,8 @@ from cubepath.coordinator.normal_form.heap import Heap
 from cubepath.coordinator.search.heuristics import Potential
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import Task, beyond, task_of
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import Task, task_of
 from cubepath.protocol.core.actions import Action, apply_in_place
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.scenes.families.triangulations import random_points

@@ -24,7 +24,8 @@ from large_fleets import wandering, write_scenario
 
 from cubepath.coordinator.search import vehicle_lns
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import beyond, task_of
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import task_of
 
 DATA = Path(__file__).parents[1] / "data" / "agv"
 SIDE, VEHICLES, MOVES, SEED = 32, 600, 60_000, 1

@@ -23,7 +23,7 @@ from cubepath.coordinator.satisfiability.solver_process import SolverProcess
 from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import task_of
+from cubepath.coordinator.shortening.tasks import task_of
 from strategies import random_walk, scene
 
 SPECS = (

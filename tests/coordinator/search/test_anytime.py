@@ -23,7 +23,8 @@ from cubepath.coordinator.search.own_ends import ends_of
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import Task, beyond, task_of
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import Task, task_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.system import Scene

@@ -19,7 +19,8 @@ from cubepath.coordinator.search.lower_bounds import lower_bound, module_bound
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.transitions import Transitions
 from cubepath.coordinator.search.windows import Windows
-from cubepath.coordinator.shortening.optimality import Task, beyond
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import Task
 from cubepath.protocol.core.sites import in_order
 from cubepath.protocol.path_files.jsonl import write_lines
 from strategies import random_walk, scene

@@ -19,7 +19,7 @@ from cubepath.coordinator.search.own_ends import ends_of
 from cubepath.coordinator.search.space_time_routes import FREE, Numbers
 from cubepath.coordinator.search.vehicle_lns import Replanner
 from cubepath.coordinator.shortening.normal_path import shorten
-from cubepath.coordinator.shortening.optimality import task_of
+from cubepath.coordinator.shortening.tasks import task_of
 from strategies import random_walk, scene
 
 DATA = Path(__file__).parents[2] / "data" / "agv"

@@ -22,7 +22,8 @@ from cubepath.coordinator.search.exact import optimum
 from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
 from cubepath.coordinator.search.sat_windows import STAGE, CubePath, SatWindows
 from cubepath.coordinator.search.transitions import Transitions
-from cubepath.coordinator.shortening.optimality import Task, beyond
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import Task
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.system import Scene
 from strategies import random_walk, scene, walks

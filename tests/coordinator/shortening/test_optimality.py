@@ -11,7 +11,8 @@ from cubepath.coordinator.normal_form.admissibility import end_of
 from cubepath.coordinator.normal_form.definitions import end_state
 from cubepath.coordinator.search.budget import Stage
 from cubepath.coordinator.shortening.normal_path import Shortened, shorten
-from cubepath.coordinator.shortening.optimality import beyond, task_of
+from cubepath.coordinator.shortening.optimality import beyond
+from cubepath.coordinator.shortening.tasks import task_of
 from cubepath.protocol.path_files.supports import TabledActions
 
 

@@ -91,7 +91,8 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     if seconds is not None and effort is not None:
         raise InputError("--improve and --effort: one counts seconds, one steps, expected one")
     from cubepath.coordinator.search.exact import MAX_STATES  # noqa: PLC0415
-    from cubepath.coordinator.shortening.optimality import beyond, task_of  # noqa: PLC0415
+    from cubepath.coordinator.shortening.optimality import beyond  # noqa: PLC0415
+    from cubepath.coordinator.shortening.tasks import task_of  # noqa: PLC0415
 
     most: int = MAX_STATES if options.max_states is None else options.max_states
     task = task_of(found)

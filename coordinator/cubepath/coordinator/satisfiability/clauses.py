@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.satisfiability.move_arrays import FREE, IN_TRACE
 from cubepath.protocol.compiled import compiled, inner
 
 Numbers = NDArray[np.int32]
@@ -34,11 +35,10 @@ GROUP_MAX = 64
 """More sites of which one is on than this are not excluded pair by pair."""
 TRUE, FALSE = 1 << 30, -(1 << 30)
 """Constants in place of literals."""
-_TRACE, _FREE = 4, 8
 
 
 class Problem(NamedTuple):
-    """What the clauses are built from; see `met_moves.MoveArrays` and `literal_windows`.
+    """What the clauses are built from; see `MoveArrays` and `literal_windows`.
 
     ``value[s, t]`` is the literal that says that site s is on at time t: a variable's number,
     `TRUE` or `FALSE`. ``made[m] + t`` is the variable of directed move m in round t, for rounds
@@ -154,7 +154,7 @@ def _write_moves(problem: Problem, out: Written, at: Offsets, fill: bool) -> Non
             for place in range(problem.starts[action], problem.starts[action + 1]):
                 site, code = problem.sites[place], problem.codes[place]
                 old, new = value[site, turn - 1], value[site, turn]
-                if code & _FREE:
+                if code & FREE:
                     if old != new:
                         _clause(out, at, fill, -made, -old, new)
                         _clause(out, at, fill, -made, old, -new)
@@ -182,7 +182,7 @@ def _write_sites(problem: Problem, out: Written, at: Offsets, fill: bool) -> Non
                 if not problem.first[move] <= turn <= problem.last[move]:
                     continue
                 made = problem.made[move] + turn
-                if not code & _TRACE:
+                if not code & IN_TRACE:
                     reads[read] = made
                     read += 1
                 elif (code >> (move % 2)) & 1 == (code >> (1 - move % 2)) & 1:

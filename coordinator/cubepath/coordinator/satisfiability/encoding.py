@@ -25,7 +25,8 @@ from cubepath.coordinator.satisfiability.clauses import (
     write,
 )
 from cubepath.coordinator.satisfiability.literal_windows import LiteralWindows, windows_of
-from cubepath.coordinator.satisfiability.met_moves import MetMoves, MoveArrays
+from cubepath.coordinator.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.satisfiability.move_arrays import MoveArrays
 from cubepath.coordinator.satisfiability.one_of_many import Group, groups_of
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CubepathError

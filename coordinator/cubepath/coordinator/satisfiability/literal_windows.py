@@ -12,20 +12,17 @@ Room: coordinator; touches nothing.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cubepath.coordinator.satisfiability.move_arrays import FREE, MoveArrays
 from cubepath.protocol.compiled import compiled
-
-if TYPE_CHECKING:
-    from cubepath.coordinator.satisfiability.met_moves import MoveArrays
 
 Numbers = NDArray[np.int32]
 NEVER = 1 << 30
 """Later than any round."""
-_FREE = 8
 
 
 class LiteralWindows(NamedTuple):
@@ -117,7 +114,7 @@ def _spread(
             ready = True
             for place in range(starts[action], starts[action + 1]):
                 code = codes[place]
-                if not code & _FREE and found[sites[place], (code >> way) & 1] >= layer:
+                if not code & FREE and found[sites[place], (code >> way) & 1] >= layer:
                     ready = False
                     break
             if ready:
@@ -133,7 +130,7 @@ def _spread(
             for place in range(starts[action], starts[action + 1]):
                 code = codes[place]
                 value = (code >> (1 - way)) & 1
-                if not code & _FREE and found[sites[place], value] > layer:
+                if not code & FREE and found[sites[place], value] > layer:
                     found[sites[place], value] = layer
                     changed = True
         count = left

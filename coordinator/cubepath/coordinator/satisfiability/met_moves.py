@@ -13,12 +13,13 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable
 from copy import copy
-from typing import NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.satisfiability import literal_windows
+from cubepath.coordinator.satisfiability.move_arrays import FREE, IN_TRACE, MoveArrays
 from cubepath.protocol.core.actions import Action, State
 from cubepath.protocol.core.catalogue import Move
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -26,23 +27,6 @@ from cubepath.protocol.core.sites import Site, in_order, site_text
 from cubepath.protocol.core.system import System
 
 Numbers = NDArray[np.int32]
-IN_TRACE, FREE = 4, 8
-"""Flags of a site in a support; the two lowest bits are its values in the two local states."""
-
-
-class MoveArrays(NamedTuple):
-    """The supports of actions, one after another.
-
-    The sites of action ``a`` are ``sites[starts[a]:starts[a + 1]]``, with their `codes`: bit 0 and
-    bit 1 hold the values in its two local states, `IN_TRACE` and `FREE` say the rest. Its guards
-    ``(p, q)``, if p is on then q is on, are rows of `guards`.
-    """
-
-    starts: Numbers
-    sites: Numbers
-    codes: Numbers
-    guard_starts: Numbers
-    guards: Numbers
 
 
 class MetMoves:

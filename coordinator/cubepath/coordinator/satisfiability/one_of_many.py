@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.coordinator.satisfiability.literal_windows import LiteralWindows
-from cubepath.coordinator.satisfiability.met_moves import MetMoves, MoveArrays
-
-_FREE = 8
+from cubepath.coordinator.satisfiability.met_moves import MetMoves
+from cubepath.coordinator.satisfiability.move_arrays import FREE, MoveArrays
 
 
 class Group(NamedTuple):
@@ -49,7 +48,7 @@ def _kept(sites: tuple[int, ...], moves: MoveArrays, able: NDArray[np.bool_]) ->
     codes = moves.codes[places]
     count = len(moves.starts) - 1
     size = np.bincount(action, minlength=count)
-    free = np.bincount(action, (codes & _FREE) != 0, count) > 0
+    free = np.bincount(action, (codes & FREE) != 0, count) > 0
     keeps = True
     for way in (0, 1):
         some = able[way::2] & (size > 0)

@@ -19,13 +19,14 @@ if TYPE_CHECKING:
         timed_path,
     )
     from cubepath.coordinator.shortening.normal_path import Shortened, shorten, shortened
-    from cubepath.coordinator.shortening.optimality import Beyond, Task, beyond, task_of
+    from cubepath.coordinator.shortening.optimality import Beyond, beyond
     from cubepath.coordinator.shortening.path_input import PathInput, read_input
     from cubepath.coordinator.shortening.path_steps import (
         certified_steps,
         is_certificate,
         read_steps,
     )
+    from cubepath.coordinator.shortening.tasks import Task, task_of
 else:
     __getattr__, __dir__ = lazy_face(
         __name__,
@@ -34,7 +35,8 @@ else:
             "conversion": "Converted convert",
             "explain": "TimedPath certificate_in_words certified_path timed_path",
             "normal_path": "Shortened shorten shortened",
-            "optimality": "Beyond Task beyond task_of",
+            "optimality": "Beyond beyond",
+            "tasks": "Task task_of",
             "path_input": "PathInput read_input",
             "path_steps": "certified_steps is_certificate read_steps",
         },
