@@ -45,6 +45,11 @@ SHOWN = {
     "from sb3_contrib import MaskablePPO": "takes torch; tests/agents/environments/test_sb3.py",
     "cubepath sweep docs/studies/price.toml -o price": "takes minutes; tests/test_studies.py",
     "cubepath sweep docs/studies/free-clock.toml -o free": "takes minutes; tests/test_studies.py",
+    "python docs/studies/flip_diameter.py 5..13 --all -o docs/studies/flip-diameter.json": "takes"
+    " minutes; tests/test_findings.py",
+    "python docs/studies/hexagon_shapes.py 1..12 -o docs/studies/hexagon-shapes.json   # no seed:"
+    " nothing is drawn": "takes minutes; tests/test_findings.py",
+    "pip install 'cubepath[proofs]'": "before a study that takes hours; tests/test_findings.py",
     "cubepath run hex:n=12 --listen tcp/127.0.0.1:17447 --wait-for 1": "one terminal of three",
     "cubepath record --connect tcp/127.0.0.1:17447 -o outside.mcap": "the others",
     "cubepath: listening on tcp/127.0.0.1:17447 without TLS: whoever can connect can speak for any"

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from cubepath.coordinator.search.heuristics import Potential, Ways
     from cubepath.coordinator.search.lower_bounds import lower_bound
     from cubepath.coordinator.search.own_ends import OwnEnds, ends_of
-    from cubepath.coordinator.search.said import prepares
     from cubepath.coordinator.search.sat_windows import STAGE
     from cubepath.coordinator.search.simply_connected import only_class
     from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
@@ -31,7 +30,6 @@ else:
             "exact": "MAX_STATES Optimum optimum too_wide",
             "heuristics": "Potential Ways",
             "lower_bounds": "lower_bound",
-            "said": "prepares",
             "own_ends": "OwnEnds ends_of",
             "sat_windows": "STAGE",
             "simply_connected": "only_class",
@@ -60,7 +58,6 @@ __all__ = [
     "only_class",
     "optimum",
     "prepare_all",
-    "prepares",
     "too_wide",
     "wandering",
 ]

@@ -65,11 +65,6 @@ def paths_of(
     return None if found is None else _steps(_named(system, "paths", found.__next__))
 
 
-def prepares(system: System) -> bool:
-    """Return whether `prepare_for` has anything to do."""
-    return system.graph is not None or type(system).prepare_paths is not System.prepare_paths
-
-
 def prepare_for(system: System) -> None:
     """Compile, or load, what the search for paths of this system uses."""
     if system.graph is not None:

@@ -24,7 +24,6 @@ from cubepath.coordinator.search.budget import Budget, SpentError, Stage
 from cubepath.coordinator.search.exact import Optimum, optimum, too_wide
 from cubepath.coordinator.search.lower_bounds import lower_bound
 from cubepath.coordinator.search.own_ends import OwnEnds
-from cubepath.coordinator.search.said import prepares
 from cubepath.coordinator.search.sat_windows import STAGE
 from cubepath.coordinator.search.simply_connected import only_class
 from cubepath.coordinator.search.transitions import LABELS_MAX, Transitions, maskable
@@ -301,7 +300,7 @@ class Look:
         """Compile, once for an installation; the search gets its time all the same."""
         system = self._task.system
         clauses = timed and not self._compiled
-        if clauses or (system is not None and prepares(system)):
+        if clauses or system is not None:
             self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=clauses))
             self._whole.extend(self.stages[-1].seconds)
 
