@@ -66,8 +66,8 @@ def _is_proof(path: Path) -> bool:
     from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
 
     suffix = path.suffix.lower()
-    if suffix in {_SUFFIX, ".mcap"}:
-        return suffix == _SUFFIX  # recordings are read once, and may be long
+    if suffix in {_SUFFIX, ".mcap", ".json", ".jsonl"}:
+        return suffix == _SUFFIX  # what is something else by its name is read once
     with suppress(OSError):  # whoever reads the file says what is wrong with it
         return path.is_file() and is_proof(path)
     return False
