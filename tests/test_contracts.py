@@ -74,7 +74,7 @@ BREAKS = {
     ),
     "solvers know the core and shortening itself": (
         "coordinator.satisfiability.clauses",
-        "protocol.recordings.salvaging",
+        "protocol.scenes.specs",
     ),
     "verification reaches nothing that runs, shortens or searches": (
         "coordinator.verification.proof",

@@ -15,7 +15,7 @@ import pytest
 
 from command_line import GOLDEN, PYTHON, ROOT, cubepath
 from cubepath.coordinator.commands.main import main
-from cubepath.coordinator.shortening import optimality
+from cubepath.coordinator.shortening import stages
 
 HEX = str(GOLDEN / "hex-5.mcap")
 GRID = str(ROOT / "tests" / "data" / "agv" / "grid8-12agents.json")
@@ -138,7 +138,7 @@ def test_too_many_listed_moves_are_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     """They are not looked at one by one."""
-    monkeypatch.setattr(optimality, "_LISTED_MAX", 2)
+    monkeypatch.setattr(stages, "_LISTED_MAX", 2)
     moves = moves_of(tmp_path, "ab", "bc", "cd")
     found = document(capsys, "shorten", moves, *PROVE, "--proof", str(tmp_path / "a.proof"))
     assert stage(found)["ended"] == "limit"

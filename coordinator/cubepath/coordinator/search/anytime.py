@@ -188,12 +188,13 @@ class _Record:
                 self._watch(new)
 
 
-def prepare_all(system: System | None, *, with_solver: bool) -> None:
-    """Compile what the searches of a system take, or load what was compiled."""
-    if system is not None:
-        prepare_for(system)
+def prepare_all(system: System | None, *, with_solver: bool) -> bool:
+    """Compile, or load, what the searches of a system take; return whether they take anything."""
+    found = system is not None and prepare_for(system)
     if with_solver and solvers_installed():
         prepare_clauses()
+        return True
+    return found
 
 
 def _check_given(

@@ -65,11 +65,12 @@ def paths_of(
     return None if found is None else _steps(_named(system, "paths", found.__next__))
 
 
-def prepare_for(system: System) -> None:
-    """Compile, or load, what the search for paths of this system uses."""
+def prepare_for(system: System) -> bool:
+    """Compile, or load, what the search for paths of this system uses; return whether it does."""
     if system.graph is not None:
         prepare()
-    _named(system, "prepare_paths", system.prepare_paths)()
+    own = _named(system, "prepare_paths", system.prepare_paths)()
+    return own or system.graph is not None
 
 
 def _steps(

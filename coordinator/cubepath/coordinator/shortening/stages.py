@@ -300,9 +300,15 @@ class Look:
         """Compile, once for an installation; the search gets its time all the same."""
         system = self._task.system
         clauses = timed and not self._compiled
-        if clauses or system is not None:
-            self._stage("compile", lambda _stage, _budget: prepare_all(system, with_solver=clauses))
-            self._whole.extend(self.stages[-1].seconds)
+        taken: list[bool] = []
+
+        def job(_stage: Stage, _budget: Budget) -> None:
+            taken.append(prepare_all(system, with_solver=clauses))
+
+        self._stage("compile", job)
+        self._whole.extend(self.stages[-1].seconds)
+        if taken == [False]:
+            self.stages.pop()
 
     def prove(
         self,

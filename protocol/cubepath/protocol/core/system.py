@@ -325,8 +325,12 @@ class System(ABC):
         del start, goal, seed, known
         return None
 
-    def prepare_paths(self) -> None:  # noqa: B027 - a system without `paths` has nothing to do
-        """Do what `paths` needs once for an installation or a process, such as compiling."""
+    def prepare_paths(self) -> bool:
+        """Do what `paths` needs once for an installation or a process, such as compiling.
+
+        Return whether there is anything of the kind.
+        """
+        return False
 
     def region(self, place: Site) -> str:
         """Return the name of the region that a place lies in, one chunk of a key expression.

@@ -143,9 +143,10 @@ class FlipSystem(System):
             return 0
         return int(max(crossings(one, other.ends).max(), crossings(other, one.ends).max()))
 
-    def prepare_paths(self) -> None:
+    def prepare_paths(self) -> bool:
         """Compile the search, or load what was compiled."""
         prepare()
+        return True
 
     def _mesh(self, state: State) -> Mesh | None:
         """Return a triangulation in arrays; None if it is none, or products may overflow."""
