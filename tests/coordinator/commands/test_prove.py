@@ -87,14 +87,16 @@ def moves_of(folder: Path, *moves: Sequence[str]) -> str:
 
 @pytest.mark.parametrize("seconds", ["0", "0.01"])
 def test_no_time_is_no_failure(seconds: str, tmp_path: Path, capsys: Capture) -> None:
-    """What is known is told, and that no proof was written."""
+    """What is known is told, and whether a proof was written; with no time at all there is none."""
     proof = tmp_path / "a.proof"
     assert main(["shorten", GRID, "--prove", seconds, "--proof", str(proof)]) == 0
     told = capsys.readouterr().out
-    assert "optimal           not known" in told
-    assert "proof             none: no length was refuted by clauses" in told
-    assert "(0 problems, out of time)" in told
-    assert not proof.exists()
+    none = "proof             none: no length was refuted by clauses" in told
+    assert none != proof.exists()
+    if seconds == "0":
+        assert "optimal           not known" in told
+        assert "(0 problems, out of time)" in told
+        assert none
 
 
 def test_moves_of_a_file_alone(tmp_path: Path, capsys: Capture) -> None:
