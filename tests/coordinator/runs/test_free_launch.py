@@ -143,10 +143,12 @@ def test_a_run_in_which_everything_dies_again_and_again_holds(
     )
     rig = cubepath_run(plan, links=False, timeout_s=100)
     due = 30
+    gone: set[int | None] = {None}
     for name in ("router", "keeper_0", "process_1", "router", "process_0", "keeper_1"):
         rig.until_moves(due)
-        while name not in rig.pids:  # it has not come back yet
+        while rig.pids.get(name) in gone:  # what was heard before its death is not over yet
             rig.step()
+        gone.add(rig.pids[name])
         rig.kill(name)
         due = rig.moves + 60
     assert rig.play().ended == "max-rounds"

@@ -51,7 +51,10 @@ class Wounds(Wire):
 
     @property
     def pids(self) -> dict[str, int]:
-        """Return the process ids by name, those of commands included; none of a run that ended."""
+        """Return the process ids by name, those of commands included; none of a run that ended.
+
+        One of the run's own that has died is there until the run has noticed.
+        """
         found: dict[str, int] = {}
         with suppress(CubepathError):
             found = self.run.pids
