@@ -10,7 +10,8 @@ from msgspec.structs import replace
 
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.system import System
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.keys import addressees, topic_of
 from cubepath.protocol.wire.messages import (
     Heard,

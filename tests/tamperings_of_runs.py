@@ -8,7 +8,8 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.messages import (
     Again,
     Go,

@@ -17,7 +17,8 @@ from cubepath.agents.rules.rule import Choice, InitialKnowledge, Rule, RuleType,
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.recordings.description import FORMATS
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.messages import Edges, Executed, Report, decode, parts_of
 from long_runs import said

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.runs.snapshots import Steps, snapshots
 from cubepath.coordinator.viewing.shown import Shown

@@ -38,7 +38,8 @@ from cubepath.coordinator.playback.reel import Reel
 from cubepath.coordinator.playback.replaying import replay
 from cubepath.coordinator.playback.selection import SAID, Keys, Selection
 from cubepath.coordinator.playback.states import States
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.credentials import COORDINATOR

@@ -35,7 +35,7 @@ import msgspec
 import zenoh
 from tqdm import tqdm
 
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.playing import play
 from cubepath.agents.local.observation import goal_sets, observe
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.fleet import Fleet

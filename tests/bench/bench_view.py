@@ -25,7 +25,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.playing import play
 from cubepath.coordinator.normal_form.compiled_heap import FastHeap
 from cubepath.coordinator.viewing.packing import pack
 from cubepath.coordinator.viewing.pages import page_text

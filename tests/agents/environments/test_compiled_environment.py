@@ -17,7 +17,8 @@ from pettingzoo.test import parallel_api_test
 from cubepath.agents.arrays import batch, warming
 from cubepath.agents.environments import environment
 from cubepath.agents.environments.array_world import ArrayWorld
-from cubepath.agents.environments.environment import CubepathEnv, parallel_env
+from cubepath.agents.environments.environment import CubepathEnv
+from cubepath.agents.environments.making import parallel_env
 from cubepath.agents.environments.world import World
 from cubepath.protocol.compiled import Allowance
 from cubepath.protocol.core.errors import InputError

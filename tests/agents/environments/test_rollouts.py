@@ -9,7 +9,8 @@ import pytest
 
 from cubepath.agents.arrays import batch, warming
 from cubepath.agents.environments.free_rollout import play_free
-from cubepath.agents.environments.rollout import play, play_in_python
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.rules.chain import CHAIN
 from cubepath.agents.rules.pibt import PIBT

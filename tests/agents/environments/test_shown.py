@@ -14,8 +14,9 @@ from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
 from cubepath.agents import Choice, FreeEnv, InitialKnowledge, Rule, RuleType, View
 from cubepath.agents import env as in_turns
-from cubepath.agents.environments.environment import CubepathEnv, parallel_env
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.environment import CubepathEnv
+from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.playing import play
 from cubepath.agents.local.relative import Showing
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.scenes.specs import scene_from_spec

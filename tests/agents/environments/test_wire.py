@@ -15,7 +15,8 @@ import zenoh
 from msgspec.structs import replace
 
 from cubepath.agents import parallel_env
-from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import Played
 from cubepath.agents.environments.wire_world import WireWorld
 from cubepath.agents.local.module import ProtocolError
 from cubepath.agents.processes.fleet import Fleet

@@ -14,7 +14,8 @@ from cubepath.coordinator.runs.conductor import Conductor, Ending
 from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.sites import Site
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.scenes.specs import scene_from_spec
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Again, Go, Message, Report, Reports, Said, encode

@@ -10,7 +10,8 @@ from statistics import mean
 import numpy as np
 import pytest
 
-from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import Played
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.observation import STAY, observe, view_of
 from cubepath.agents.rules.actor import actors_for

@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import Played
 from cubepath.agents.environments.world import Round, World
 from cubepath.agents.rules.actor import actors_for
 from cubepath.agents.rules.pibt import PIBT, PushNote, patience

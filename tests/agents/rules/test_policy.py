@@ -13,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from command_line import cubepath
-from cubepath.agents.environments.environment import parallel_env
-from cubepath.agents.environments.rollout import play, play_in_python
+from cubepath.agents.environments.making import parallel_env
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import play_in_python
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.agents.local.relative import Showing
 from cubepath.agents.locality.check import check_rule

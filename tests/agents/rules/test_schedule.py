@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import Played
 from cubepath.agents.environments.world import World
 from cubepath.agents.local.module import ModuleCore
 from cubepath.agents.rules.actor import Actor, actors_for

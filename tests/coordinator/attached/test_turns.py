@@ -15,7 +15,8 @@ from cubepath.coordinator.attached.losses import Head
 from cubepath.coordinator.attached.turns import Item, Turns
 from cubepath.coordinator.runs.launch import start
 from cubepath.coordinator.verification.pacing import Pacing
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.messages import decode
 
 pytestmark = pytest.mark.slow

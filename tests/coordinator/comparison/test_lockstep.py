@@ -11,8 +11,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace as with_fields
 
+from cubepath.coordinator.comparison.compared import Compared
 from cubepath.coordinator.comparison.comparing import diff
-from cubepath.coordinator.comparison.results import Compared
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json, site_text
 from cubepath.protocol.recordings.recording import Recording

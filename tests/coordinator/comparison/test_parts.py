@@ -12,7 +12,8 @@ from command_line import GOLDEN
 from cubepath.coordinator.comparison.comparing import diff
 from cubepath.protocol import filter_recording, split_recording
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from free_runs import free_recorded
 from recordings import new_path, recorded, with_records

@@ -6,8 +6,8 @@ from functools import cache
 
 import pytest
 
+from cubepath.coordinator.comparison.compared import Compared
 from cubepath.coordinator.comparison.comparing import diff
-from cubepath.coordinator.comparison.results import Compared
 from cubepath.coordinator.runs.continuing import what_if
 from cubepath.protocol.recordings.recording import Recording
 from recordings import new_path, recorded

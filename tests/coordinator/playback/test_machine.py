@@ -17,7 +17,8 @@ from cubepath.coordinator.playback.reel import Reel
 from cubepath.coordinator.playback.selection import Selection
 from cubepath.coordinator.playback.spots import read_pace, read_spot
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from recordings import with_records
 
 BEGAN = 1000.0

@@ -18,7 +18,8 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings import recording as recording_module
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import decode_free
 from cubepath.protocol.wire.messages import Report, decode
 from free_runs import free_run, results, write

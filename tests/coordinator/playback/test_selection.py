@@ -7,7 +7,8 @@ import pytest
 from command_line import GOLDEN
 from cubepath.coordinator.playback.selection import Keys, Selection
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Record, read_recording
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.recordings.records import Record
 from recordings import recorded
 
 HEX = read_recording(GOLDEN / "hex-5.mcap")

@@ -17,7 +17,8 @@ from batched import singles
 from command_line import GOLDEN
 from cubepath.coordinator.runs.contents import info, render
 from cubepath.protocol.recordings.cutting import filter_recording
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import copy_recording
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Refused, encode

@@ -22,7 +22,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.playing import play
 from cubepath.agents.processes.fleet import Fleet
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.edge_path import Gathered, PathDigest

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cubepath.agents.environments.free_rollout import play_free
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.playing import play
 from cubepath.agents.environments.rollouts import play_many
 from cubepath.coordinator.normal_form.heap import normal_cube_path
 from cubepath.coordinator.runs.launch import run

@@ -15,7 +15,8 @@ from cubepath.coordinator.runs.gathering import gathered
 from cubepath.coordinator.verification.findings import Verification
 from cubepath.coordinator.verification.free import FREE_CHECKS
 from cubepath.coordinator.verification.recording import recover, verify
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, decode_free
 from free_runs import free_recorded, free_run, write
 

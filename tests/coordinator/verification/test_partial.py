@@ -12,7 +12,8 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.recordings.cuts import left_out
 from cubepath.protocol.recordings.cutting import filter_recording, split_recording
 from cubepath.protocol.recordings.merging import merge_recordings
-from cubepath.protocol.recordings.recording import Record, read_recording
+from cubepath.protocol.recordings.recording import read_recording
+from cubepath.protocol.recordings.records import Record
 from recordings import new_path
 
 PATHS = sorted(GOLDEN.glob("*.mcap"))

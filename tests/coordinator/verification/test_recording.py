@@ -33,7 +33,8 @@ from cubepath.protocol.core.actions import Action, admissible, apply
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import GeneratorPlacement
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.recordings.recording import Record, Recording, read_recording
+from cubepath.protocol.recordings.recording import Recording, read_recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import RecordingWriter, copy_recording
 from cubepath.protocol.wire.messages import Cube, Executed, decode
 from recordings import all_edited, edited, first, parts, record_of, recorded, with_records

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from command_line import GOLDEN
-from cubepath.agents.environments.rollout import play
+from cubepath.agents.environments.playing import play
 from cubepath.agents.rules.registry import rule_named
 from cubepath.coordinator.runs.gathering import gathered
 from cubepath.protocol.core.errors import InputError
@@ -139,7 +139,7 @@ def test_chunks_without_the_rounds_are_not_read(monkeypatch: pytest.MonkeyPatch)
         unpacked.append(block)
         return messages_in(stored, block)
 
-    monkeypatch.setattr("cubepath.protocol.recordings.recording.messages_in", counting)
+    monkeypatch.setattr("cubepath.protocol.recordings.stored_records.messages_in", counting)
     assert sum(1 for _ in recording.messages()) == 6_000
     whole, unpacked[:] = len(unpacked), []
     assert sum(1 for _ in recording.messages(rounds=range(30, 34))) == 400

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
-    from cubepath.agents.environments.environment import CubepathEnv, env, parallel_env, raw_env
+    from cubepath.agents.environments.environment import CubepathEnv
     from cubepath.agents.environments.free_environment import FreeEnv
     from cubepath.agents.environments.free_rollout import FreePlayed, play_free
     from cubepath.agents.environments.made_moves import MadeMoves, made_in
-    from cubepath.agents.environments.rollout import Played, play, play_in_python
+    from cubepath.agents.environments.making import env, parallel_env, raw_env
+    from cubepath.agents.environments.playing import play
+    from cubepath.agents.environments.rollout import Played, play_in_python
     from cubepath.agents.environments.rollouts import PlayedMany, play_many
     from cubepath.agents.environments.sb3 import sb3_env, sb3_rule, sb3_save
     from cubepath.agents.environments.vector_environment import CubepathVectorEnv, vector_env
@@ -23,11 +25,13 @@ else:
     __getattr__, __dir__ = lazy_face(
         __name__,
         {
-            "environment": "CubepathEnv env parallel_env raw_env",
+            "environment": "CubepathEnv",
             "free_environment": "FreeEnv",
             "free_rollout": "FreePlayed play_free",
             "made_moves": "MadeMoves made_in",
-            "rollout": "Played play play_in_python",
+            "making": "env parallel_env raw_env",
+            "playing": "play",
+            "rollout": "Played play_in_python",
             "rollouts": "PlayedMany play_many",
             "sb3": "sb3_env sb3_rule sb3_save",
             "vector_environment": "CubepathVectorEnv vector_env",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from gymnasium import spaces
 
-from cubepath.agents.environments.environment import parallel_env
+from cubepath.agents.environments.making import parallel_env
 from cubepath.agents.environments.shown import Shown
 from cubepath.agents.environments.vector_environment import CubepathVectorEnv
 from cubepath.agents.local.relative import Showing

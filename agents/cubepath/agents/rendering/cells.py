@@ -21,15 +21,17 @@ from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
     disc,
+    disc_solid,
     draw_goals,
     draw_places,
     extent_of,
     frame_of,
+    hexagon_solid,
     place_body,
     place_marks,
     place_pen,
+    square_solid,
 )
-from cubepath.agents.rendering.solids import disc_solid, hexagon_solid, square_solid
 from cubepath.agents.rendering.style import Moving, Style
 from cubepath.agents.rendering.themes import LINE, TILE, WALL
 from cubepath.protocol.core.actions import Action

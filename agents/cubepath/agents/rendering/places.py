@@ -15,6 +15,7 @@ import numpy as np
 from cubepath.agents.rendering.layout import known_places
 from cubepath.agents.rendering.marks import Mark, Shot, moves_marks
 from cubepath.agents.rendering.pen import Box, Colour, Pen, Points, Spot, arcs, palette
+from cubepath.agents.rendering.solids import Solid, box_at, disc_at
 from cubepath.agents.rendering.style import Body, readable
 from cubepath.agents.rendering.themes import GOAL, INK, WALL
 from cubepath.protocol.core.sites import Site
@@ -24,6 +25,8 @@ FREE_MAX = 8000
 """The most free cells that are drawn, one by one; with more, none is drawn."""
 _LARGE = 12
 """Workspaces of at most this many cells per side are always shown whole."""
+_HEXAGON, _DISC = 0.93, 0.76
+"""Across a hexagon and a vehicle in three dimensions, in cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +133,21 @@ def place_body(look: Look, scene: Scene, site: Site) -> Body:
     """Return how a module looks at a site: a cell."""
     at = look.middle(scene.system, scene.system.place_of(site))
     return Body("cell", at, at)
+
+
+def hexagon_solid(look: Look, system: System, site: Site) -> Solid:
+    """Return the solid of a module on a hexagon."""
+    return disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
+
+
+def square_solid(look: Look, system: System, site: Site) -> Solid:
+    """Return the solid of a module on a square."""
+    return box_at(look.middle(system, system.place_of(site)))
+
+
+def disc_solid(look: Look, system: System, site: Site) -> Solid:
+    """Return the solid of a vehicle, on a map or on a graph."""
+    return disc_at(look.middle(system, system.place_of(site)), _DISC)
 
 
 def draw_goals(pen: PlacePen, scene: Scene, sites: Sequence[Site]) -> None:

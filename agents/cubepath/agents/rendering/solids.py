@@ -8,14 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, hypot
-from typing import TYPE_CHECKING
 
 from cubepath.agents.rendering.pen import Spot
-from cubepath.protocol.core.sites import Site
-from cubepath.protocol.core.system import System
-
-if TYPE_CHECKING:
-    from cubepath.agents.rendering.places import Look
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +28,7 @@ class Solid:
 
 
 _HEIGHT, _THIN = 0.5, 0.2
-_HEXAGON, _SQUARE, _DISC = 0.93, 0.88, 0.76
+_SQUARE = 0.88
 
 
 def disc_at(spot: Spot, size: float, height: float = _HEIGHT) -> Solid:
@@ -56,21 +50,6 @@ def bar(one: Spot, other: Spot) -> Solid:
         (max(long - _THIN, _THIN), _THIN, _THIN),
         atan2(top - low, right - left),
     )
-
-
-def hexagon_solid(look: Look, system: System, site: Site) -> Solid:
-    """Return the solid of a module on a hexagon."""
-    return disc_at(look.middle(system, system.place_of(site)), _HEXAGON)
-
-
-def square_solid(look: Look, system: System, site: Site) -> Solid:
-    """Return the solid of a module on a square."""
-    return box_at(look.middle(system, system.place_of(site)))
-
-
-def disc_solid(look: Look, system: System, site: Site) -> Solid:
-    """Return the solid of a vehicle, on a map or on a graph."""
-    return disc_at(look.middle(system, system.place_of(site)), _DISC)
 
 
 def _floats(spot: Spot) -> Spot:

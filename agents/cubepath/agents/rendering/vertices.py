@@ -18,6 +18,7 @@ from cubepath.agents.rendering.places import (
     Look,
     PlacePen,
     disc,
+    disc_solid,
     draw_goals,
     draw_places,
     extent_of,
@@ -26,7 +27,6 @@ from cubepath.agents.rendering.places import (
     place_marks,
     place_pen,
 )
-from cubepath.agents.rendering.solids import disc_solid
 from cubepath.agents.rendering.style import Moving, Style
 from cubepath.agents.rendering.themes import LINE, TILE, WALL
 from cubepath.protocol.core.errors import InputError

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from cubepath.protocol.faces import lazy_face
 
 if TYPE_CHECKING:
+    from cubepath.coordinator.comparison.compared import Compared
     from cubepath.coordinator.comparison.comparing import diff
-    from cubepath.coordinator.comparison.results import Compared
 else:
-    __getattr__, __dir__ = lazy_face(__name__, {"comparing": "diff", "results": "Compared"})
+    __getattr__, __dir__ = lazy_face(__name__, {"compared": "Compared", "comparing": "diff"})
 
 __all__ = ["Compared", "diff"]

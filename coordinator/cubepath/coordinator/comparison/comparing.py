@@ -21,6 +21,7 @@ from cubepath.coordinator.comparison.asking import (
     check_compared,
     check_use,
 )
+from cubepath.coordinator.comparison.compared import Compared
 from cubepath.coordinator.comparison.families import compare_families, parent_notes
 from cubepath.coordinator.comparison.free import compare_free
 from cubepath.coordinator.comparison.lockstep import Asked, Parting, SideBySide
@@ -36,7 +37,6 @@ from cubepath.coordinator.comparison.results import (
     NAMES,
     NO_ROUNDS,
     ChoiceDifference,
-    Compared,
     MessageDifference,
     Paths,
 )

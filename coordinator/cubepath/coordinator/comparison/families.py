@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cubepath.coordinator.comparison.results import NAMES, Compared
+from cubepath.coordinator.comparison.compared import Compared
+from cubepath.coordinator.comparison.results import NAMES
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.recordings.recording import Recording

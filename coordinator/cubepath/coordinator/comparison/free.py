@@ -11,13 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import chain
 
+from cubepath.coordinator.comparison.compared import Compared
 from cubepath.coordinator.comparison.free_reasons import explain_commit
 from cubepath.coordinator.comparison.free_run import Commit, CommitId, FreeRun
 from cubepath.coordinator.comparison.moves import advance, compare_paths, named, states_text
 from cubepath.coordinator.comparison.results import (
     NAMES,
     Apart,
-    Compared,
     MoveDifference,
     Paths,
 )

@@ -5,8 +5,8 @@ Room: coordinator. Whatever has two sides has them as `a` and `b`, in the order 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Any, Literal, TypeAlias
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 from cubepath.protocol.core.names import Json
 
@@ -148,13 +148,8 @@ class Apart:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
-    """Where two runs part, and why.
-
-    >>> found = diff("logs/golden/hex-5.mcap", "logs/golden/hex-5.mcap")
-    >>> found.same, found.choice, found.paths.cubes
-    (True, None, (19, 19))
-    """
+class Differences:
+    """Where two runs part, and why."""
 
     a: str
     b: str
@@ -190,20 +185,3 @@ class Compared:
     ends: tuple[str, str] | None = None
     """How each run ended, if they ended otherwise; of runs of two families also how far it went."""
     paths: Paths | None = None
-
-    @property
-    def answer(self) -> str:
-        """Where they part, in one line."""
-        from cubepath.coordinator.comparison.told import answer  # noqa: PLC0415 - it takes this
-
-        return answer(self)
-
-    def __str__(self) -> str:
-        """Return what is found, for people."""
-        from cubepath.coordinator.comparison.told import told  # noqa: PLC0415 - it takes this
-
-        return told(self)
-
-    def document(self) -> dict[str, Any]:
-        """Return the keys of ``cubepath diff --json``."""
-        return asdict(self)

@@ -13,7 +13,7 @@ from cubepath.coordinator.comparison.results import (
     NAMES,
     NO_ROUNDS,
     ChoiceDifference,
-    Compared,
+    Differences,
     MessageDifference,
     OutcomeDifference,
     Paths,
@@ -36,7 +36,7 @@ _CHECKSUMS, _CHECKSUM = ("parent_sha256", "parent_path_digest", "path_digest"), 
 """Parameters that are told by so many characters."""
 
 
-def told(found: Compared) -> str:
+def told(found: Differences) -> str:
     """Return what differs, for people."""
     lines = [*_line("a", found.a), *_line("b", found.b)]
     for name, values in found.parameters.items():
@@ -82,11 +82,11 @@ def _value(name: str, value: str | None) -> str | None:
     return "; ".join(told) or value
 
 
-def _unit(found: Compared) -> str:
+def _unit(found: Differences) -> str:
     return {"lockstep": "round", "free": "level"}.get(found.clock, "move")
 
 
-def answer(found: Compared) -> str:
+def answer(found: Differences) -> str:
     """Return where two runs part, in one line."""
     if found.identical and not found.limited:
         return "the same bytes"
@@ -100,7 +100,7 @@ def answer(found: Compared) -> str:
     return _no_choice(found)
 
 
-def _no_choice(found: Compared) -> str:
+def _no_choice(found: Differences) -> str:
     """Return the answer for runs in which nobody chose otherwise, as far as that is known."""
     if found.clock == "moves" and found.paths is not None:
         text = "no difference in what was done" if found.same else "they differ"
@@ -121,11 +121,11 @@ def _no_choice(found: Compared) -> str:
     return text
 
 
-def _both(found: Compared) -> str:
+def _both(found: Differences) -> str:
     return "the commits that both have" if found.clock == "free" else found.compared
 
 
-def _beginning(found: Compared, name: str) -> str:
+def _beginning(found: Differences, name: str) -> str:
     other = NAMES[name == "a"]
     if found.compared == NO_ROUNDS:
         return f"{name} ends before the first round, and {other} goes on"
@@ -151,7 +151,7 @@ def _columns(name: str, a: str, b: str) -> Iterator[str]:
         yield f"{name if not number else '':<{_NAME}} {cells[0]:<{_COLUMN}}  {cells[1]}"
 
 
-def _choice(choice: ChoiceDifference, found: Compared) -> Iterator[str]:
+def _choice(choice: ChoiceDifference, found: Differences) -> Iterator[str]:
     where = f"{_unit(found)} {choice.round}, {_who(choice)}"
     if choice.number is not None:
         where = f"{_who(choice)}, its commit {choice.number}{_levels(choice)}"
@@ -236,7 +236,7 @@ def _outcome(outcome: OutcomeDifference) -> Iterator[str]:
         yield from _line("  why" if not number else "", line)
 
 
-def _message(message: MessageDifference, found: Compared) -> Iterator[str]:
+def _message(message: MessageDifference, found: Differences) -> Iterator[str]:
     who = "" if message.module is None else f" of module_{message.module}"
     yield from _line("first message", f"{_unit(found)} {message.round}, {message.kind}{who}")
     if message.a is None or message.b is None:
@@ -256,7 +256,7 @@ def _message(message: MessageDifference, found: Compared) -> Iterator[str]:
             yield f"      {two}"
 
 
-def _moves(found: Compared) -> Iterator[str]:
+def _moves(found: Differences) -> Iterator[str]:
     move, unit = found.move, _unit(found)
     if move is not None:
         who = "" if move.module is None else f", module_{move.module}"

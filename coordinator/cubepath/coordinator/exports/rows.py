@@ -17,7 +17,8 @@ from cubepath.protocol.core.sites import site_text
 from cubepath.protocol.core.suggestions import did_you_mean
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, Selection, left_out
 from cubepath.protocol.recordings.description import LEFT_OUT
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.whole_rounds import rounds_in_turn
 
 Rows: TypeAlias = list[tuple[Any, ...]]

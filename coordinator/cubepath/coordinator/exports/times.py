@@ -13,7 +13,8 @@ from typing import Literal, TypeAlias
 import msgspec
 
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free
 
 LogTime: TypeAlias = Literal["round", "level", "wall"]

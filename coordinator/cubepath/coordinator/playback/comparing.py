@@ -18,7 +18,8 @@ from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.plurals import counted
 from cubepath.protocol.core.sites import site_from_json
 from cubepath.protocol.recordings.description import Clock
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.messages import (
     Certified,
     Cube,

@@ -30,7 +30,7 @@ from cubepath.coordinator.playback.reel import START, Mark, Reel
 from cubepath.coordinator.playback.selection import Selection
 from cubepath.coordinator.playback.spots import Pace, Spot, read_pace, read_spot
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Record
+from cubepath.protocol.recordings.records import Record
 
 _BEFORE_MAX = 10.0
 """What is slower than as fast as possible, where nothing else was said: rounds a second."""

@@ -16,7 +16,8 @@ from typing import NamedTuple
 import msgspec
 
 from cubepath.coordinator.playback.spots import Spot
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 
 _KEPT = 3
 """Chunks in memory: where it plays, the one before, and one that was just looked at."""

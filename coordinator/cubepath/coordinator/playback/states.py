@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from cubepath.coordinator.playback.reel import START, Mark, Reel
 from cubepath.protocol.core.errors import CubepathError, InputError
 from cubepath.protocol.core.sites import Site, site_from_json
-from cubepath.protocol.recordings.recording import Record
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free
 from cubepath.protocol.wire.messages import Report, decode, parts_of
 

@@ -17,7 +17,8 @@ from typing import TypeAlias
 
 import msgspec
 
-from cubepath.agents.environments.rollout import Played, play
+from cubepath.agents.environments.playing import play
+from cubepath.agents.environments.rollout import Played
 from cubepath.agents.processes.dealing import dealt
 from cubepath.agents.processes.judge import Judge
 from cubepath.agents.processes.node import HostNode
@@ -35,7 +36,8 @@ from cubepath.coordinator.verification.recording import verify
 from cubepath.protocol.core.errors import CubepathError
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.system import Scene
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Edges, Message, Refused, decode, encode
 from cubepath.protocol.wire.nodes import Node

@@ -15,7 +15,8 @@ from cubepath.coordinator.verification.free_losses import Losses
 from cubepath.coordinator.verification.parameters import keepers_of, processes_of
 from cubepath.coordinator.verification.transcript import Fail, Transcript, is_cut_off
 from cubepath.protocol.core.errors import InputError
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import (
     Asks,
     Attempt,

@@ -18,7 +18,8 @@ from cubepath.coordinator.verification.partial import WholeRounds, parts_checked
 from cubepath.coordinator.verification.results import NO_END
 from cubepath.coordinator.verification.transcript import RECOVERED
 from cubepath.protocol.recordings.cuts import whole_of
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 
 _AHEAD_MAX = 10_000
 """Messages that may stand before one with a lower number: recorders that were merged do so."""

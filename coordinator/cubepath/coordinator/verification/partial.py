@@ -16,7 +16,8 @@ from cubepath.coordinator.verification.transcript import Fail
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, is_beginning, left_out, whole_of
 from cubepath.protocol.recordings.description import ATTACHED, LEFT_OUT
-from cubepath.protocol.recordings.recording import Record, Recording
+from cubepath.protocol.recordings.recording import Recording
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import Moved, Tail, decode_free, free_topic
 from cubepath.protocol.wire.keys import topic_of
 from cubepath.protocol.wire.messages import Cube, Go, Report, decode, parts_of

@@ -45,11 +45,8 @@ from cubepath.coordinator.verification.transcript import (
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.system import Scene
 from cubepath.protocol.recordings.cuts import left_out
-from cubepath.protocol.recordings.recording import (
-    Record,
-    Recording,
-    recording_of,
-)
+from cubepath.protocol.recordings.recording import Recording, recording_of
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.remains import Remains, remains_of
 from cubepath.protocol.recordings.writing import copy_recording
 

@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from cubepath.protocol.recordings.logged import kinds_of
     from cubepath.protocol.recordings.merging import merge_recordings
     from cubepath.protocol.recordings.recording import (
-        Record,
         Recording,
         is_recording,
         read_recording,
         read_undamaged,
         recording_of,
     )
+    from cubepath.protocol.recordings.records import Record
     from cubepath.protocol.recordings.remains import Remains, remains_of
     from cubepath.protocol.recordings.whole_rounds import rounds_in_turn
     from cubepath.protocol.recordings.writing import (
@@ -59,7 +59,8 @@ else:
             "description": "ATTACHED Clock FORMATS FREE_FORMAT LEFT_OUT PART format_of",
             "logged": "kinds_of",
             "merging": "merge_recordings",
-            "recording": "Record Recording is_recording read_recording read_undamaged recording_of",
+            "recording": "Recording is_recording read_recording read_undamaged recording_of",
+            "records": "Record",
             "remains": "Remains remains_of",
             "whole_rounds": "rounds_in_turn",
             "writing": "CHUNK_BYTES RecordingWriter TOPICS_MAX copy_recording",

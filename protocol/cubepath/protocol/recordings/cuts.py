@@ -15,7 +15,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.suggestions import did_you_mean
 
 if TYPE_CHECKING:
-    from cubepath.protocol.recordings.recording import Record, Recording
+    from cubepath.protocol.recordings.recording import Recording
+    from cubepath.protocol.recordings.records import Record
 
 SPLIT, FILTERED, WHOLE = "split", "filtered", "whole_messages"
 """Parameters of what was cut from a recording: which part it is, what was taken, and how many

@@ -17,7 +17,8 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import Source
 from cubepath.protocol.core.output_files import same_file, unwritable, written_whole
 from cubepath.protocol.recordings.cuts import FILTERED, SPLIT, Selection, check_topics, cut_notes
-from cubepath.protocol.recordings.recording import Record, Recording, read_undamaged
+from cubepath.protocol.recordings.recording import Recording, read_undamaged
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.recordings.writing import RecordingWriter, refuse_existing
 
 PARTS_MAX = 1000

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import msgspec
 
@@ -26,12 +26,35 @@ from cubepath.protocol.wire.free_messages import (
 from cubepath.protocol.wire.messages import KINDS, Message, decode, parts_of
 
 if TYPE_CHECKING:
+    from collections.abc import Set as AbstractSet
+    from pathlib import Path
+
     from cubepath.protocol.recordings.description import Clock
-    from cubepath.protocol.recordings.recording import Recording
+    from cubepath.protocol.recordings.records import Record
     from cubepath.protocol.recordings.salvaging import Message as Stored
 
 _BOTH = ("go", "refused", "edges", "cube", "certificate", "summary")
 """Kinds of messages that runs with rounds and runs without have."""
+
+
+class Written(Protocol):
+    """What messages are read from; a `Recording` is one."""
+
+    @property
+    def path(self) -> Path:
+        """Where it was read from."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the run."""
+        ...
+
+    def written(
+        self, kinds: AbstractSet[str] | None = None, rounds: range | None = None
+    ) -> Iterator[Record]:
+        """Yield the messages of these kinds and log times in order, batches as they stand."""
+        ...
 
 
 class LoggedMessage(NamedTuple):
@@ -82,7 +105,7 @@ def kinds_of(clock: Clock) -> frozenset[str]:
 
 
 def messages_of(
-    recording: Recording,
+    recording: Written,
     kinds: str | Iterable[str] | None = None,
     rounds: int | range | None = None,
 ) -> Iterator[LoggedMessage]:
@@ -100,7 +123,7 @@ def messages_of(
 
 
 def _decoded(
-    recording: Recording, wanted: frozenset[str] | None, rounds: range | None
+    recording: Written, wanted: frozenset[str] | None, rounds: range | None
 ) -> Iterator[LoggedMessage]:
     read, split = (decode_free, _parts) if recording.clock == "free" else (decode, _parts_of_rounds)
     batches = {kind for kind, held in BATCHES.items() if wanted and not held.isdisjoint(wanted)}
@@ -117,7 +140,7 @@ def _decoded(
 
 
 def _read(
-    recording: Recording, topic: str, sequence: int, read: Callable[[bytes], Any], data: bytes
+    recording: Written, topic: str, sequence: int, read: Callable[[bytes], Any], data: bytes
 ) -> Any:
     try:
         return read(data)

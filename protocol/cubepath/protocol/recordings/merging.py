@@ -19,7 +19,8 @@ from cubepath.protocol.core.output_files import written_whole
 from cubepath.protocol.recordings.cuts import CUTS, SPLIT, WHOLE
 from cubepath.protocol.recordings.cutting import append, copy_to, refuse_source
 from cubepath.protocol.recordings.logged import told_round
-from cubepath.protocol.recordings.recording import Record, Recording, read_undamaged
+from cubepath.protocol.recordings.recording import Recording, read_undamaged
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.scenes.toml import scene_to_toml
 
 _DIGEST_BYTES = 16

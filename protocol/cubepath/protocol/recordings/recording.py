@@ -12,14 +12,12 @@ round.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import chain
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING
 
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, Source, opened
@@ -34,193 +32,23 @@ from cubepath.protocol.recordings.description import (
     scene_in,
     wall_times_in,
 )
-from cubepath.protocol.recordings.ending import Block
 from cubepath.protocol.recordings.framing import MAGIC
-from cubepath.protocol.recordings.logged import LoggedMessage, messages_of, round_in
+from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
+from cubepath.protocol.recordings.records import Record, RecordChunk, chunk_of
 from cubepath.protocol.recordings.salvaging import (
-    Message,
     Salvage,
-    messages_in,
     outline,
     salvage,
 )
 from cubepath.protocol.recordings.stored import Stored
+from cubepath.protocol.recordings.stored_records import StoredRecords
 from cubepath.protocol.recordings.tables import Columns, claims_of, frame_of, moves_of
-from cubepath.protocol.wire.on_record import parts_said, topic_said
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _UNSTORED = 1000
 """Messages in a chunk of a recording that is in no file."""
-
-
-@dataclass(frozen=True, slots=True)
-class Record:
-    """One message of a recording.
-
-    >>> record = next(iter(read_recording("logs/golden/hex-5.mcap").of_kind("summary")))
-    >>> record.topic, record.round, decode(record.data).ended
-    ('summary/coordinator', 29, 'goal')
-    """
-
-    topic: str
-    data: bytes
-    round: int
-    """The round; without rounds the log time, which is a level or a wall time in nanoseconds."""
-    wall_ns: int
-    sequence: int
-
-    @property
-    def kind(self) -> str:
-        """Return the kind of the message, the first part of its topic."""
-        return self.topic.partition("/")[0]
-
-    def parts(self) -> Iterator[Record]:
-        """Yield the parts of a batch, each as it would stand alone; any other record is its part.
-
-        They have the round, the wall clock and the sequence of the batch. A batch that cannot be
-        decoded is yielded as it is, so that whoever decodes it finds what is wrong.
-        """
-        if self.kind not in BATCHES:
-            yield self
-            return
-        try:
-            parts = parts_said(self.kind, self.data)
-        except InputError:
-            yield self
-            return
-        for topic, data in parts:
-            yield replace(self, topic=topic, data=data)
-
-
-@dataclass(frozen=True, slots=True)
-class RecordChunk:
-    """Some messages that follow one another, and stay in the file until they are asked for."""
-
-    first_round: int
-    last_round: int
-    """The least and the greatest log time of them."""
-    kinds: frozenset[str]
-    """The kinds of the messages, "" for those whose topic is lost."""
-    read: Callable[[], Sequence[Record]]
-    """Returns the messages, in the order of writing; none may be left of a damaged chunk."""
-
-
-def _chunk_of(records: Sequence[Record]) -> RecordChunk:
-    rounds = [record.round for record in records]
-    kinds = frozenset(record.kind for record in records)
-    return RecordChunk(min(rounds), max(rounds), kinds, lambda: records)
-
-
-class _StoredRecords(Sequence[Record]):
-    """The messages of a file, read a chunk at a time whenever they are asked for."""
-
-    def __init__(
-        self, stored: Stored, found: Salvage, counts: Counts | None, *, by_wall: bool
-    ) -> None:
-        self.counts = counts
-        self._stored = stored
-        self._by_wall = by_wall
-        """Whether log times are the wall clock, in a run with rounds."""
-        self._chunks = found.blocks
-        self._loose = found.loose
-        if by_wall:
-            self._loose = [each._replace(round=round_in(each)) for each in found.loose]
-        self._topics = found.topics
-        self.lost = 0
-        """The number of messages whose topic is lost."""
-        named = found.topics.keys() >= {message.channel for message in found.loose}
-        if not named or any("" in block.kinds for block in found.blocks):
-            self.lost = found.messages - sum(1 for _ in self)
-        self._count = found.messages - self.lost
-
-    def __len__(self) -> int:
-        return self._count
-
-    def __iter__(self) -> Iterator[Record]:
-        return chain.from_iterable(records for records, _ in self.blocks())
-
-    @overload
-    def __getitem__(self, index: int) -> Record: ...
-
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Record, ...]: ...
-
-    def __getitem__(self, index: int | slice) -> Record | tuple[Record, ...]:
-        """Return a message, or some, at the cost of reading all."""
-        return tuple(self)[index]
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Sequence):
-            return NotImplemented
-        return len(self) == len(other) and all(a == b for a, b in zip(self, other, strict=True))
-
-    __hash__ = None  # type: ignore[assignment]  # as a list
-
-    @cached_property
-    def _blocks(self) -> list[Block]:
-        """The chunks with their rounds, for which all are read if log times are the wall clock."""
-        if not self._by_wall:
-            return self._chunks
-        found: list[Block] = []
-        for block in self._chunks:
-            rounds = [round_in(message) for message in messages_in(self._stored, block)]
-            found.append(block._replace(first_round=min(rounds), last_round=max(rounds)))
-        return found
-
-    def sha256(self) -> str:
-        return self._stored.sha256()
-
-    @property
-    def topics(self) -> frozenset[str]:
-        if self.lost or any("" in block.kinds for block in self._chunks):
-            return frozenset(record.topic for record in self)
-        loose = {record.topic for record in self._named(self._loose)}
-        return frozenset({*loose, *self._topics.values()})
-
-    def blocks(self) -> Iterator[tuple[Iterable[Record], float]]:
-        rounds = [message.round for message in self._loose]
-        least = [min(rounds, default=inf)]
-        for block in reversed(self._blocks):
-            least.append(min(block.first_round, least[-1]))
-        for block, ahead in zip(self._blocks, reversed(least[:-1]), strict=True):
-            yield self._records(messages_in(self._stored, block)), ahead
-        yield self._named(self._loose), inf
-
-    def chunks(self) -> list[RecordChunk]:
-        def reader(block: Block) -> Callable[[], Sequence[Record]]:
-            return lambda: tuple(self._records(messages_in(self._stored, block)))
-
-        found = [RecordChunk(*block[2:], reader(block)) for block in self._blocks]
-        loose = tuple(self._named(self._loose))
-        return [*found, _chunk_of(loose)] if loose else found
-
-    def near(self, kinds: AbstractSet[str] | None, rounds: range | None) -> Iterator[Record]:
-        """Yield the messages of all chunks that may hold some of these kinds and rounds."""
-        ends = None if rounds is None else sorted([*rounds[:1], *rounds[-1:]])
-        for block in self._chunks if ends is None else self._blocks:
-            if kinds is not None and "" not in block.kinds and kinds.isdisjoint(block.kinds):
-                continue
-            if ends is not None and (
-                not ends or ends[-1] < block.first_round or ends[0] > block.last_round
-            ):
-                continue
-            yield from self._records(messages_in(self._stored, block))
-        yield from self._named(self._loose)
-
-    def _records(self, messages: Iterable[Message]) -> Iterator[Record]:
-        if self._by_wall:
-            messages = (each._replace(round=round_in(each)) for each in messages)
-        return self._named(messages)
-
-    def _named(self, messages: Iterable[Message]) -> Iterator[Record]:
-        topics = self._topics
-        # A killed writer leaves no summary, so a channel can be lost with the chunk that named it.
-        for channel, sequence, number, wall_ns, data in messages:
-            topic = topics.get(channel) or topic_said(data)
-            if topic is not None:
-                yield Record(topic, data, number, wall_ns, sequence)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,7 +94,7 @@ class Recording:
         Chunks of the file that hold none are not read.
         """
         records: Iterable[Record] = self.records
-        if isinstance(records, _StoredRecords):
+        if isinstance(records, StoredRecords):
             records = records.near(kinds, rounds)
         for record in records:
             if (kinds is None or record.kind in kinds) and (
@@ -354,7 +182,7 @@ class Recording:
         That is the round under which they were written; infinity if nothing is to come. So what was
         collected of the rounds before it is complete.
         """
-        if isinstance(self.records, _StoredRecords):
+        if isinstance(self.records, StoredRecords):
             return self.records.blocks()
         return iter([(self.records, inf)])
 
@@ -364,10 +192,10 @@ class Recording:
         So a message in the middle of a long recording costs the reading of one chunk.
         """
         records = self.records
-        if isinstance(records, _StoredRecords):
+        if isinstance(records, StoredRecords):
             return records.chunks()
         some = range(0, len(records), _UNSTORED)
-        return [_chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
+        return [chunk_of(records[begin : begin + _UNSTORED]) for begin in some]
 
     def topics(self) -> frozenset[str]:
         """Return the topics on record, at no cost if the file says of all channels what they are.
@@ -376,7 +204,7 @@ class Recording:
         ['claim/module_0', 'claim/module_1']
         """
         records = self.records
-        if isinstance(records, _StoredRecords):
+        if isinstance(records, StoredRecords):
             return records.topics
         return frozenset(record.topic for record in records)
 
@@ -386,12 +214,12 @@ class Recording:
         None for a recording that was not read from a file. The whole file is read.
         """
         records = self.records
-        return records.sha256() if isinstance(records, _StoredRecords) else None
+        return records.sha256() if isinstance(records, StoredRecords) else None
 
     def counts(self) -> Counts:
         """Return how much is in the recording; it is read only if the file does not say so."""
         records = self.records
-        if isinstance(records, _StoredRecords) and records.counts is not None:
+        if isinstance(records, StoredRecords) and records.counts is not None:
             return records.counts
         found = Counts()
         for record in records:
@@ -440,7 +268,7 @@ class Found:
     path: Path
     size: int
     salvage: Salvage
-    records: _StoredRecords
+    records: StoredRecords
 
     @property
     def problems(self) -> tuple[str, ...]:
@@ -470,7 +298,7 @@ def read(source: Source) -> Found:
     whole = outline(stored)
     counts = None if whole is None else counts_of(whole)
     found = salvage(stored) if whole is None or counts is None else whole
-    records = _StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
+    records = StoredRecords(stored, found, counts, by_wall=wall_times_in(found))
     return Found(stored.path, stored.size, found, records)
 
 

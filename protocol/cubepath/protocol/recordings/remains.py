@@ -24,7 +24,8 @@ from cubepath.protocol.recordings.description import (
     without_format,
 )
 from cubepath.protocol.recordings.framing import checksum
-from cubepath.protocol.recordings.recording import Found, Record, Recording, read
+from cubepath.protocol.recordings.recording import Found, Recording, read
+from cubepath.protocol.recordings.records import Record
 from cubepath.protocol.wire.free_messages import FREE_KINDS
 from cubepath.protocol.wire.messages import KINDS
 

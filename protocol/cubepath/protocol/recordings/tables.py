@@ -16,14 +16,12 @@ from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.names import Json
 from cubepath.protocol.core.sites import Site, site_from_json
 from cubepath.protocol.core.suggestions import did_you_mean
-from cubepath.protocol.recordings.logged import LoggedMessage, messages_of
+from cubepath.protocol.recordings.logged import LoggedMessage, Written, messages_of
 from cubepath.protocol.wire.free_messages import Attempt, Decision, Moved, Tail
 from cubepath.protocol.wire.messages import Claim, Report, Verdict
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from cubepath.protocol.recordings.recording import Recording
 
 Columns: TypeAlias = dict[str, NDArray[Any]]
 """A table: arrays of one length by the names of its columns."""
@@ -37,7 +35,7 @@ _TABLES = ("moves", "claims", "messages")
 class _Sites:
     """Sites from JSON, equal ones as one object."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Written) -> None:
         self._path = recording.path
         self._known: dict[bytes, Site] = {}
 
@@ -87,7 +85,7 @@ def _column(name: str, values: tuple[Any, ...]) -> NDArray[Any]:
     return found
 
 
-def moves_of(recording: Recording) -> Columns:
+def moves_of(recording: Written) -> Columns:
     """Return the moves of a run; `Recording.moves` documents it."""
     sites = _Sites(recording)
     rows = _Rows("round", "module", "generator", "at", "from", "to", "wall_ns")
@@ -108,7 +106,7 @@ def moves_of(recording: Recording) -> Columns:
     return rows.columns()
 
 
-def _commits(recording: Recording) -> Iterator[tuple[LoggedMessage, Moved]]:
+def _commits(recording: Written) -> Iterator[tuple[LoggedMessage, Moved]]:
     """Yield the commits of a run without rounds; some stand in several messages."""
     for logged in messages_of(recording, ("moved", "tail")):
         message: Moved | Tail = logged.message
@@ -116,12 +114,12 @@ def _commits(recording: Recording) -> Iterator[tuple[LoggedMessage, Moved]]:
             yield logged, moved
 
 
-def claims_of(recording: Recording) -> Columns:
+def claims_of(recording: Written) -> Columns:
     """Return the claims of a run, or its attempts; `Recording.claims` documents it."""
     return _attempts(recording) if recording.clock == "free" else _claims(recording)
 
 
-def _claims(recording: Recording) -> Columns:
+def _claims(recording: Written) -> Columns:
     sites = _Sites(recording)
     rows = _Rows("round", "module", "site", "generator", "at", "wall_ns")
     outcomes: dict[tuple[int, int], str] = {}
@@ -138,7 +136,7 @@ def _claims(recording: Recording) -> Columns:
     return _with_outcomes(rows.columns(), outcomes, ("round", "module"))
 
 
-def _attempts(recording: Recording) -> Columns:
+def _attempts(recording: Written) -> Columns:
     sites = _Sites(recording)
     by = "module", "epoch", "number"
     rows = _Rows("round", *by, "site", "generator", "at", "wall_ns")
@@ -174,7 +172,7 @@ def _with_outcomes(columns: Columns, outcomes: Mapping[Any, str], by: tuple[str,
     return columns | {"wall_ns": wall_ns}
 
 
-def _messages(recording: Recording) -> Columns:
+def _messages(recording: Written) -> Columns:
     topics: dict[str, tuple[str, str]] = {}
     rows = []
     for record in recording.written():
@@ -188,7 +186,7 @@ def _messages(recording: Recording) -> Columns:
     return {name: _column(name, column) for name, column in zip(names, values, strict=True)}
 
 
-def frame_of(recording: Recording, table: str) -> pd.DataFrame:
+def frame_of(recording: Written, table: str) -> pd.DataFrame:
     """Return a table as a data frame; `Recording.frame` documents it."""
     if table not in _TABLES:
         near = did_you_mean(table, _TABLES)

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cubepath.protocol.recordings.recording import Record, Recording
+    from cubepath.protocol.recordings.recording import Recording
+    from cubepath.protocol.recordings.records import Record
 
 
 def rounds_in_turn(recording: Recording) -> Iterator[Sequence[Record]]:
