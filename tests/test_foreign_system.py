@@ -174,6 +174,20 @@ def test_its_paths_are_shortened_and_proved(commands: Commands, moves: str) -> N
     assert isinstance(recorded["improved"], int)
 
 
+@pytest.mark.thorough
+def test_its_optimum_is_proved_in_a_file(commands: Commands) -> None:
+    """The clauses come from its moves alone, and the checker asks its class for them again."""
+    (commands.folder / "far.jsonl").write_text(
+        "".join(f'{{"generator": "flip", "at": {place}}}\n' for place in (5, 4, 3))
+    )
+    options = ("--system=ring:n=6", "--prove=20", "--proof=far.proof")
+    found = commands.json("shorten", "far.jsonl", *options)
+    assert (found["improved"], found["lower_bound"], found["optimal"]) == (3, 3, True)
+    check = ("verify", "far.proof", "--of", "far.jsonl", "--system=ring:n=6")
+    checked = commands.json(*check)
+    assert (checked["refuted"], checked["cubes"], checked["optimal"]) == (2, 3, True)
+
+
 def test_its_own_bound_and_argument_are_used(commands: Commands) -> None:
     """Two neighbours never flip at one time: what the class says of that is the bound."""
     (commands.folder / "two.jsonl").write_text(

@@ -134,8 +134,33 @@ def test_files_for_other_checkers(
     assert drat.read_bytes() == b"".join(read_proof(written).log)
 
 
+@pytest.mark.parametrize("option", ["--cnf", "--drat"])
+def test_a_full_disk_refutes_no_proof(
+    option: str, written: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where a file for other checkers cannot be written, that alone is said, with exit code 1."""
+    code, out, err = run(capsys, written, option, "/dev/full")
+    assert (code, out) == (1, "")
+    assert err == "cubepath: /dev/full: cannot be written: No space left on device\n"
+
+
+def test_clauses_of_a_changed_proof(
+    written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A proof whose clauses cannot be derived is refused before any file is written."""
+    bad, cnf = tmp_path / "bad.proof", tmp_path / "bad.cnf"
+    proof = read_proof(written)
+    write_proof(bad, replace(proof, variables=proof.variables[:-1]))
+    code, out, _ = run(capsys, bad, "--cnf", cnf)
+    assert (code, out[:8]) == (1, "FAILED  ")
+    assert not cnf.exists()
+
+
 def test_wrong_use(written: Path) -> None:
     """Options that do not fit are refused before anything is checked."""
+    for command in ("shorten", "view"):
+        said = refused(command, str(written), "-o", "a.jsonl" if command == "shorten" else "a.png")
+        assert said.startswith(f"cubepath: {written}: a proof of optimality, expected a path; ")
     assert "expected one proof" in refused("verify", str(written), str(written))
     assert "expected one" in refused("verify", "logs/golden/hex-5.mcap", "--cnf", "a.cnf")
     assert "--of INPUT" in refused("verify", str(written), "--system", "hex:n=3")

@@ -40,6 +40,7 @@ def refused(capsys: Capture, *arguments: str) -> str:
         ("systems more", "unexpected argument 'more'; see 'cubepath systems --help'"),
         ("shorten", "the following arguments are required: INPUT; see 'cubepath shorten --help'"),
         ("run --seed", "argument --seed: expected one argument; see 'cubepath run --help'"),
+        ("shorten a --following maf", "argument --following: unknown value 'maf' (did you mean "),
     ],
 )
 def test_words_that_are_not_known(line: str, message: str, capsys: Capture) -> None:

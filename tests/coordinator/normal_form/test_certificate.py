@@ -281,6 +281,8 @@ def test_a_certificate_is_read_back(tmp_path: Path) -> None:
         ("", "truncated"),
         ("[]", "Expected `object`"),
         ('{"format":"cubepath-certificate-2"}', "format"),
+        ('{"moves":0,"cancelled":[],"cubes":[],"chain":[]}', "missing required field `format`"),
+        ('{"format":""}', "its format is empty"),
         ('{"format":"cubepath-certificate-1","moves":1}', "missing required field `cancelled`"),
         (
             '{"format":"cubepath-certificate-1","moves":2,"cancelled":[[1,"2"]],"cubes":[],"chain":[]}',

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from command_line import refused
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.shortening.conversion import convert
 from cubepath.coordinator.shortening.normal_path import shorten
@@ -278,3 +279,13 @@ def test_a_log_whose_solution_alone_is_mirrored_is_told_as_such(
     with pytest.raises(InputError) as caught:
         shorten(source, hints=PlanHints(None, beside))
     assert str(caught.value).endswith(f"; it fits with {told} in the solution alone")
+
+
+def test_a_vehicle_that_moves_twice_in_a_round(tmp_path: Path) -> None:
+    """Legal one after the other, these moves are no round: refused also where none follow."""
+    moves = [[[0, 0], [1, 0]], [[1, 0], [1, 1]]]
+    given = {"grid": [2, 2], "starts": [[0, 0]], "goals": [[1, 1]], "moves": moves, "rounds": [2]}
+    source = save(tmp_path / "twice.json", given)
+    assert refused("shorten", str(source)) == (
+        f"cubepath: {source}: round 1: [1,0] is empty at its beginning, expected a vehicle"
+    )

@@ -86,13 +86,17 @@ def verify_proof(options: argparse.Namespace) -> int:
 
         given = _input(options)
         try:
-            proof, found = _checked(options, given, tell)
+            refutation = _claim(options, given, tell)
         except CheckError as error:
-            why = str(error).removeprefix(f"{source}: ")
-            answer(options, {"ok": False, "detail": why}, f"FAILED  {visible(why)}")
-            complain(f"{file_name(source)}: refused: {why}")
-            return FAILED
+            return _refuse(options, error)
+        # Outside: that a file cannot be written says nothing about the proof.
+        _write_others(options, refutation)
+        try:
+            found = refutation.checked()
+        except CheckError as error:
+            return _refuse(options, error)
     seconds = time.monotonic() - began
+    proof = refutation.proof
     rows = _rows(proof, found, seconds)
     width = max(len(name) for name, _ in rows)
     answer(
@@ -117,20 +121,28 @@ def _input(options: argparse.Namespace) -> PathInput | None:
     return read_input(options.of, options.system, hints(options))
 
 
-def _checked(
+def _claim(
     options: argparse.Namespace, given: PathInput | None, tell: Callable[[str, int], object]
-) -> tuple[OptimalityProof, ProvedOptimal]:
-    """Return the proof and what it proves; CheckError for what does not hold."""
+) -> Refutation:
+    """Return what is to be checked; CheckError for what already does not hold."""
     from cubepath.coordinator.verification.optimality import Refutation  # noqa: PLC0415
     from cubepath.protocol.path_files.optimality_proofs import read_proof  # noqa: PLC0415
 
-    proof = read_proof(options.logs[0])
-    refutation = Refutation(proof, tell)
+    refutation = Refutation(read_proof(options.logs[0]), tell)
     why = None if given is None else _another_task(refutation, given)
     if why is not None:
         raise CheckError(f"{file_name(options.of)} {why}")
-    _write_others(options, refutation)
-    return proof, refutation.checked()
+    if options.cnf is not None:
+        _ = refutation.clauses
+    return refutation
+
+
+def _refuse(options: argparse.Namespace, error: CheckError) -> int:
+    source: Path = options.logs[0]
+    why = str(error).removeprefix(f"{source}: ")
+    answer(options, {"ok": False, "detail": why}, f"FAILED  {visible(why)}")
+    complain(f"{file_name(source)}: refused: {why}")
+    return FAILED
 
 
 def _rows(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> list[tuple[str, str]]:

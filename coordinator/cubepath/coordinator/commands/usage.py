@@ -57,7 +57,8 @@ class Parser(argparse.ArgumentParser):
         if action.choices is not None and value not in action.choices:
             what = "command" if action.dest is argparse.SUPPRESS else "value"
             names = list(map(str, action.choices))
-            message = f"unknown {what} {value!r}{did_you_mean(str(value), names)}"
+            where = f"argument {'/'.join(action.option_strings)}: " if action.option_strings else ""
+            message = f"{where}unknown {what} {value!r}{did_you_mean(str(value), names)}"
             self.error(f"{message}, expected one of {', '.join(names)}")
 
     def error(self, message: str) -> NoReturn:

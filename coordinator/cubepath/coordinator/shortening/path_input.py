@@ -32,6 +32,7 @@ from cubepath.protocol.path_files.numbered import (
     number_moves,
     read_path,
 )
+from cubepath.protocol.path_files.optimality_proofs import is_proof
 from cubepath.protocol.plans.formats import NO_HINTS, PlanHints, read_plan
 from cubepath.protocol.plans.imported import Imported
 from cubepath.protocol.plans.scenario import is_scenario, read_scenario
@@ -175,6 +176,11 @@ class _Reading:
             raise InputError(
                 f"{file.path}: a timetable of vehicles that follow one another, whose moves do not"
                 " commute: expected the path that it is of"
+            )
+        if is_proof(file):
+            raise InputError(
+                f"{file.path}: a proof of optimality, expected a path;"
+                " 'cubepath verify' checks proofs"
             )
         form = _form_of(file)
         if form not in {"recording", "binary moves"} or hints.format is not None:

@@ -44,13 +44,19 @@ class Certificate(
     end: list[Any] | None = None
 
 
-_decode = msgspec.json.Decoder(Certificate).decode
+class _Other(msgspec.Struct, tag_field="format", tag=""):
+    """No format at all: where there is only one struct, msgspec lets its tag be left out."""
+
+
+_decoder: msgspec.json.Decoder[Certificate | _Other] = msgspec.json.Decoder(Certificate | _Other)
 
 
 def certificate_from_json(text: bytes) -> Certificate:
     """Return the certificate in a JSON text; InputError says what is wrong in it, and where."""
     try:
-        found = _decode(text)
+        found = _decoder.decode(text)
+        if isinstance(found, _Other):
+            raise InputError(f"no {FORMAT}: its format is empty")
         check_keys(text, 5 + (found.end is not None), where="line ")
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"no {FORMAT}: {error}") from None

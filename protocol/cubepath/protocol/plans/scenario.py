@@ -65,7 +65,7 @@ def read_scenario(file: InputFile) -> Imported:
         scenario.planner_rounds,
         lambda: vehicles_scene(str(path), scenario.graph, scenario.starts, scenario.goals),
         labelled_goals=True,
-        unsolved=lambda: _unsolved(scenario),
+        unsolved=lambda: _unsolved(path, scenario),
         vehicles=lambda: _plan(path, scenario),
     )
 
@@ -80,7 +80,7 @@ def _plan(path: Path, scenario: Scenario) -> VehiclePlan:
     if scenario.rounds is None:
         moves = tuple(replace(move, round=None) for move in moves)
     edges, rounds = scenario.graph.edges, scenario.planner_rounds
-    unsolved = _unsolved(scenario)
+    unsolved = _unsolved(path, scenario)
     return VehiclePlan(path, starts, moves, rounds, "vehicle", lambda: edges, unsolved)
 
 
@@ -117,7 +117,7 @@ def _cell(site: Site) -> Cell:
     return cast("Cell", site)  # as a scenario has them
 
 
-def _unsolved(scenario: Scenario) -> str | None:
+def _unsolved(path: Path, scenario: Scenario) -> str | None:
     """Return how the moves miss the goals, which belong to all vehicles together, as for `agv`.
 
     A scenario without moves is a starting point, not a plan.
@@ -126,9 +126,14 @@ def _unsolved(scenario: Scenario) -> str | None:
         return None
     at = {cell: who for who, cell in enumerate(scenario.starts)}
     moves = iter(scenario.moves)
-    for size in scenario.rounds or (1,) * len(scenario.moves):
+    for number, size in enumerate(scenario.rounds or (1,) * len(scenario.moves), 1):
         # All of a round leave before any enters, as they may rotate.
-        going = [(target, at.pop(source)) for source, target in islice(moves, size)]
+        going: list[tuple[Site, int]] = []
+        for source, target in islice(moves, size):
+            if source not in at:
+                where = f"{path}: round {number}: {text(source)}"
+                raise InputError(f"{where} is empty at its beginning, expected a vehicle")
+            going.append((target, at.pop(source)))
         at.update(going)
     goals = set(scenario.goals)
     off = sorted((who, cell) for cell, who in at.items() if cell not in goals)
