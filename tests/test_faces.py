@@ -28,15 +28,16 @@ PUBLIC = {
     "cubepath.protocol": """
         Action Bound CLOSED Catalogue Certificate CheckError CubepathError Durations EDGES EMPTY
         ExcludedError FILLED FIRST_LABEL Family FlipSystem FollowingFile FollowingHead FollowingLine
-        Generator GeneratorPlacement GraphSystem HEXAGONS InputError Lattice LatticeSystem MODULE
-        Message Move MoveName OptimalityProof PathMove PlanHints Record Recording RecordingWriter
-        RuleError SQUARES Scene Site State System TabledSystem TimedLine VehicleGraph VehicleMove
-        VehiclePlan Ways admissible all_families apply certificate_schema commute cube_schema decode
-        filter_recording following_schemas hex_catalogue in_order merge_recordings move_schemas
-        open_client read_certificate read_cubes read_durations read_following read_moves read_plan
-        read_proof read_recording read_scene read_timetable scene_from_spec scene_from_toml
-        scene_to_toml schema_of site_from_json split_recording timetable_schema why_inadmissible
-        write_certificate write_cubes write_following write_moves write_proof write_timetable
+        FollowingProof Generator GeneratorPlacement GraphSystem HEXAGONS InputError Lattice
+        LatticeSystem MODULE Message Move MoveName OptimalityProof PathMove PlanHints Record
+        Recording RecordingWriter RuleError SQUARES Scene Site State System TabledSystem TimedLine
+        VehicleGraph VehicleMove VehiclePlan Ways admissible all_families apply certificate_schema
+        commute cube_schema decode filter_recording following_schemas hex_catalogue in_order
+        merge_recordings move_schemas open_client read_certificate read_cubes read_durations
+        read_following read_following_proof read_moves read_plan read_proof read_recording
+        read_scene read_timetable scene_from_spec scene_from_toml scene_to_toml schema_of
+        site_from_json split_recording timetable_schema why_inadmissible write_certificate
+        write_cubes write_following write_following_proof write_moves write_proof write_timetable
     """,
     "cubepath.agents": """
         Checked Choice Chosen CubepathEnv CubepathVectorEnv Finding FreeEnv FreePlayed FreeRule
@@ -49,23 +50,22 @@ PUBLIC = {
         Beyond Claim Collapsed Compared Converted CubicalComplex Divergence Explored Exported
         FaultRates FewestRounds FollowingTimetable Gatherer Homology Improved Lift Links Live
         LiveReplay Macro Optimum Outcome Overheard PathInput Plan Player PlayerStatus Position
-        ProvedOptimal Recorder Recovered Replayed Report Row Running ShapeComplex Sheet Shortened
-        Shown StandardInstance StateComplex Status Surface Sweep SweepResults Tap Task Timetable
-        Transitions Verification actions_at all_claims animate animate_beside ask audit beyond
-        certificate_of check_certificate check_following check_links check_optimality check_proof
-        collapse complex_from_faces compute_claims contractibility convert diff draw_complex
-        durations_of earliest end_state explore export f_vector fewest_rounds following_timetable
-        gathered homology improve info is_cube is_normal lift lower_bound macro normal_cube_path
-        only_class optimum page_document read_sweep read_vehicle_plan record recover replay
-        replay_live run run_page run_picture shape_complex shorten standard start state_complex
-        surface sweep task_of timetable_file to_networkx unfilled verify watch_run what_if
-        write_complex
-        write_report
+        ProvedFewest ProvedOptimal Recorder Recovered Replayed Report Row Running ShapeComplex Sheet
+        Shortened Shown StandardInstance StateComplex Status Surface Sweep SweepResults Tap Task
+        Timetable Transitions Verification actions_at all_claims animate animate_beside ask audit
+        beyond certificate_of check_certificate check_fewest_rounds check_following check_links
+        check_optimality check_proof collapse complex_from_faces compute_claims contractibility
+        convert diff draw_complex durations_of earliest end_state explore export f_vector
+        fewest_rounds fewest_rounds_proof following_timetable gathered homology improve info is_cube
+        is_normal lift lower_bound macro normal_cube_path only_class optimum page_document
+        read_sweep read_vehicle_plan record recover replay replay_live run run_page run_picture
+        shape_complex shorten standard start state_complex surface sweep task_of timetable_file
+        to_networkx unfilled verify watch_run what_if write_complex write_report
     """,
     "cubepath.coordinator.testing": """
         Claimed Command Executed Link Listener Log Pattern Replay Rig Rule Seen Simulate StartRun
-        Trial Tried fault faults live_modules other_rule replay_into
-        replay_into_node scenarios trial_of
+        Trial Tried fault faults live_modules other_rule replay_into replay_into_node scenarios
+        trial_of
     """,
 }
 """What users may rely on. A name that goes or changes its meaning is told in CHANGELOG.md."""

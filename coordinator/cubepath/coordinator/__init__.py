@@ -81,6 +81,7 @@ if TYPE_CHECKING:
         FewestRounds,
         FollowingTimetable,
         fewest_rounds,
+        fewest_rounds_proof,
         following_timetable,
         read_vehicle_plan,
         timetable_file,
@@ -141,10 +142,12 @@ if TYPE_CHECKING:
         task_of,
     )
     from cubepath.coordinator.verification import (
+        ProvedFewest,
         ProvedOptimal,
         Recovered,
         Verification,
         check_certificate,
+        check_fewest_rounds,
         check_following,
         check_optimality,
         check_proof,
@@ -171,8 +174,8 @@ else:
             ),
             "exports": "Exported export",
             "following": (
-                "FewestRounds FollowingTimetable fewest_rounds following_timetable "
-                "read_vehicle_plan timetable_file"
+                "FewestRounds FollowingTimetable fewest_rounds fewest_rounds_proof "
+                "following_timetable read_vehicle_plan timetable_file"
             ),
             "live": "Live watch_run",
             "normal_form": (
@@ -191,8 +194,8 @@ else:
                 "Beyond Converted PathInput Shortened Task beyond convert shorten task_of"
             ),
             "verification": (
-                "ProvedOptimal Recovered Verification check_certificate check_following "
-                "check_optimality check_proof recover verify"
+                "ProvedFewest ProvedOptimal Recovered Verification check_certificate "
+                "check_fewest_rounds check_following check_optimality check_proof recover verify"
             ),
             "viewing": "Shown page_document run_page",
         },
@@ -227,6 +230,7 @@ __all__ = [
     "Player",
     "PlayerStatus",
     "Position",
+    "ProvedFewest",
     "ProvedOptimal",
     "Recorder",
     "Recovered",
@@ -258,6 +262,7 @@ __all__ = [
     "beyond",
     "certificate_of",
     "check_certificate",
+    "check_fewest_rounds",
     "check_following",
     "check_links",
     "check_optimality",
@@ -276,6 +281,7 @@ __all__ = [
     "export",
     "f_vector",
     "fewest_rounds",
+    "fewest_rounds_proof",
     "following_timetable",
     "gathered",
     "homology",

@@ -63,6 +63,7 @@ if TYPE_CHECKING:
         FollowingFile,
         FollowingHead,
         FollowingLine,
+        FollowingProof,
         MoveName,
         OptimalityProof,
         PathMove,
@@ -75,6 +76,7 @@ if TYPE_CHECKING:
         read_cubes,
         read_durations,
         read_following,
+        read_following_proof,
         read_moves,
         read_proof,
         read_timetable,
@@ -82,6 +84,7 @@ if TYPE_CHECKING:
         write_certificate,
         write_cubes,
         write_following,
+        write_following_proof,
         write_moves,
         write_proof,
         write_timetable,
@@ -118,12 +121,12 @@ else:
                 "admissible apply commute in_order site_from_json why_inadmissible"
             ),
             "path_files": (
-                "Certificate Durations FollowingFile FollowingHead FollowingLine MoveName "
-                "OptimalityProof PathMove TimedLine certificate_schema cube_schema "
+                "Certificate Durations FollowingFile FollowingHead FollowingLine FollowingProof "
+                "MoveName OptimalityProof PathMove TimedLine certificate_schema cube_schema "
                 "following_schemas move_schemas read_certificate read_cubes read_durations "
-                "read_following read_moves read_proof read_timetable timetable_schema "
-                "write_certificate write_cubes write_following write_moves write_proof "
-                "write_timetable"
+                "read_following read_following_proof read_moves read_proof read_timetable "
+                "timetable_schema write_certificate write_cubes write_following "
+                "write_following_proof write_moves write_proof write_timetable"
             ),
             "plans": "PlanHints VehicleMove VehiclePlan read_plan",
             "recordings": (
@@ -161,6 +164,7 @@ __all__ = [
     "FollowingFile",
     "FollowingHead",
     "FollowingLine",
+    "FollowingProof",
     "Generator",
     "GeneratorPlacement",
     "GraphSystem",
@@ -205,6 +209,7 @@ __all__ = [
     "read_cubes",
     "read_durations",
     "read_following",
+    "read_following_proof",
     "read_moves",
     "read_plan",
     "read_proof",
@@ -222,6 +227,7 @@ __all__ = [
     "write_certificate",
     "write_cubes",
     "write_following",
+    "write_following_proof",
     "write_moves",
     "write_proof",
     "write_timetable",

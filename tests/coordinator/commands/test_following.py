@@ -115,7 +115,8 @@ def test_unequal_times_write_when_moves_begin_and_end(
         (["--following", "mapf", "--bounds"], "--bounds is for cubes"),
         (["--following", "mapf", "--max-states", "9"], "--max-states is for cubes"),
         (["--following", "mapf", "--prove", "1", "--duration", "edge=2"], "--prove counts rounds"),
-        (["--following", "mapf", "--prove", "1", "--proof", "a.proof"], "--proof is for cubes"),
+        (["--following", "mapf", "--proof", "a.proof"], "--proof: says where to write"),
+        (["--following", "mapf", "--prove", "1", "--proof", "a.json"], "expected one of .proof"),
         (["--following", "mapf", "--certificate", "a.json"], "--certificate is for cubes"),
         (["--following", "mapf", "-o", "a.npz"], "expected one of .jsonl"),
         (["--following", "mapf", "--with", "a.json"], "expected no --with"),
@@ -159,3 +160,87 @@ def test_an_unsolved_plan_is_told(capsys: pytest.CaptureFixture[str], tmp_path: 
     code, found, error = answered(capsys, "shorten", path, "--following", "mapf")
     assert (code, found["following"]["rounds"]) == (1, 1)
     assert "the plan does not solve its instance: 1 of 4 vehicles ends off the goals" in error
+
+
+CROSSING: dict[str, Any] = {
+    "grid": [3, 3],
+    "starts": [[0, 1], [1, 0]],
+    "goals": [[2, 1], [1, 2]],
+    "moves": [[[0, 1], [1, 1]], [[1, 1], [2, 1]], [[1, 0], [1, 1]], [[1, 1], [1, 2]]],
+    "rounds": [1, 1, 1, 1],
+}
+
+
+def test_a_proof_is_written_and_verified(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Two that cross take four rounds by the rule of CG:SHOP, and no plan takes three."""
+    pytest.importorskip("pysat.solvers")
+    given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
+    given.write_text(json.dumps(CROSSING))
+    options = ["--following", "cgshop", "--prove", "60", "--proof", proof]
+    code, found, _ = answered(capsys, "shorten", given, *options)
+    told = found["following"]
+    assert (code, told["optimal"], told["proof"]) == (0, True, str(proof))
+    assert (told["improved"], told["lower_bound"], told["agreed"]) == (4, 4, None)
+    cnf, drat = tmp_path / "a.cnf", tmp_path / "a.drat"
+    code, checked, _ = answered(
+        capsys, "verify", proof, "--of", given, "--cnf", cnf, "--drat", drat
+    )
+    assert (code, checked["ok"], checked["optimal"]) == (0, True, True)
+    assert (checked["following"], checked["refuted"], checked["rounds"]) == ("cgshop", 3, 4)
+    assert cnf.read_bytes().startswith(
+        b"p cnf %d %d\n" % (checked["variables"], checked["clauses"])
+    )
+    assert cnf.read_bytes().count(b"\n") == checked["clauses"] + 1
+    assert main(["verify", str(proof)]) == 0
+    out = capsys.readouterr().out
+    assert "under the rule cgshop no timetable of 3 rounds or fewer" in out
+    assert "the timetable has 4: optimal" in out
+
+
+@pytest.mark.parametrize(
+    ("changes", "why"),
+    [
+        ({"goals": [[1, 2], [2, 1]]}, ""),
+        ({"grid": [4, 3]}, "has another workspace"),
+        (
+            {
+                "starts": [[0, 1], [1, 0], [0, 0]],
+                "goals": [[2, 1], [1, 2], [0, 0]],
+            },
+            "has 3 vehicles, the proof 2",
+        ),
+        ({"moves": CROSSING["moves"][:3], "rounds": [1, 1, 1]}, "vehicle 1 ends at [1,1]"),
+    ],
+)
+def test_a_proof_is_of_its_input(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, changes: dict[str, Any], why: str
+) -> None:
+    """Starts, ends and workspace must be those of the proof; goals that are not reached are not."""
+    pytest.importorskip("pysat.solvers")
+    given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
+    given.write_text(json.dumps(CROSSING))
+    options = ["--following", "mapf", "--prove", "60", "--proof", str(proof)]
+    assert main(["shorten", str(given), *options]) == 0
+    given.write_text(json.dumps(CROSSING | changes))
+    capsys.readouterr()
+    code, _, error = answered(capsys, "verify", proof, "--of", given)
+    assert (code, why in error) == (int(bool(why)), True)
+
+
+def test_a_changed_proof_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """With the block and the byte at which it begins, and exit code 1."""
+    pytest.importorskip("pysat.solvers")
+    given, proof = tmp_path / "crossing.json", tmp_path / "crossing.proof"
+    given.write_text(json.dumps(CROSSING))
+    main(["shorten", str(given), "--following", "cgshop", "--prove", "60", "--proof", str(proof)])
+    data = bytearray(proof.read_bytes())
+    data[len(data) // 2] ^= 1
+    proof.write_bytes(data)
+    capsys.readouterr()
+    code, found, error = answered(capsys, "verify", proof)
+    assert (code, found["ok"]) == (1, False)
+    assert "block " in error
+    assert "it was changed" in error
+    assert error.count("\n") == 1

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from itertools import combinations, product
+from contextlib import ExitStack
+from itertools import combinations
 from pathlib import Path
-from random import Random
 
 import numpy as np
 import pytest
 
 from cubepath.coordinator.commands.main import main
 from cubepath.coordinator.following.encoding import (
+    AT,
     Clauses,
     Schedule,
     Task,
@@ -19,38 +20,16 @@ from cubepath.coordinator.following.encoding import (
     clauses_of,
 )
 from cubepath.coordinator.following.optimum import fewest_rounds
+from cubepath.coordinator.following.proofs import fewest_rounds_proof
 from cubepath.coordinator.following.reading import read_vehicle_plan
-from cubepath.coordinator.following.rules import RULES, Rule
 from cubepath.coordinator.verification.following import check_following
-from cubepath.protocol.core.sites import Site
+from cubepath.coordinator.verification.following_proof import check_fewest_rounds
 from faces import ROOT
-from vehicle_rounds import Cell, draw_plan, first_wrong, is_legal
+from following_tasks import FAR, draw_task, exhaustive, task_of
+from vehicle_rounds import draw_plan, is_legal
 
 pysat = pytest.importorskip("pysat.solvers")
 AGV = ROOT / "tests" / "data" / "agv"
-FAR = 9
-
-
-def draw_task(seed: int) -> Task:
-    """Draw a few vehicles on a small grid with obstacles."""
-    random = Random(seed)  # noqa: S311 - to be repeated
-    cells = list(product(range(random.randint(2, 3)), range(random.randint(1, 3))))
-    free = random.sample(cells, random.randint(max(2, len(cells) - 2), len(cells)))
-    free.sort()
-    count = random.randint(1, min(4, len(free)))
-    starts, ends = random.sample(free, count), random.sample(free, count)
-    return task_of(tuple(starts), tuple(ends), free, RULES[seed % 2])
-
-
-def task_of(starts: tuple[Cell, ...], ends: tuple[Cell, ...], free: list[Cell], rule: Rule) -> Task:
-    edges = [
-        ((x, y), there) for x, y in free for there in ((x + 1, y), (x, y + 1)) if there in free
-    ]
-    return Task(starts, ends, edges, rule)
-
-
-def cells_of(edge: tuple[Site, Site]) -> list[Cell]:
-    return [(site[0], site[1]) for site in edge if isinstance(site, tuple)]
 
 
 def solved(clauses: Clauses) -> Schedule | None:
@@ -62,31 +41,6 @@ def solved(clauses: Clauses) -> Schedule | None:
     return clauses.schedule(np.array([name in true for name in clauses.variables], dtype=np.bool_))
 
 
-def exhaustive(task: Task) -> int | None:
-    """Return the fewest rounds by breadth-first search over where all vehicles are together."""
-    front, seen = {task.starts}, {task.starts}
-    beside: dict[Cell, list[Cell]] = {}
-    for x, y in (*task.starts, *(cell for edge in task.edges for cell in cells_of(edge))):
-        near = [(x + 1, y), (x - 1, y), (x, y + 1), (x, y - 1)]
-        beside[x, y] = [there for there in near if there in task.beside[x, y]]
-    for rounds in range(FAR):
-        if task.ends in front:
-            return rounds
-        found: set[tuple[Cell, ...]] = set()
-        for at in front:
-            for joint in product(*([cell, *beside[cell]] for cell in at)):
-                moves = [
-                    (who, here, there)
-                    for who, (here, there) in enumerate(zip(at, joint, strict=True))
-                    if here != there
-                ]
-                if joint not in seen and first_wrong(list(at), moves, task.rule) is None:
-                    found.add(joint)
-        seen |= found
-        front = found
-    return None
-
-
 @pytest.mark.parametrize(
     "first", [0, *(pytest.param(k, marks=pytest.mark.thorough) for k in range(60, 960, 60))]
 )
@@ -95,7 +49,8 @@ def test_the_clauses_agree_with_exhaustive_search(first: int) -> None:
     told = [0, 0]
     for seed in range(first, first + 60):
         task = draw_task(seed)
-        least = exhaustive(task)
+        way = exhaustive(task)
+        least = None if way is None else len(way) - 1
         told[least is not None] += 1
         most = FAR - 1 if least is None else least - 1
         if most >= 0:
@@ -119,8 +74,8 @@ def test_the_clauses_agree_with_exhaustive_search(first: int) -> None:
 def test_at_most_one_holds_by_pairs_or_by_a_ladder(count: int) -> None:
     """Of any number of variables each may hold alone, and no two together."""
     clauses = Clauses(draw_task(0), 0)
-    names = [clauses.new() for _ in range(count)]
-    _at_most_one(clauses, names)
+    names = [clauses.new(AT, who, 0, 0) for who in range(count)]
+    _at_most_one(clauses, dict(enumerate(names)), clauses.task.starts[0], 0)
     with pysat.Solver(name="cadical195", bootstrap_with=list(clauses.each())) as solver:
         assert all(solver.solve(assumptions=[name]) for name in names)
         assert not any(solver.solve(assumptions=pair) for pair in combinations(names, 2))
@@ -161,7 +116,7 @@ def test_random_plans_are_never_below_the_optimum() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rule", "told"), [("mapf", (12, 10, 10, None, True)), ("cgshop", (12, 11, 10, 11, None))]
+    ("rule", "told"), [("mapf", (12, 10, 10, None, True)), ("cgshop", (12, 11, 11, None, True))]
 )
 def test_grid8_by_the_command(
     capsys: pytest.CaptureFixture[str],
@@ -189,7 +144,7 @@ def test_no_time_leaves_what_is_known() -> None:
 
 
 def test_an_interrupt_leaves_what_is_known() -> None:
-    """What two solvers agreed on before it counts, and no process is left."""
+    """What was refuted before it counts, and no process is left."""
     plan = read_vehicle_plan(AGV / "grid8-12agents.json")
 
     def interrupt(rounds: int) -> None:
@@ -197,4 +152,18 @@ def test_an_interrupt_leaves_what_is_known() -> None:
             raise KeyboardInterrupt
 
     found = fewest_rounds(plan, "cgshop", within=12, seconds=60, tick=interrupt)
-    assert (found.rounds, found.agreed, found.ended) == (12, 11, "interrupt")
+    assert (found.rounds, found.lower_bound, found.ended) == (12, 11, "interrupt")
+    assert (found.agreed, found.optimal) == (None, None)
+
+
+def test_where_the_log_is_too_long_two_solvers_agree() -> None:
+    """Without a log that can be checked nothing more is proved, and what is said says so."""
+    plan = read_vehicle_plan(AGV / "grid8-12agents.json")
+    with ExitStack() as logs:
+        found = fewest_rounds(plan, "cgshop", within=12, seconds=60, logs=logs, log_max=100)
+        assert (found.rounds, found.lower_bound, found.agreed) == (11, 10, 11)
+        assert (found.optimal, found.proved_by) == (None, "way of a vehicle")
+        assert found.refuted is not None
+        assert found.timetable is not None
+        checked = check_fewest_rounds(fewest_rounds_proof(found.refuted, found.timetable))
+    assert (checked.proved, checked.optimal, checked.refuted) == (True, False, 9)

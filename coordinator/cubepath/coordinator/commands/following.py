@@ -6,14 +6,17 @@ Room: coordinator.
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain, table
 from cubepath.coordinator.commands.durations import given_durations
 from cubepath.coordinator.commands.files import Output, check_files, file_name
+from cubepath.coordinator.commands.following_proofs import write_fewest
 from cubepath.coordinator.commands.plan_options import hints, solved
 from cubepath.coordinator.commands.progress import progress_bar
+from cubepath.coordinator.commands.search_options import check_proof_option
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import InputError
 from cubepath.protocol.core.input_files import InputFile, opened
@@ -30,7 +33,6 @@ _FOR_CUBES = {
     "improve": "--improve",
     "effort": "--effort",
     "bounds": "--bounds",
-    "proof": "--proof",
     "max_states": "--max-states",
 }
 """Options that look for schedules of cubes."""
@@ -62,12 +64,18 @@ def check_following_options(options: argparse.Namespace) -> None:
         )
     if options.prove is not None and (options.durations is not None or options.duration):
         raise InputError("--prove counts rounds: expected no --duration with it")
+    check_proof_option(options)
     if options.certificate is not None:
         raise InputError(
             "--certificate is for cubes: with --following, -o writes a timetable that holds its own"
         )
     files = [options.input, options.durations]
-    check_files(options, files, Output(options.output, (".jsonl",), stream=True))
+    check_files(
+        options,
+        files,
+        Output(options.output, (".jsonl",), stream=True),
+        Output(options.proof, (".proof",)),
+    )
 
 
 def shorten_following(options: argparse.Namespace) -> int:
@@ -87,14 +95,16 @@ def shorten_following(options: argparse.Namespace) -> int:
             found = following_timetable(plan, options.following, durations)
             written = checked(timetable_file(found, timed=timed), plan)
         shortened = None if found.rotates else _shortened(file, options)
-    fewest = _fewest_rounds(found, options)
-    if fewest is not None and fewest.timetable is not None:
-        written = checked(fewest.timetable, plan)
+    with ExitStack() as logs:
+        fewest = _fewest_rounds(found, options, logs)
+        if fewest is not None and fewest.timetable is not None:
+            written = checked(fewest.timetable, plan)
+        proved = [] if fewest is None else write_fewest(options, fewest, written)
     output: Path | None = options.output
     if output is not None:
         write_following(output, written)
     document, rows = _figures(found, plan, shortened)
-    rows += [*_following_rows(found, timed=timed), *_fewest_rows(fewest)]
+    rows += [*_following_rows(found, timed=timed), *_fewest_rows(fewest), *proved]
     rows.append(("time", f"{document['seconds']:.2f} s"))
     if output is not None:
         rows.append(("written to", file_name(output)))
@@ -102,6 +112,8 @@ def shorten_following(options: argparse.Namespace) -> int:
     document["following"] = _document(found, timed=timed)
     if fewest is not None:
         document["following"] |= fewest.document()
+        written_proof = options.proof is not None and fewest.refuted is not None
+        document["following"]["proof"] = str(options.proof) if written_proof else None
     answer(options, document, "\n".join([table(rows), *map(visible, lines)]))
     return solved(options, plan.unsolved)
 
@@ -114,7 +126,9 @@ def _shortened(file: InputFile, options: argparse.Namespace) -> Shortened:
         return shortened(read_input(file, options.system, hints(options), bar.update))
 
 
-def _fewest_rounds(found: FollowingTimetable, options: argparse.Namespace) -> FewestRounds | None:
+def _fewest_rounds(
+    found: FollowingTimetable, options: argparse.Namespace, logs: ExitStack
+) -> FewestRounds | None:
     if options.prove is None:
         return None
     from cubepath.coordinator.following.optimum import fewest_rounds  # noqa: PLC0415
@@ -131,6 +145,7 @@ def _fewest_rounds(found: FollowingTimetable, options: argparse.Namespace) -> Fe
             seconds=options.prove,
             seed=options.seed,
             tick=tick,
+            logs=logs,
         )
 
 
@@ -139,7 +154,7 @@ def _fewest_rows(fewest: FewestRounds | None) -> list[tuple[str, object]]:
         return []
     rows: list[tuple[str, object]] = [
         ("improved", fewest.rounds),
-        ("lower bound", f"{fewest.lower_bound} (way of a vehicle)"),
+        ("lower bound", f"{fewest.lower_bound} ({fewest.proved_by})"),
         ("optimal", "yes" if fewest.optimal else "not known"),
     ]
     if fewest.agreed is not None:

@@ -12,12 +12,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cubepath.coordinator.commands.checked_proofs import CheckedProof, ClaimedProof, write_others
 from cubepath.coordinator.commands.console import DONE, FAILED, answer, complain
 from cubepath.coordinator.commands.files import Output, check_files, file_name, output_path
 from cubepath.coordinator.commands.plan_options import hints
 from cubepath.coordinator.commands.progress import progress_bar
 from cubepath.protocol.core.control_characters import visible
 from cubepath.protocol.core.errors import CheckError, InputError
+from cubepath.protocol.core.input_files import InputFile, opened
 from cubepath.protocol.core.plurals import counted
 
 if TYPE_CHECKING:  # a command starts faster without them
@@ -63,45 +65,57 @@ def is_of_a_proof(options: argparse.Namespace) -> bool:
 
 
 def _is_proof(path: Path) -> bool:
+    from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
     from cubepath.protocol.path_files.optimality_proofs import is_proof  # noqa: PLC0415
 
     suffix = path.suffix.lower()
     if suffix in {_SUFFIX, ".mcap", ".json", ".jsonl"}:
         return suffix == _SUFFIX  # what is something else by its name is read once
     with suppress(OSError):  # whoever reads the file says what is wrong with it
-        return path.is_file() and is_proof(path)
+        return path.is_file() and (is_proof(path) or is_following_proof(path))
     return False
 
 
 def verify_proof(options: argparse.Namespace) -> int:
     """Check a proof of optimality; the exit code is 1 unless it is proved."""
+    from cubepath.coordinator.commands.following_proofs import (  # noqa: PLC0415
+        claimed_following,
+        given_plan,
+    )
+    from cubepath.protocol.path_files.following_proofs import is_following_proof  # noqa: PLC0415
+
     source: Path = options.logs[0]
     check_files(options, [source, options.of], Output(options.cnf), Output(options.drat))
     began = time.monotonic()
-    with progress_bar(None, "verify", " lemmas") as bar:
+    with progress_bar(None, "verify", " lemmas") as bar, opened(source) as file:
 
         def tell(what: str, count: int) -> None:
             bar.set_description(what)
             bar.update(count if what == "lemmas" else 0)
 
-        given = _input(options)
+        following = is_following_proof(file)
+        plan = given_plan(options) if following else None
+        given = None if following else _input(options)
         try:
-            refutation = _claim(options, given, tell)
+            claimed = (
+                claimed_following(options, file, plan, tell)
+                if following
+                else _claimed(options, file, given, tell)
+            )
         except CheckError as error:
             return _refuse(options, error)
         # Outside: that a file cannot be written says nothing about the proof.
-        _write_others(options, refutation)
+        write_others(options, claimed)
         try:
-            found = refutation.checked()
+            found = claimed.checked()
         except CheckError as error:
             return _refuse(options, error)
     seconds = time.monotonic() - began
-    proof = refutation.proof
-    rows = _rows(proof, found, seconds)
+    rows = [*found.rows, ("time", f"{seconds:.2f} s")]
     width = max(len(name) for name, _ in rows)
     answer(
         options,
-        _document(proof, found, seconds),
+        found.document | {"seconds": round(seconds, 3)},
         "\n".join(f"{name:<{width}}  {visible(value)}" for name, value in rows),
     )
     if found.proved:
@@ -121,20 +135,29 @@ def _input(options: argparse.Namespace) -> PathInput | None:
     return read_input(options.of, options.system, hints(options))
 
 
-def _claim(
-    options: argparse.Namespace, given: PathInput | None, tell: Callable[[str, int], object]
-) -> Refutation:
-    """Return what is to be checked; CheckError for what already does not hold."""
+def _claimed(
+    options: argparse.Namespace,
+    file: InputFile,
+    given: PathInput | None,
+    tell: Callable[[str, int], object],
+) -> ClaimedProof:
+    """Return what a proof about cubes claims; CheckError for what already does not hold."""
     from cubepath.coordinator.verification.optimality import Refutation  # noqa: PLC0415
     from cubepath.protocol.path_files.optimality_proofs import read_proof  # noqa: PLC0415
 
-    refutation = Refutation(read_proof(options.logs[0]), tell)
+    proof = read_proof(file)
+    refutation = Refutation(proof, tell)
     why = None if given is None else _another_task(refutation, given)
     if why is not None:
         raise CheckError(f"{file_name(options.of)} {why}")
     if options.cnf is not None:
-        _ = refutation.clauses
-    return refutation
+        _ = refutation.clauses  # which may be wrong, before the file is opened
+
+    def checked() -> CheckedProof:
+        found = refutation.checked()
+        return CheckedProof(found.proved, _rows(proof, found), _document(proof, found))
+
+    return ClaimedProof(refutation.dimacs, proof.log, checked)
 
 
 def _refuse(options: argparse.Namespace, error: CheckError) -> int:
@@ -145,7 +168,7 @@ def _refuse(options: argparse.Namespace, error: CheckError) -> int:
     return FAILED
 
 
-def _rows(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> list[tuple[str, str]]:
+def _rows(proof: OptimalityProof, found: ProvedOptimal) -> list[tuple[str, str]]:
     less = f"no schedule of {counted(found.refuted, 'round')} or fewer"
     has = f"the schedule has {found.cubes}"
     if found.optimal:
@@ -157,11 +180,10 @@ def _rows(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> list[
         ("variables", str(found.variables)),
         ("clauses", str(found.clauses)),
         ("lemmas", str(found.lemmas)),
-        ("time", f"{seconds:.2f} s"),
     ]
 
 
-def _document(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> dict[str, Any]:
+def _document(proof: OptimalityProof, found: ProvedOptimal) -> dict[str, Any]:
     return {
         "ok": found.proved,
         "standing": proof.standing,
@@ -173,7 +195,6 @@ def _document(proof: OptimalityProof, found: ProvedOptimal, seconds: float) -> d
         "variables": found.variables,
         "clauses": found.clauses,
         "lemmas": found.lemmas,
-        "seconds": round(seconds, 3),
     }
 
 
@@ -196,17 +217,3 @@ def _another_task(refutation: Refutation, given: PathInput) -> str | None:
         start = frozenset((site, label) for label, site in enumerate(ends))
         goal = frozenset((site, label) for label, site in enumerate(ends.values()))
     return refutation.other_task(system, start, goal, given.actions)
-
-
-def _write_others(options: argparse.Namespace, refutation: Refutation) -> None:
-    """Write the clauses and the log for other checkers, as far as they are asked for."""
-    from cubepath.protocol.core.output_files import written_whole  # noqa: PLC0415
-
-    if options.cnf is not None:
-        with written_whole(options.cnf) as stream:
-            for piece in refutation.dimacs():
-                stream.write(piece)
-    if options.drat is not None:
-        with written_whole(options.drat) as stream:
-            for piece in refutation.proof.log:
-                stream.write(piece)

@@ -67,6 +67,14 @@ _BEYOND = ("improve", "effort", "prove")
 """The options that may find a path outside the class."""
 
 
+def check_proof_option(options: argparse.Namespace) -> None:
+    """Check that there is something to write into a proof; InputError if not."""
+    if options.proof is not None and options.prove is None:
+        raise InputError(
+            "--proof: says where to write what --prove SECONDS has proved, which is missing"
+        )
+
+
 def improving(options: argparse.Namespace) -> str | None:
     """Return the option that asks for a path outside the class, None if there is none."""
     return next(
@@ -82,10 +90,7 @@ def look_beyond(options: argparse.Namespace, found: Shortened) -> Beyond | None:
     """
     seconds: float | None = options.improve
     effort: int | None = options.effort
-    if options.proof is not None and options.prove is None:
-        raise InputError(
-            "--proof: says where to write what --prove SECONDS has proved, which is missing"
-        )
+    check_proof_option(options)
     if improving(options) is None and not options.bounds:
         return None
     if seconds is not None and effort is not None:

@@ -12,6 +12,7 @@ from cubepath.protocol.faces import lazy_face
 if TYPE_CHECKING:
     from cubepath.coordinator.following.files import checked, timetable_file
     from cubepath.coordinator.following.optimum import FewestRounds, fewest_rounds
+    from cubepath.coordinator.following.proofs import fewest_rounds_proof
     from cubepath.coordinator.following.reading import read_vehicle_plan
     from cubepath.coordinator.following.timetable import FollowingTimetable, following_timetable
     from cubepath.coordinator.following.words import chain_in_words
@@ -21,6 +22,7 @@ else:
         {
             "files": "checked timetable_file",
             "optimum": "FewestRounds fewest_rounds",
+            "proofs": "fewest_rounds_proof",
             "reading": "read_vehicle_plan",
             "timetable": "FollowingTimetable following_timetable",
             "words": "chain_in_words",
@@ -33,6 +35,7 @@ __all__ = [
     "chain_in_words",
     "checked",
     "fewest_rounds",
+    "fewest_rounds_proof",
     "following_timetable",
     "read_vehicle_plan",
     "timetable_file",

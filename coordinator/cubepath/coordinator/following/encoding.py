@@ -10,6 +10,7 @@ its start in t rounds, and from where it can reach its goal in those that are le
 - e(u, v, t) holds if some vehicle goes from u to v in round t + 1. Nobody goes from v to u then.
 - Under the rule of CG:SHOP 2021, if e(u, v, t), whoever is at v after t rounds goes on in the same
   direction in round t + 1. This excludes that two swap, too.
+- Where many can be at a vertex there is a ladder: one of the vehicles up to some number is there.
 
 A vehicle may stay, so a timetable of fewer rounds satisfies them as well.
 
@@ -38,6 +39,8 @@ LITERALS_MAX = 30_000_000
 _PAIRS_MAX = 5
 """Of so many variables at most one holds by pairs, of more by a ladder of further variables."""
 _FAR = 1 << 30
+AT, GOES, UP_TO = range(3)
+"""Kinds of variables: (vehicle, vertex, time), (source, target, time), (vehicle, vertex, time)."""
 
 
 class TooLargeError(CubepathError):
@@ -64,6 +67,11 @@ class Task:
             found.setdefault(one, []).append(other)
             found.setdefault(other, []).append(one)
         return found
+
+    @cached_property
+    def places(self) -> dict[Site, int]:
+        """The number of each vertex, from 0 on."""
+        return {cell: place for place, cell in enumerate(self.beside)}
 
     def distances(self, cell: Cell) -> dict[Site, int]:
         """Return how many edges lead from a vertex to each that can be reached."""
@@ -104,12 +112,18 @@ class Clauses:
     """The variable of a vehicle at a vertex: by vehicle, time and vertex."""
     flat: array[int] = field(default_factory=lambda: array("i"))
     cuts: array[int] = field(default_factory=lambda: array("q"))
-    count: int = 0
+    meant: array[int] = field(default_factory=lambda: array("i"))
+    """Four numbers for each variable: its kind, two of vehicles and vertices, and a time."""
 
-    def new(self) -> int:
-        """Return a new variable."""
-        self.count += 1
-        return self.count
+    def new(self, kind: int, one: int, other: int, time: int) -> int:
+        """Return a new variable with this meaning."""
+        self.meant.extend((kind, one, other, time))
+        return len(self.meant) // 4
+
+    @property
+    def meanings(self) -> NDArray[np.int32]:
+        """What the variables mean, with shape (variables, 4): kind, index, index, time."""
+        return np.array(self.meant, dtype=np.int32).reshape(-1, 4)
 
     def add(self, *clause: int) -> None:
         """Add a clause; TooLargeError if there are too many."""
@@ -123,7 +137,7 @@ class Clauses:
     @property
     def variables(self) -> range:
         """The variables, from 1 on."""
-        return range(1, self.count + 1)
+        return range(1, len(self.meant) // 4 + 1)
 
     @property
     def literals(self) -> NDArray[np.int32]:
@@ -152,11 +166,12 @@ class Clauses:
             here = [next(v for v, name in each.items() if true[name - 1]) for each in times]
             for turn, (source, target) in enumerate(pairwise(here)):
                 if source != target:
-                    found[turn].append((who, _cell(source), _cell(target)))
+                    found[turn].append((who, cell_of(source), cell_of(target)))
         return found
 
 
-def _cell(site: Site) -> Cell:
+def cell_of(site: Site) -> Cell:
+    """Return a vertex as the cell that it is."""
     match site:
         case (int(x), int(y)):
             return x, y
@@ -171,12 +186,17 @@ def clauses_of(task: Task, rounds: int, go_on: Callable[[], object] = lambda: No
     `LITERALS_MAX` literals of them.
     """
     found = Clauses(task, rounds)
-    for forth, back in task.windows:
+    places = task.places
+    for who, (forth, back) in enumerate(task.windows):
         go_on()
         cells = [v for v in forth if forth[v] + back.get(v, _FAR) <= rounds]
         found.at.append(
             [
-                {v: found.new() for v in cells if forth[v] <= t and back[v] <= rounds - t}
+                {
+                    v: found.new(AT, who, places[v], t)
+                    for v in cells
+                    if forth[v] <= t and back[v] <= rounds - t
+                }
                 for t in range(rounds + 1)
             ]
         )
@@ -186,8 +206,8 @@ def clauses_of(task: Task, rounds: int, go_on: Callable[[], object] = lambda: No
     for t in range(rounds + 1):
         go_on()
         standing = _standing(found, t)
-        for names in standing.values():
-            _at_most_one(found, list(names.values()))
+        for v, names in standing.items():
+            _at_most_one(found, names, v, t)
         if t < rounds:
             _add_edges(found, t, standing)
     return found
@@ -223,18 +243,18 @@ def _known(names: dict[Site, int], cells: Iterable[Site]) -> list[int]:
     return [names[v] for v in cells if v in names]
 
 
-def _at_most_one(found: Clauses, names: Sequence[int]) -> None:
-    """Add that at most one of these holds; a ladder is Sinz's sequential counter (2005)."""
+def _at_most_one(found: Clauses, names: dict[int, int], v: Site, t: int) -> None:
+    """Add that at most one vehicle is at a vertex; a ladder is Sinz's sequential counter (2005)."""
     if len(names) <= _PAIRS_MAX:
-        for one, other in combinations(names, 2):
+        for one, other in combinations(names.values(), 2):
             found.add(-one, -other)
         return
     before = 0
-    for place, name in enumerate(names):
+    for place, (who, name) in enumerate(names.items()):
         if before:
             found.add(-before, -name)
         if place + 1 < len(names):
-            some = found.new()
+            some = found.new(UP_TO, who, found.task.places[v], t)
             found.add(-name, some)
             if before:
                 found.add(-before, some)
@@ -255,12 +275,13 @@ def _add_edges(found: Clauses, t: int, standing: dict[Site, dict[int, int]]) -> 
             # Only where one may go while another is at the target.
             ahead = standing.get(target, {}).keys()
             if movers and len(movers.keys() | ahead) > 1 and ahead:
-                edge = goes[source, target] = found.new()
+                edge = found.new(GOES, task.places[source], task.places[target], t)
+                goes[source, target] = edge
                 for name, there in movers.values():
                     found.add(-name, -there, edge)
     for (source, target), edge in goes.items():
         if task.rule == "cgshop":
-            (x, y), (to_x, to_y) = _cell(source), _cell(target)
+            (x, y), (to_x, to_y) = cell_of(source), cell_of(target)
             beyond = 2 * to_x - x, 2 * to_y - y
             for who, name in standing[target].items():
                 on = found.at[who][t + 1].get(beyond)

@@ -1,22 +1,34 @@
 """The fewest rounds of all timetables in which vehicles may follow, asked of SAT solvers.
 
 From the greatest number of rounds that is known to be too few the question is asked for one more
-and one more, until the answer is a timetable: a shortest one. That fewer are not enough takes the
-word of two solvers of different families, and is called agreed, not proved.
+and one more, until the answer is a timetable: a shortest one. That fewer are not enough is proved
+by the log of the solver, which `proofs` puts into a file. Where that is too long to be checked, a
+solver of another family is asked, and what both say is called agreed, not proved.
 
-Room: coordinator; touches processes.
+Room: coordinator; touches processes, and temporary files for logs.
 """
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
-from cubepath.coordinator.following.encoding import Schedule, Task, TooLargeError, clauses_of
+from cubepath.coordinator.following.encoding import (
+    Clauses,
+    Schedule,
+    Task,
+    TooLargeError,
+    clauses_of,
+)
 from cubepath.coordinator.following.rules import Rule
+from cubepath.coordinator.satisfiability.proving import PROPAGATION, SEARCH
 from cubepath.coordinator.satisfiability.solver_process import (
+    LOG_MAX,
     SECOND_SOLVER,
     SOLVER,
     Answer,
@@ -29,6 +41,23 @@ from cubepath.protocol.path_files.following import FollowingFile, FollowingHead,
 from cubepath.protocol.plans.vehicle_plan import VehiclePlan
 
 _POLL_S = 0.2
+WAY = "way of a vehicle"
+"""What refutes fewer rounds than some vehicle has edges to go."""
+
+
+@dataclass(frozen=True)
+class Refuted:
+    """Why no timetable has so many `rounds` or fewer, by a log of a solver, or by the ways alone.
+
+    `log` is None where unit propagation of the clauses does it. `clauses` is None where some
+    vehicle has further to go.
+    """
+
+    task: Task
+    rounds: int
+    why: str
+    clauses: Clauses | None = None
+    log: IO[bytes] | None = None
 
 
 @dataclass(frozen=True)
@@ -36,9 +65,9 @@ class FewestRounds:
     """What is known of the fewest rounds under a rule, between the ends of a plan.
 
     `rounds` are those of the best timetable that is known, and `timetable` is one if it is shorter
-    than the plan's own. No timetable has fewer rounds than `lower_bound`, the most edges that one
-    vehicle has to go; by the word of two solvers none has fewer than `agreed`, None if they were
-    not both asked. `ended` is done, time, interrupt, or why solvers could not go on.
+    than the plan's own. No timetable has fewer rounds than `lower_bound`, by `refuted`, which is
+    None where nothing moves. By the word of two solvers none has fewer than `agreed`, None if they
+    were not both asked. `ended` is done, time, interrupt, or why solvers could not go on.
     """
 
     rounds: int
@@ -47,6 +76,12 @@ class FewestRounds:
     timetable: FollowingFile | None
     seconds: float
     ended: str
+    refuted: Refuted | None
+
+    @property
+    def proved_by(self) -> str | None:
+        """What proves the lower bound, None where nothing moves."""
+        return None if self.refuted is None else self.refuted.why
 
     @property
     def optimal(self) -> bool | None:
@@ -60,6 +95,7 @@ class FewestRounds:
             "lower_bound": self.lower_bound,
             "agreed": self.agreed,
             "optimal": self.optimal,
+            "proved_by": self.proved_by,
             "ended": self.ended,
         }
 
@@ -72,11 +108,15 @@ def fewest_rounds(
     seconds: float,
     seed: int = 0,
     tick: Callable[[int], object] | None = None,
+    logs: ExitStack | None = None,
+    log_max: int = LOG_MAX,
 ) -> FewestRounds:
     """Search for a timetable of fewer than `within` rounds that ends as the plan does.
 
     Every vehicle ends where the plan takes it, on the plan's workspace. An interrupt ends the
     search as the time does. `tick` is called with the number of rounds that is asked for next.
+    Logs of more than `log_max` bytes are given up. That of what was refuted can be read until
+    `logs` is closed; without `logs` it is closed already.
     InputError if the solvers are not installed.
 
     >>> from pathlib import Path
@@ -89,8 +129,10 @@ def fewest_rounds(
     (1, 1, True)
     """
     check_installed("--prove")
-    search = _Search(Task(plan.starts, plan.ends, plan.edges(), rule), within, seed, tick)
-    search.run(seconds)
+    task = Task(plan.starts, plan.ends, plan.edges(), rule)
+    search = _Search(task, within, seed, tick, log_max)
+    with ExitStack() as stack:
+        search.run(seconds, stack if logs is None else logs)
     found = None if search.best is None else _file(search.best, plan, rule)
     return FewestRounds(
         search.within,
@@ -99,6 +141,7 @@ def fewest_rounds(
         found,
         round(time.monotonic() - search.began, 3),
         search.ended,
+        search.refuted,
     )
 
 
@@ -106,7 +149,12 @@ class _Search:
     """One search, and what is known so far."""
 
     def __init__(
-        self, task: Task, within: int, seed: int, tick: Callable[[int], object] | None
+        self,
+        task: Task,
+        within: int,
+        seed: int,
+        tick: Callable[[int], object] | None,
+        log_max: int,
     ) -> None:
         self.task = task
         self.within = within
@@ -115,16 +163,21 @@ class _Search:
         self.agreed: int | None = None
         self.ended = "done"
         self.began = time.monotonic()
+        self.refuted = Refuted(task, self.least - 1, WAY) if self.least else None
         self._seed = seed
         self._tick = tick
+        self._log_max = log_max
 
-    def run(self, seconds: float) -> None:
+    def run(self, seconds: float, logs: ExitStack) -> None:
         """Ask for more and more rounds, until there is a timetable or the time is up."""
         end = self.began + seconds
         try:
-            with SolverProcess(SOLVER) as first, SolverProcess(SECOND_SOLVER) as second:
+            with (
+                SolverProcess(SOLVER, log_max=self._log_max) as first,
+                SolverProcess(SECOND_SOLVER) as second,
+            ):
                 for rounds in range(self.least, self.within):
-                    if not self._ask(rounds, (first, second), end):
+                    if not self._ask(rounds, (first, second), end, logs):
                         return
         except (TooLargeError, SolverError) as error:
             self.ended = str(error)
@@ -133,8 +186,14 @@ class _Search:
         except KeyboardInterrupt:
             self.ended = "interrupt"
 
-    def _ask(self, rounds: int, solvers: tuple[SolverProcess, SolverProcess], end: float) -> bool:
-        """Return whether so many rounds are too few, by both solvers."""
+    def _ask(
+        self,
+        rounds: int,
+        solvers: tuple[SolverProcess, SolverProcess],
+        end: float,
+        logs: ExitStack,
+    ) -> bool:
+        """Return whether so many rounds are too few, by a log or by both solvers."""
         if self._tick is not None:
             self._tick(rounds)
 
@@ -143,25 +202,51 @@ class _Search:
                 raise TimeoutError
 
         clauses = clauses_of(self.task, rounds, go_on)
-        for number, solver in enumerate(solvers):
-            answer = _answered(solver, clauses, end, self._seed)
-            if answer is None:
-                self.ended = "time"
-                return False
-            if answer.satisfiable:
-                if number:
-                    raise SolverError(f"two SAT solvers contradict each other on {rounds} rounds")
-                self.best, self.within = clauses.schedule(answer.true), rounds
-                return False
+        first, second = solvers
+        answer = _answered(first, clauses, end, self._seed, _log(logs))
+        if answer is not None and answer.satisfiable is False:
+            if answer.log is not None:
+                self._note(rounds, clauses, answer.log)
+                return True
+            answer = _answered(second, clauses, end, self._seed, None)
+            if answer is not None and answer.satisfiable:
+                raise SolverError(f"two SAT solvers contradict each other on {rounds} rounds")
+        if answer is None:
+            self.ended = "time"
+            return False
+        if answer.satisfiable:
+            self.best, self.within = clauses.schedule(answer.true), rounds
+            return False
         self.agreed = rounds + 1
         return True
 
+    def _note(self, rounds: int, clauses: Clauses, log: IO[bytes]) -> None:
+        """Note that so many rounds are refuted, in a way that can be checked."""
+        if self.refuted is not None and self.refuted.log is not None:
+            self.refuted.log.close()
+        size = os.fstat(log.fileno()).st_size
+        why = SEARCH if size else PROPAGATION
+        self.refuted = Refuted(self.task, rounds, why, clauses, log if size else None)
+        self.least = rounds + 1
+        if self.agreed is not None and self.agreed <= self.least:
+            self.agreed = None
 
-def _answered(solver: SolverProcess, problem: Problem, end: float, seed: int) -> Answer | None:
+
+def _log(logs: ExitStack) -> IO[bytes]:
+    """Return a file without a name, which is closed with all others."""
+    try:
+        return logs.enter_context(TemporaryFile())
+    except OSError as error:
+        raise SolverError(f"no file for the log of a SAT solver: {error.strerror}") from None
+
+
+def _answered(
+    solver: SolverProcess, problem: Problem, end: float, seed: int, log: IO[bytes] | None
+) -> Answer | None:
     """Return the answer of a solver, None if the time is up before."""
     if time.monotonic() >= end:
         return None
-    solver.ask(problem, seed=seed)
+    solver.ask(problem, seed=seed, log=log)
     while (left := end - time.monotonic()) > 0:
         answer = solver.answer(min(left, _POLL_S))
         if answer is not None:

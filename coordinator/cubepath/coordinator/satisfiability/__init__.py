@@ -19,8 +19,15 @@ if TYPE_CHECKING:
         prepare,
     )
     from cubepath.coordinator.satisfiability.met_moves import MetMoves
-    from cubepath.coordinator.satisfiability.proving import WINDOWS, Prover, Refutation
+    from cubepath.coordinator.satisfiability.proving import (
+        PROPAGATION,
+        SEARCH,
+        WINDOWS,
+        Prover,
+        Refutation,
+    )
     from cubepath.coordinator.satisfiability.solver_process import (
+        LOG_MAX,
         SECOND_SOLVER,
         SOLVER,
         Answer,
@@ -38,18 +45,21 @@ else:
             "clauses": "OFF ON",
             "encoding": "Encoding TooLargeError encode prepare",
             "met_moves": "MetMoves",
-            "proving": "WINDOWS Prover Refutation",
+            "proving": "PROPAGATION Prover Refutation SEARCH WINDOWS",
             "solver_process": (
-                "Answer Problem SECOND_SOLVER SOLVER SolverError SolverProcess check_installed "
-                "solvers_installed"
+                "Answer LOG_MAX Problem SECOND_SOLVER SOLVER SolverError SolverProcess "
+                "check_installed solvers_installed"
             ),
             "window_bounds": "window_bound",
         },
     )
 
 __all__ = [
+    "LOG_MAX",
     "OFF",
     "ON",
+    "PROPAGATION",
+    "SEARCH",
     "SECOND_SOLVER",
     "SOLVER",
     "WINDOWS",

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     from cubepath.coordinator.verification.equality import difference
     from cubepath.coordinator.verification.findings import Check, Progress, Verification
     from cubepath.coordinator.verification.following import check_following
+    from cubepath.coordinator.verification.following_proof import (
+        FollowingRefutation,
+        ProvedFewest,
+        check_fewest_rounds,
+    )
     from cubepath.coordinator.verification.free_history import NO_SITE, Carried, History
     from cubepath.coordinator.verification.free_transcript import turn_text
     from cubepath.coordinator.verification.free_turns import Seen
@@ -69,6 +74,7 @@ else:
             "equality": "difference",
             "findings": "Check Progress Verification",
             "following": "check_following",
+            "following_proof": "FollowingRefutation ProvedFewest check_fewest_rounds",
             "free_history": "Carried History NO_SITE",
             "free_transcript": "turn_text",
             "free_turns": "Seen",
@@ -94,11 +100,13 @@ __all__ = [
     "Arrays",
     "Carried",
     "Check",
+    "FollowingRefutation",
     "History",
     "Moment",
     "Observing",
     "OutOfOrder",
     "Progress",
+    "ProvedFewest",
     "ProvedOptimal",
     "Recovered",
     "Refutation",
@@ -112,6 +120,7 @@ __all__ = [
     "add_to_spans",
     "changed_by",
     "check_certificate",
+    "check_fewest_rounds",
     "check_following",
     "check_numbered",
     "check_optimality",

@@ -30,7 +30,7 @@ def why_illegal(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
     """
     rule = timetable.head.rule
     if timetable.head.rounds is not None:
-        return _why_not_in_rounds(timetable.lines, plan.starts, rule)
+        return why_not_in_rounds(timetable.lines, plan.starts, rule)
     ways: dict[int, list[FollowingLine]] = {who: [] for who in range(len(plan.starts))}
     for line in sorted(timetable.lines, key=lambda line: line.times):
         ways[line.vehicle].append(line)
@@ -41,9 +41,10 @@ def why_illegal(timetable: FollowingFile, plan: VehiclePlan) -> str | None:
     return _why_vertex_shared(ways, plan.starts, rule) or _why_edge_shared(timetable.lines)
 
 
-def _why_not_in_rounds(
+def why_not_in_rounds(
     lines: Iterable[FollowingLine], starts: Iterable[Cell], rule: str
 ) -> str | None:
+    """Return the first thing that moves of one round each do against a rule, None if nothing."""
     rounds: dict[int, list[FollowingLine]] = {}
     for line in lines:
         rounds.setdefault(line.round or 0, []).append(line)

@@ -23,7 +23,7 @@ from cubepath.coordinator.verification.refutation_clauses import (
 from cubepath.coordinator.verification.refutation_moves import Moves
 from cubepath.coordinator.verification.refutation_variables import Meanings
 from cubepath.coordinator.verification.rounds import make, why_not
-from cubepath.coordinator.verification.unit_propagation import Refuter
+from cubepath.coordinator.verification.unit_propagation import Refuter, dimacs
 from cubepath.protocol.core.actions import Action
 from cubepath.protocol.core.errors import CheckError, InputError
 from cubepath.protocol.core.names import GeneratorPlacement
@@ -152,18 +152,12 @@ class Refutation:
     def clauses(self) -> Clauses:
         """The clauses; an empty one if the windows alone refute the claim."""
         if self._clauses is None:
-            return Clauses(np.zeros(0, dtype=np.int32), np.zeros(1, dtype=np.int64))
+            return Clauses.empty()
         return self._clauses[1]
 
     def dimacs(self) -> Iterator[bytes]:
         """Yield the clauses as a DIMACS file, for other checkers."""
-        literals, ends = self.clauses
-        yield b"p cnf %d %d\n" % (len(self.proof.variables) if self._clauses else 0, len(ends))
-        signed = np.where(literals & 1, -(literals >> 1), literals >> 1)
-        begin = 0
-        for end in ends.tolist():
-            yield b"%s0\n" % b"".join(b"%d " % each for each in signed[begin:end].tolist())
-            begin = end
+        return dimacs(len(self.proof.variables) if self._clauses else 0, *self.clauses)
 
     def other_task(
         self,
@@ -207,24 +201,12 @@ class Refutation:
             return ProvedOptimal(proof.refuted, proof.cubes, proved, 0, 0, 0, 0)
         moves, (literals, ends) = derived
         variables = len(proof.variables)
-        lemmas = self._follow(Refuter(variables, literals, ends)) if proved else 0
+        lemmas = 0
+        if proved:
+            lemmas = Refuter(variables, literals, ends).follow(proof.log, self._tell)
         return ProvedOptimal(
             proof.refuted, proof.cubes, proved, moves, variables, len(ends), lemmas
         )
-
-    def _follow(self, refuter: Refuter) -> int:
-        for chunk in self.proof.log:
-            before = refuter.lemmas
-            why = refuter.check(chunk)
-            if why is not None:
-                raise CheckError(why)
-            self._tell("lemmas", refuter.lemmas - before)
-            if refuter.refuted:
-                break
-        if not refuter.refuted:
-            end = "ends within a lemma" if refuter.cut_off() else "ends"
-            raise CheckError(f"the log {end}, and nothing is refuted yet")
-        return refuter.lemmas
 
     def _check_schedule(self) -> None:
         proof, state = self.proof, set(self._start)

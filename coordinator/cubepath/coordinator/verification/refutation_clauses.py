@@ -10,7 +10,7 @@ then the prefixes of ladders.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,6 +86,11 @@ class Clauses(NamedTuple):
 
     literals: Ints
     ends: Longs
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return the empty clause alone, which nothing satisfies."""
+        return cls(np.zeros(0, dtype=np.int32), np.zeros(1, dtype=np.int64))
 
 
 def slots_of(windows: Windows, ladder_sizes: Longs) -> Slots:

@@ -12,12 +12,14 @@ Literals are ``2 * variable`` and, negated, ``2 * variable + 1``, as in binary l
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cubepath.protocol.compiled import compiled, inner
+from cubepath.protocol.core.errors import CheckError
 
 Bytes = NDArray[np.uint8]
 Ints = NDArray[np.int32]
@@ -129,6 +131,24 @@ class Refuter:
         """Return whether the log so far ends within a lemma."""
         return bool(self._left)
 
+    def follow(self, log: Iterable[bytes], tell: Callable[[str, int], object]) -> int:
+        """Check a whole log and return how many lemmas it took; CheckError if it refutes nothing.
+
+        `tell` is called with "lemmas" and how many there were since the last call.
+        """
+        for chunk in log:
+            before = self.lemmas
+            why = self.check(chunk)
+            if why is not None:
+                raise CheckError(why)
+            tell("lemmas", self.lemmas - before)
+            if self.refuted:
+                break
+        if not self.refuted:
+            end = "ends within a lemma" if self.cut_off() else "ends"
+            raise CheckError(f"the log {end}, and nothing is refuted yet")
+        return self.lemmas
+
     def _run(self, piece: bytes) -> str | None:
         data = np.frombuffer(self._left + piece, dtype=np.uint8)
         self._make_room(len(data))
@@ -152,6 +172,16 @@ class Refuter:
             found = np.zeros(max(need, len(pool) + len(pool) // 2), dtype=np.int32)
             found[: len(pool)] = pool
             self._state = self._state._replace(pool=found)
+
+
+def dimacs(variables: int, literals: Ints, ends: Longs) -> Iterator[bytes]:
+    """Yield clauses as the lines of a DIMACS file."""
+    yield b"p cnf %d %d\n" % (variables, len(ends))
+    signed = np.where(literals & 1, -(literals >> 1), literals >> 1)
+    begin = 0
+    for end in ends.tolist():
+        yield b"%s0\n" % b"".join(b"%d " % each for each in signed[begin:end].tolist())
+        begin = end
 
 
 @compiled

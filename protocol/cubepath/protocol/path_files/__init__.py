@@ -33,6 +33,12 @@ if TYPE_CHECKING:
         read_following,
         write_following,
     )
+    from cubepath.protocol.path_files.following_proofs import (
+        FollowingProof,
+        is_following_proof,
+        read_following_proof,
+        write_following_proof,
+    )
     from cubepath.protocol.path_files.moves import (
         CubeName,
         MoveName,
@@ -98,6 +104,9 @@ else:
                 "FollowingFile FollowingHead FollowingLine following_schemas is_following "
                 "read_following write_following"
             ),
+            "following_proofs": (
+                "FollowingProof is_following_proof read_following_proof write_following_proof"
+            ),
             "moves": (
                 "CubeName MoveName NumberedId PathMove cube_schema known_of_named "
                 "move_schemas read_cubes read_moves write_cubes write_moves"
@@ -128,6 +137,7 @@ __all__ = [
     "FollowingFile",
     "FollowingHead",
     "FollowingLine",
+    "FollowingProof",
     "Group",
     "IrregularError",
     "Ladder",
@@ -151,6 +161,7 @@ __all__ = [
     "following_schemas",
     "holds_cubes",
     "is_following",
+    "is_following_proof",
     "is_npz",
     "is_proof",
     "known_of_named",
@@ -161,6 +172,7 @@ __all__ = [
     "read_cubes_npz",
     "read_durations",
     "read_following",
+    "read_following_proof",
     "read_moves",
     "read_moves_npz",
     "read_path",
@@ -175,6 +187,7 @@ __all__ = [
     "write_cubes",
     "write_cubes_npz",
     "write_following",
+    "write_following_proof",
     "write_moves",
     "write_moves_npz",
     "write_path",

@@ -1,0 +1,38 @@
+"""What ``cubepath verify FILE.proof`` tells of a proof, and writes of it for other checkers.
+
+Room: coordinator.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+
+class CheckedProof(NamedTuple):
+    """A proof that was checked: whether it proves what it says, and how that is told."""
+
+    proved: bool
+    rows: list[tuple[str, str]]
+    document: dict[str, Any]
+
+
+class ClaimedProof(NamedTuple):
+    """A proof that is yet to be checked: its clauses as DIMACS, its log, and what checks it."""
+
+    cnf: Callable[[], Iterable[bytes]]
+    log: Iterable[bytes]
+    checked: Callable[[], CheckedProof]
+    """Raises CheckError for what does not hold."""
+
+
+def write_others(options: argparse.Namespace, claimed: ClaimedProof) -> None:
+    """Write the clauses and the log for other checkers, as far as they are asked for."""
+    from cubepath.protocol.core.output_files import written_whole  # noqa: PLC0415
+
+    for path, pieces in ((options.cnf, claimed.cnf), (options.drat, lambda: claimed.log)):
+        if path is not None:
+            with written_whole(path) as stream:
+                for piece in pieces():
+                    stream.write(piece)
